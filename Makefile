@@ -1,0 +1,46 @@
+# Everything runs in a virtual environment that the first call makes; PYTHON names the Python to make it with.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+
+.PHONY: demo test bench evidence format types clean
+
+demo: .venv/.demo  ## record a balancing robot on the twin, then study its logs
+	$(BIN)/python examples/demo.py --out demo
+
+test: .venv/.test  ## all tests, the fast ones first
+	$(BIN)/python -m pytest -m "not slow" -n auto
+	$(BIN)/python -m pytest -m slow -n auto
+
+bench: .venv/.test  ## timings against peers, into benchmarks/README.md
+	$(BIN)/python -m benchmarks.run
+
+evidence: .venv/.test  ## long campaigns, into docs/evidence.md
+	$(BIN)/python -m benchmarks.evidence
+
+format: .venv/.dev  ## put the code into its form
+	$(BIN)/ruff check --fix src tests examples benchmarks
+	$(BIN)/ruff format src tests examples benchmarks
+
+types: .venv/.dev  ## style and types, nothing changed
+	$(BIN)/ruff check src tests examples benchmarks
+	$(BIN)/ruff format --check src tests examples benchmarks
+	$(BIN)/pyright
+
+clean:
+	rm -rf .venv demo build dist
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --upgrade pip
+
+.venv/.demo: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[twin]"
+	touch $@
+
+.venv/.test: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	touch $@
+
+.venv/.dev: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	touch $@

@@ -1,0 +1,52 @@
+"""Ballbot: model, identify, validate and control ball-balancing robots.
+
+The names below are loaded when first used, so that ``import ballbot`` is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ballbot.control.controller import Controller as Controller
+    from ballbot.control.lqr import lqr as lqr
+    from ballbot.errors import InputError as InputError
+    from ballbot.experiments.study import study as study
+    from ballbot.identification import identify as identify
+    from ballbot.log import Log as Log
+    from ballbot.mechanics.model import Model as Model
+    from ballbot.robot import Robot as Robot
+    from ballbot.simulation.batch import simulate_batch as simulate_batch
+    from ballbot.simulation.run import simulate as simulate
+    from ballbot.validation import validate as validate
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Controller": "ballbot.control.controller",
+    "InputError": "ballbot.errors",
+    "Log": "ballbot.log",
+    "Model": "ballbot.mechanics.model",
+    "Robot": "ballbot.robot",
+    "identify": "ballbot.identification",
+    "lqr": "ballbot.control.lqr",
+    "simulate": "ballbot.simulation.run",
+    "simulate_batch": "ballbot.simulation.batch",
+    "study": "ballbot.experiments.study",
+    "validate": "ballbot.validation",
+}
+
+__all__ = ["__version__", *sorted(_HOME)]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'ballbot' has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

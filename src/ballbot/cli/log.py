@@ -1,0 +1,118 @@
+"""`ballbot check-log`: what a log holds and what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.table import Table
+from rich.text import Text
+
+from ballbot.cli.output import standard_output, table
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.log import Log
+from ballbot.log.checks import check
+from ballbot.log.findings import Finding
+from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
+from ballbot.log.summary import ColumnSummary, summarize
+from ballbot.robot import Robot
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+def check_log(
+    file: Path, /, *, robot: str | None = None, mapping: Path | None = None, out: Path | None = None
+) -> None:
+    """Show a log's columns and what is wrong with it; the exit code is 2 where that is an error.
+
+    Example: `ballbot check-log run1.csv --robot alten`
+
+    Parameters
+    ----------
+    file
+        The log: CSV or Parquet with Ballbot's column names, or any table with a mapping.
+    robot
+        A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
+    mapping
+        A TOML file that says how a foreign log becomes one of Ballbot's.
+    out
+        A folder for results.json.
+    """
+    log = Log.read(file, mapping=mapping)
+    described = Robot.load(robot) if robot else None
+    summaries, findings = summarize(log), check(log, robot=described)
+    wheels = wheel_agreement(log, described) if described else None
+    _show(file, log, summaries, findings, wheels)
+    if out:
+        write_text(out / "results.json", _results(file, log, summaries, findings, wheels))
+    errors = [finding for finding in findings if finding.severity == "error"]
+    if errors:
+        more = f" (and {len(errors) - 1} more, above)" if len(errors) > 1 else ""
+        raise InputError(f"{file}: {errors[0].sentence}{more}")
+
+
+def _show(
+    file: Path,
+    log: Log,
+    summaries: tuple[ColumnSummary, ...],
+    findings: tuple[Finding, ...],
+    wheels: WheelAgreement | None,
+) -> None:
+    console = standard_output()
+    rate = f", {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
+    console.print(Text(f"{file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}"))
+    console.print(_column_table(summaries, framed=console.is_terminal))
+    if wheels:
+        console.print(_wheel_table(wheels, framed=console.is_terminal))
+    for finding in findings:
+        line = Text.assemble((finding.severity, _STYLES[finding.severity]), f": {finding.sentence}")
+        console.print(line, soft_wrap=True)
+    if not findings:
+        console.print("Nothing wrong was found.")
+
+
+def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Table:
+    rows = [
+        (
+            column.name,
+            column.unit or "?",
+            *("-" if limit is None else f"{limit:.4g}" for limit in (column.least, column.greatest)),
+            f"{column.change_rate:.4g}",
+            str(column.missing),
+        )
+        for column in summaries
+    ]
+    headings = ("column", "unit", "from", "to", "changes a second", "missing")
+    return table("Columns", headings, rows, framed=framed)
+
+
+def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> Table:
+    found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
+    rows = [
+        (str(i), str(place), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
+        for i, (place, sign, gain, correlation) in enumerate(found, start=1)
+    ]
+    headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
+    return table("Wheels, by the robot's kinematics", headings, rows, framed=framed)
+
+
+def _results(
+    file: Path,
+    log: Log,
+    summaries: tuple[ColumnSummary, ...],
+    findings: tuple[Finding, ...],
+    wheels: WheelAgreement | None,
+) -> str:
+    results = {
+        "file": str(file),
+        "rows": len(log),
+        "start": float(log.t[0]),
+        "end": float(log.t[-1]),
+        "sample_time": log.sample_time if len(log) > 1 else None,
+        "columns": [asdict(column) for column in summaries],
+        "findings": [asdict(finding) for finding in findings],
+        "wheels": asdict(wheels) if wheels else None,
+    }
+    return json.dumps(results, indent=2) + "\n"

@@ -1,0 +1,162 @@
+"""The `ballbot` command: its list of commands and what becomes of errors.
+
+A command's module is imported when that command is run or asked for help, and no sooner, so that
+`ballbot --help` is there at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from cyclopts import App, CycloptsError, UnknownCommandError
+
+from ballbot.errors import InputError
+
+_ABOUT = """Model, identify, validate and control ball-balancing robots.
+
+Example: `ballbot study alten square.csv hold.csv --out found`
+"""
+
+
+#: packages that not every installation has, and the extra of Ballbot that brings each
+_EXTRAS = {"mujoco": "twin", "pyarrow": "formats", "control": "interop", "sympy": "symbolic"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """One command of `ballbot`."""
+
+    name: str
+    target: str  #: "module:function", below `ballbot.cli`
+    summary: str  #: its line in `ballbot --help`
+
+
+#: in the order of `ballbot --help`: the main job first, then the stages as one walks through them
+COMMANDS = (
+    Command(
+        name="study", target="study:study", summary="Robot and logs in; friction, report and controller out."
+    ),
+    Command(name="new", target="robot:new", summary="Write a robot file to start from."),
+    Command(
+        name="check", target="robot:check", summary="Check a robot; print what follows from its parameters."
+    ),
+    Command(name="check-log", target="log:check_log", summary="Check a log; say what it can be used for."),
+    Command(
+        name="simulate", target="simulate:simulate", summary="Simulate a robot in closed loop; write a log."
+    ),
+    Command(name="record", target="record:record", summary="Record a log from the physics-engine twin."),
+    Command(name="identify", target="identify:identify", summary="Find a robot's friction from its logs."),
+    Command(name="validate", target="validate:validate", summary="Hold a robot's model against its logs."),
+    Command(name="design", target="design:design", summary="Design a controller for a robot."),
+    Command(
+        name="compare", target="compare:compare", summary="Compare the friction compensations in closed loop."
+    ),
+)
+
+
+def build_app(tokens: Sequence[str] = ()) -> App:
+    """Return the command-line application.
+
+    Parameters
+    ----------
+    tokens : sequence of str
+        The command line, without the program's name. Only the command that it names is imported.
+    """
+    app = App(
+        name="ballbot",
+        help=_ABOUT,
+        help_format="markdown",
+        version=_version,
+        suppress_keyboard_interrupt=False,
+    )
+    for place, command in enumerate(COMMANDS):
+        if command.name in tokens[:1]:
+            module, _, function = command.target.partition(":")
+            loaded = getattr(importlib.import_module(f"ballbot.cli.{module}"), function)
+            app.command(loaded, name=command.name, sort_key=place)
+        else:
+            target = f"ballbot.cli.{command.target}"
+            app.command(target, name=command.name, help=command.summary, sort_key=place)
+    return app
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code.
+
+    0 for success; 2 for bad input or a missing package, told in one sentence on standard error; 130 when
+    interrupted.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The command line without the program's name; by default the process's own.
+    """
+    tokens = list(sys.argv[1:] if argv is None else argv)
+    _survive_narrow_encodings()
+    try:
+        return _run(tokens)
+    except InputError as error:
+        return _refuse(str(error))
+    except UnknownCommandError:
+        return _refuse(_unknown_command(tokens[0]))
+    except CycloptsError as error:
+        return _refuse(f"{' '.join(str(error).split())} Try: {_help_of(tokens)}")
+    except ModuleNotFoundError as error:
+        if error.name not in _EXTRAS:
+            raise
+        return _refuse(
+            f"this needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
+        )
+    except KeyboardInterrupt:
+        print("ballbot: interrupted; files written so far are whole.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # the reader has gone (`ballbot check alten | head`); Python must not find that out again at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+def _run(tokens: list[str]) -> int:
+    build_app(tokens)(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    sys.stdout.flush()
+    return 0
+
+
+def _refuse(sentence: str) -> int:
+    print(f"ballbot: {sentence}", file=sys.stderr)
+    return 2
+
+
+def _unknown_command(word: str) -> str:
+    names = [command.name for command in COMMANDS]
+    near = get_close_matches(word, names, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"the commands are {', '.join(names)}."
+    return f"there is no command {word!r}; {hint}"
+
+
+def _help_of(tokens: list[str]) -> str:
+    known = [command.name for command in COMMANDS if command.name in tokens[:1]]
+    return " ".join(["ballbot", *known, "--help"])
+
+
+def _survive_narrow_encodings() -> None:
+    """Let drawings and Greek letters become question marks on a terminal that cannot show them."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("ballbot")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

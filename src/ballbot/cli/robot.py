@@ -1,0 +1,175 @@
+"""`ballbot new` and `ballbot check`: robot files."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+from numpy.typing import NDArray
+from rich.console import RenderableType
+from rich.text import Text
+
+from ballbot.cli.output import as_text, matrix_text, standard_output, table
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.robot import Robot
+from ballbot.robot.derived import Derived, derived_quantities
+from ballbot.robot.drawing import robot_drawing
+from ballbot.robot.file import write_robot
+from ballbot.robot.parameters import PARAMETERS, value_of
+
+#: the thesis's names of the matrices, with what each does
+_MATRICES = {
+    "T_tbw": "torque on the ball from torque on the wheels (II.10)",
+    "T_trw": "torque on the body from torque on the wheels (II.11)",
+    "T_tbg": "torque on the ball from force on the ground (II.12)",
+    "T_fgb": "force on the ground from torque on the ball",
+    "T_owb": "wheel speed from the ball's angular velocity (II.13, V.2)",
+    "T_obw": "the ball's angular velocity from wheel speed (V.3)",
+    "T_owr": "wheel speed from the body's angular velocity (II.14)",
+    "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
+}
+
+
+def new(
+    name: str,
+    /,
+    *,
+    from_: Annotated[str, Parameter(name="--from")] = "alten",
+    out: Path | None = None,
+    force: bool = False,
+) -> None:
+    """Write a robot file to start from: a copy of a preset, commented, under a name of your own.
+
+    Example: `ballbot new myrobot --from alten`
+
+    Parameters
+    ----------
+    name : str
+        The new robot's name.
+    from_ : str
+        Preset, or robot file, to copy.
+    out : Path
+        File to write; NAME.toml unless given.
+    force : bool
+        Replace a file that is there already.
+    """
+    path = out or Path(f"{name}.toml")
+    robot = Robot.load(from_).replace(name=name)
+    if out is None and Path(name).name != name:
+        raise InputError(f"{name!r} cannot be both a robot's name and a file's; give the file with --out.")
+    if path.exists() and not force:
+        raise InputError(f"{path} is there already; choose another name, or replace it with --force.")
+    write_robot(robot, path)
+    print(f"Wrote {path}. Change its values, then run: ballbot check {path}")
+
+
+def check(robot: str, /, *, figure: Path | None = None, out: Path | None = None) -> None:
+    """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
+
+    Prints derived quantities, the thesis's transformation matrices, the poles of the exact model about
+    upright and a drawing to scale.
+
+    Example: `ballbot check alten --figure alten.svg`
+
+    Parameters
+    ----------
+    robot : str
+        Robot file, or name of a preset.
+    figure : Path
+        File for a drawing to print: .svg, .pdf or .png.
+    out : Path
+        Folder for results.json and check.txt.
+    """
+    checked = _examine(Robot.load(robot))
+    console = standard_output()
+    for part in _report(checked, framed=console.is_terminal):
+        console.print(part)
+    if figure is not None:
+        _save_figure(checked.robot, figure)
+        console.print(f"Wrote {figure}.")
+    if out is not None:
+        write_text(out / "results.json", json.dumps(_results(checked), indent=2) + "\n")
+        write_text(out / "check.txt", as_text(_report(checked, framed=False)))
+        console.print(f"Wrote {out / 'results.json'} and {out / 'check.txt'}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Checked:
+    """A robot with all that `ballbot check` says about it."""
+
+    robot: Robot
+    derived: list[Derived]
+    matrices: dict[str, NDArray[np.float64]]
+    poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
+
+
+def _examine(robot: Robot) -> _Checked:
+    # the compiled model is imported only once the robot has passed its checks
+    from ballbot.mechanics.geometry import transforms
+    from ballbot.mechanics.model import Model
+
+    found = transforms(robot)
+    poles = np.asarray(Model(robot).linearize().poles(), dtype=np.complex128)
+    return _Checked(
+        robot=robot,
+        derived=derived_quantities(robot),
+        matrices={name: getattr(found, name) for name in _MATRICES},
+        poles=poles[np.argsort(-poles.real)],
+    )
+
+
+def _results(checked: _Checked) -> dict[str, object]:
+    return {
+        "robot": checked.robot.name,
+        "parameters": {one.name: value_of(checked.robot, one) for one in PARAMETERS},
+        "derived": {one.name: one.value for one in checked.derived},
+        "matrices": {name: matrix.tolist() for name, matrix in checked.matrices.items()},
+        "poles": [[float(pole.real), float(pole.imag)] for pole in checked.poles],
+        "unstable_pole": float(checked.poles[0].real),
+    }
+
+
+def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
+    """Return the parts of what is printed, top to bottom."""
+    robot = checked.robot
+    kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
+    parts: list[RenderableType] = [
+        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels; of its parameters, {counts}."),
+        Text(""),
+        table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
+        Text("\nTransformation matrices", style="bold"),
+    ]
+    for name, meaning in _MATRICES.items():
+        parts += [Text(f"\n{meaning}"), Text(matrix_text(name, checked.matrices[name]))]
+    return [*parts, *_pole_lines(checked.poles), Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
+
+
+def _unit(one: Derived) -> str:
+    return "" if one.unit == "1" else one.unit
+
+
+def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
+    # adding zero keeps a minus sign off what prints as nothing
+    rounded = np.round(poles, 3) + 0.0
+    listed = ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
+    fastest = float(poles[0].real)
+    time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
+    return [
+        Text("\nPoles about upright, exact model [rad/s]", style="bold"),
+        Text(listed),
+        Text(f"unstable pole: {fastest:.3f} rad/s{time}."),
+    ]
+
+
+def _save_figure(robot: Robot, path: Path) -> None:
+    from ballbot.robot.figure import save_robot_figure
+
+    save_robot_figure(robot, path)

@@ -1,0 +1,86 @@
+"""All checks of a log, and what it can be used for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from ballbot.log.angle_checks import check_gyro, check_lean, check_rates, check_wrap
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
+from ballbot.log.findings import Finding
+from ballbot.log.kinematic_check import check_wheels
+from ballbot.log.log import Log
+from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values
+from ballbot.log.value_checks import (
+    check_constant,
+    check_names,
+    check_saturation,
+    check_speed_limit,
+    check_stuck,
+)
+from ballbot.robot import Robot
+
+_ORDER = ("error", "warning", "note")
+
+
+def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
+    """Return everything that was found in a log, errors first.
+
+    Parameters
+    ----------
+    log : Log
+        The log.
+    robot : Robot, optional
+        With it, the wheels' columns are held against the robot's kinematics and the torques against its
+        limit.
+    """
+    limit = robot.drive.torque_limit if robot else None
+    findings = [
+        *check_gaps(log),
+        *check_jitter(log),
+        *check_missing_values(log),
+        *check_rates(log),
+        *check_gyro(log),
+        *check_lean(log),
+        *check_wrap(log),
+        *check_constant(log),
+        *check_stuck(log),
+        *check_saturation(log, torque_limit=limit),
+        *([*check_speed_limit(log, robot), *check_wheels(log, robot)] if robot else []),
+        *check_names(log),
+        *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
+    ]
+    return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.severity)))
+
+
+def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:
+    """Return, by what a log is used for, the columns that this needs."""
+    torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
+    return MappingProxyType(
+        {
+            "identification and validation of the balancing robot": ("t", *torques, *STATE_NAMES),
+            "closed-loop validation": ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi"),
+            "identification of drivelines": ("t", *torques, *speeds),
+            "the on-board state": ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi"),
+        }
+    )
+
+
+def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
+    """Return a note for each use that the log lacks columns for."""
+    findings = []
+    for use, names in needed_columns(wheel_count).items():
+        missing = tuple(name for name in names if name not in log)
+        if missing:
+            plural = "columns" if len(missing) > 1 else "column"
+            sentence = f"Not enough for {use}: it lacks the {plural} {', '.join(missing)}."
+            findings.append(Finding(severity="note", kind="use", sentence=sentence, columns=missing))
+    return findings
+
+
+def _wheels_of(log: Log) -> int:
+    """Return the number of wheels that the log's columns name; three, the usual, where there are none."""
+    numbers = range(1, MAX_WHEELS + 1)
+    return max(
+        (i for i in numbers if any(n in log for n in (f"u{i}", f"wheel{i}", f"wheel{i}_dot"))), default=3
+    )

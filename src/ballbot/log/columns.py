@@ -1,0 +1,84 @@
+"""The names of a log's columns and the unit of each: the one list that files, checks and mappings share.
+
+State  x = [x y theta phi psi, and their rates], SI and radians. A simulated run carries what was true beside
+what the sensors said, in columns named `true_` and the state's name.
+"""
+
+from collections.abc import Iterable
+
+from ballbot.errors import InputError
+
+POSITION_NAMES = ("x", "y", "theta", "phi", "psi")
+STATE_NAMES = (*POSITION_NAMES, *(f"{name}_dot" for name in POSITION_NAMES))
+TRUE_PREFIX = "true_"
+#: largest number of wheels whose columns have a name
+MAX_WHEELS = 4
+
+_UNITS = {
+    "t": "s",
+    "x": "m",
+    "y": "m",
+    "theta": "rad",
+    "phi": "rad",
+    "psi": "rad",
+    "x_dot": "m/s",
+    "y_dot": "m/s",
+    "theta_dot": "rad/s",
+    "phi_dot": "rad/s",
+    "psi_dot": "rad/s",
+    "gyro_x": "rad/s",
+    "gyro_y": "rad/s",
+    "gyro_z": "rad/s",
+    "acc_x": "m/s^2",
+    "acc_y": "m/s^2",
+    "acc_z": "m/s^2",
+    "ref_x": "m",
+    "ref_y": "m",
+    "ref_psi": "rad",
+    "ball_omega_x": "rad/s",
+    "ball_omega_y": "rad/s",
+    "ball_omega_z": "rad/s",
+}
+for _i in range(1, MAX_WHEELS + 1):
+    _UNITS |= {f"u{_i}": "N m", f"wheel{_i}": "rad", f"wheel{_i}_dot": "rad/s"}
+_UNITS |= {f"{TRUE_PREFIX}{name}": _UNITS[name] for name in STATE_NAMES}
+
+#: every name that Ballbot gives a meaning
+KNOWN_NAMES = tuple(_UNITS)
+
+
+def unit_of(name: str) -> str | None:
+    """Return the SI unit of a column by its name, or None where the name is not one of Ballbot's."""
+    return _UNITS.get(name)
+
+
+def torque_names(count: int) -> tuple[str, ...]:
+    """Return u1 .. u`count`, the wheel torques [N m]."""
+    return tuple(f"u{i}" for i in range(1, count + 1))
+
+
+def wheel_angle_names(count: int) -> tuple[str, ...]:
+    """Return wheel1 .. wheel`count`, the wheels' encoder angles [rad]."""
+    return tuple(f"wheel{i}" for i in range(1, count + 1))
+
+
+def wheel_speed_names(count: int) -> tuple[str, ...]:
+    """Return wheel1_dot .. wheel`count`_dot, the wheels' encoder speeds [rad/s]."""
+    return tuple(f"wheel{i}_dot" for i in range(1, count + 1))
+
+
+def numbered(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
+    """Return those of `names` that are prefix, number, suffix with the numbers 1, 2, 3 .. without a hole.
+
+    Raises
+    ------
+    InputError
+        Where there is none, so that the first of them is missing.
+    """
+    present = set(names)
+    found = []
+    while f"{prefix}{len(found) + 1}{suffix}" in present:
+        found.append(f"{prefix}{len(found) + 1}{suffix}")
+    if not found:
+        raise InputError(f"The log has no column {prefix}1{suffix}, which is needed here.")
+    return tuple(found)

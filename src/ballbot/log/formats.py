@@ -1,0 +1,55 @@
+"""File formats by suffix: which reader and which writer a path gets."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log.parquet_table import read_parquet_table, write_parquet_table
+from ballbot.log.text_table import TextLayout, read_text_table, write_text_table
+
+_TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".log")
+
+
+def read_columns(path: str | Path, layout: TextLayout | None = None) -> dict[str, NDArray[np.float64]]:
+    """Read a file's columns (N,) by name.
+
+    Parameters
+    ----------
+    path : str or Path
+        A Parquet file (.parquet) or a table of text (.csv, .txt, .tsv, .dat, .log).
+    layout : TextLayout, optional
+        How a table of text is laid out; Ballbot's own CSV where it is not given.
+
+    Raises
+    ------
+    InputError
+        Where the suffix is none of these or the file is not such a table.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".parquet":
+        return read_parquet_table(path)
+    if suffix in _TEXT_SUFFIXES:
+        return read_text_table(path, layout or TextLayout())
+    raise InputError(
+        f"{path} is of no kind that Ballbot reads as a log; those are .csv, .parquet and text (.txt)."
+    )
+
+
+def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write columns (N,) as CSV or Parquet, by the suffix of `path`.
+
+    Raises
+    ------
+    InputError
+        Where the suffix is another, or the file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".csv":
+        write_text_table(path, columns)
+    elif suffix == ".parquet":
+        write_parquet_table(path, columns)
+    else:
+        raise InputError(f"{path} cannot be written: a log's file ends in .csv or .parquet.")

@@ -1,0 +1,138 @@
+"""Whether a log's wheel speeds are those that its states make: order, sign and gain of the wheels' columns.
+
+Wheel speed seen by an encoder = A (z - w), z = R^T Omega, Omega = (-y_dot, x_dot, 0)/r_b, w = B(Phi)
+Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (The full proposal of a mapping
+for a foreign log, with the evidence of the next best one, is a larger work that starts here.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log.columns import STATE_NAMES, wheel_speed_names
+from ballbot.log.findings import Finding
+from ballbot.log.log import Log
+from ballbot.robot import Robot
+
+#: standard deviation of the wheel speed that the motion must make [rad/s] before it says anything
+LEAST_MOTION = 0.05
+#: an order must correlate better than the columns' own by this much on average to be preferred
+CLEAR_MARGIN = 0.05
+CLEAR_CORRELATION = 0.9
+#: gains within these of one are right (slip, play and noise take a few percent)
+GAIN_RANGE = (0.9, 1.1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelAgreement:
+    """The order and signs under which the wheels' columns fit the states best, and how well."""
+
+    order: tuple[int, ...]  #: Ballbot's wheel i is the log's wheel order[i-1]
+    signs: tuple[int, ...]  #: of the log's wheel order[i-1]
+    gains: tuple[float, ...]  #: logged speed over the states', by least squares; after order and sign
+    correlations: tuple[float, ...]  #: after order and sign
+
+
+def wheel_speeds_of_states(states: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+    """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without "
+    "slip."""
+    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+
+    theta, phi, psi = states[:, 2], states[:, 3], states[:, 4]
+    x_dot, y_dot = states[:, 5], states[:, 6]
+    Omega = np.column_stack([-y_dot, x_dot, np.zeros_like(x_dot)]) / robot.ball.radius
+    z = np.einsum("nji,nj->ni", rotation(theta, phi, psi), Omega)
+    w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), states[:, 7:10])
+    return (z - w) @ transforms(robot).T_owb.T
+
+
+def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
+    """Compare the wheels' columns with the states.
+
+    Parameters
+    ----------
+    log : Log
+        With the ten states and the wheels' speeds.
+    robot : Robot
+        Gives the geometry.
+
+    Returns
+    -------
+    WheelAgreement or None
+        None where the log lacks those columns or holds too little motion to tell.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if not {*STATE_NAMES, *names} <= set(log.names):
+        return None
+    states = np.column_stack([log[name] for name in STATE_NAMES])
+    logged = np.column_stack([log[name] for name in names])
+    finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
+    states, logged = states[finite], logged[finite]
+    made = wheel_speeds_of_states(states, robot)
+    if len(made) < 2 or made.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
+        return None
+    n = robot.wheel_count
+    correlation = np.corrcoef(logged, made, rowvar=False)[:n, n:]  # [logged, made]
+    order = _best_order(correlation)
+    wheels = range(n)
+    signs = [1 if correlation[order[j], j] >= 0.0 else -1 for j in wheels]
+    gains = [signs[j] * float(logged[:, order[j]] @ made[:, j] / (made[:, j] @ made[:, j])) for j in wheels]
+    return WheelAgreement(
+        order=tuple(i + 1 for i in order),
+        signs=tuple(signs),
+        gains=tuple(gains),
+        correlations=tuple(abs(float(correlation[order[j], j])) for j in wheels),
+    )
+
+
+def check_wheels(log: Log, robot: Robot) -> list[Finding]:
+    """Return what is wrong with the wheels' columns for this robot: order, sign, gain, or that nothing can "
+    "be said."""
+    columns = wheel_speed_names(robot.wheel_count)
+    found = wheel_agreement(log, robot)
+    if found is None:
+        sentence = (
+            "The wheels' order and signs cannot be checked: "
+            "that takes the ten states, every wheel's speed, and motion."
+        )
+        return [Finding(severity="note", kind="wheels", sentence=sentence)]
+    evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
+    if min(found.correlations) < CLEAR_CORRELATION:
+        sentence = (
+            f"The wheels' speeds hardly follow the states (correlations {evidence}): "
+            "another robot, much slip, or a delay."
+        )
+        return [Finding(severity="warning", kind="wheels", sentence=sentence, columns=columns)]
+    if found.order != tuple(range(1, robot.wheel_count + 1)) or min(found.signs) < 0:
+        signs = [found.signs[found.order.index(i)] for i in range(1, robot.wheel_count + 1)]
+        sentence = (
+            f"The wheels' columns are not this robot's: a mapping with [wheels] order = {list(found.order)} "
+            f"and sign = {signs} would fit (correlations {evidence})."
+        )
+        return [Finding(severity="error", kind="wheels", sentence=sentence, columns=columns)]
+    low, high = GAIN_RANGE
+    if not all(low < gain < high for gain in found.gains):
+        gains = ", ".join(f"{gain:.3f}" for gain in found.gains)
+        sentence = (
+            f"The wheels turn {gains} times what the states make of this robot: "
+            "a radius, the tilt or a unit is wrong, or the ball slips or pivots."
+        )
+        return [Finding(severity="warning", kind="wheels", sentence=sentence, columns=columns)]
+    return []
+
+
+def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
+    """Return, for each wheel of the robot, which logged column fits; the columns' own order where none is "
+    "clearer."""
+    n = len(correlation)
+    size = np.abs(correlation)
+    own = tuple(range(n))
+    scores = {
+        order: float(np.mean([size[order[j], j] for j in range(n)])) for order in permutations(range(n))
+    }
+    best = max(scores, key=lambda order: scores[order])
+    return best if scores[best] > scores[own] + CLEAR_MARGIN else own

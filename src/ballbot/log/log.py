@@ -1,0 +1,284 @@
+"""`Log`: the one time series that every experiment, simulated or real, is.
+
+A log is a table of equally long columns of float64, named and in the units of `ballbot.log.columns`, in rows
+of strictly increasing time. Row k holds what was measured at t_k and the torques held from t_k to t_(k+1).
+
+NaN marks a value that is missing. Reading keeps it, and `log[name]` gives the column as it is; whatever
+computes asks through `require`, `states`, `torques`, `wheel_speeds` or `reference`, and these refuse NaN
+with a sentence, so that it cannot travel on unseen.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.errors import InputError
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, numbered
+
+if TYPE_CHECKING:
+    from ballbot.log.mapping import LogMapping
+
+_REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log in memory; read one with `Log.read`.
+
+    Parameters
+    ----------
+    columns : mapping of str to (N,) array
+        The columns by name, `t` [s] among them; copied, and read-only afterwards.
+    ended : str, optional
+        Why a simulated run stopped before its time ("fallen: ..."); not kept in files, nor where rows are cut.
+
+    Raises
+    ------
+    InputError
+        Where `t` is missing or does not strictly increase, a column is not one of numbers, or lengths differ.
+    """
+
+    columns: Mapping[str, NDArray[np.float64]]
+    ended: str | None = None
+
+    def __post_init__(self) -> None:
+        columns = {name: _column(name, values) for name, values in self.columns.items()}
+        _check_shape(columns)
+        _check_time(columns["t"])
+        object.__setattr__(self, "columns", MappingProxyType(columns))
+
+    def __reduce__(self) -> tuple[type[Log], tuple[dict[str, NDArray[np.float64]], str | None]]:
+        # a mappingproxy cannot be pickled, and logs go to other processes
+        return (Log, (dict(self.columns), self.ended))
+
+    @staticmethod
+    def read(path: str | Path, *, mapping: str | Path | LogMapping | None = None) -> Log:
+        """Read a log from a file.
+
+        Parameters
+        ----------
+        path : str or Path
+            A CSV or Parquet file with Ballbot's column names; with a mapping, any table of text, or Parquet.
+        mapping : str, Path or LogMapping, optional
+            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or what was read
+            from it.
+
+        Raises
+        ------
+        InputError
+            Where the file or the mapping cannot be read or does not make a log. Cells without a value become
+            NaN.
+        """
+        from ballbot.log import formats
+        from ballbot.log.mapping import apply_mapping
+
+        if isinstance(mapping, str | Path):
+            from ballbot.log.mapping_file import read_mapping
+
+            mapping = read_mapping(mapping)
+        columns = formats.read_columns(path, mapping.layout if mapping else None)
+        try:
+            return Log(apply_mapping(mapping, columns) if mapping else columns)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+    def write(self, path: str | Path) -> None:
+        """Write the log to `path`, as CSV or Parquet by its suffix; every value reads back to the same bits.
+
+        Raises
+        ------
+        InputError
+            Where the suffix is another or the file cannot be written.
+        """
+        from ballbot.log import formats
+
+        formats.write_columns(path, self.columns)
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """Return one column (N,), NaN included; read-only."""
+        try:
+            return self.columns[name]
+        except KeyError:
+            raise InputError(_missing_sentence([name], self.names)) from None
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a column of that name."""
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the columns' names."""
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        """Return the number of rows, N."""
+        return len(self.columns["t"])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns' names in their order."""
+        return tuple(self.columns)
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Time (N,) [s], strictly increasing."""
+        return self.columns["t"]
+
+    @property
+    def sample_time(self) -> float:
+        """The median interval between rows [s]."""
+        if len(self) < 2:
+            raise InputError("A log of one row has no sample time; at least two rows are needed.")
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """The states (N, 10), in the order of `STATE_NAMES`; NaN refused."""
+        return self._table(STATE_NAMES)
+
+    @property
+    def torques(self) -> NDArray[np.float64]:
+        """The wheel torques u1 .. un (N, n) [N m]; NaN refused."""
+        return self._table(numbered(self.names, prefix="u"))
+
+    @property
+    def wheel_angles(self) -> NDArray[np.float64]:
+        """The wheel angles wheel1 .. (N, n) [rad], what the encoders see; NaN refused."""
+        return self._table(numbered(self.names, prefix="wheel"))
+
+    @property
+    def wheel_speeds(self) -> NDArray[np.float64]:
+        """The wheel speeds wheel1_dot .. (N, n) [rad/s], what the encoders see; NaN refused."""
+        return self._table(numbered(self.names, prefix="wheel", suffix="_dot"))
+
+    @property
+    def reference(self) -> NDArray[np.float64]:
+        """The reference (N, 10): ref_x, ref_y and ref_psi in their places in the state, zero elsewhere."""
+        self.require(*_REFERENCE_NAMES)
+        reference = np.zeros((len(self), len(STATE_NAMES)))
+        for name in _REFERENCE_NAMES:
+            reference[:, STATE_NAMES.index(name.removeprefix("ref_"))] = self.columns[name]
+        return reference
+
+    def require(self, *names: str) -> None:
+        """Do nothing where every one of `names` is a column and finite throughout.
+
+        Raises
+        ------
+        InputError
+            Naming the columns that are missing, else the first column with a NaN or an infinity, and where.
+        """
+        missing = [name for name in names if name not in self.columns]
+        if missing:
+            raise InputError(_missing_sentence(missing, self.names))
+        for name in names:
+            bad = np.flatnonzero(~np.isfinite(self.columns[name]))
+            if bad.size:
+                raise InputError(
+                    f"The log's column {name} has {bad.size} of {len(self)} values missing or not finite, "
+                    f"the first at row {bad[0] + 1} (t = {self.t[bad[0]]:g} s); fill it or cut the log with "
+                    f"between()."
+                )
+
+    def between(self, start: float, end: float) -> Log:
+        """Return the rows with start <= t < end [s].
+
+        Raises
+        ------
+        InputError
+            Where there is none.
+        """
+        kept = (self.t >= start) & (self.t < end)
+        if not kept.any():
+            raise InputError(
+                f"The log has no row from {start:g} to {end:g} s; it runs from {self.t[0]:g} to "
+                f"{self.t[-1]:g} s."
+            )
+        return Log({name: values[kept] for name, values in self.columns.items()})
+
+    def select(self, rows: slice) -> Log:
+        """Return the rows that a slice with a positive step picks; InputError where there is none."""
+        return Log({name: values[rows] for name, values in self.columns.items()})
+
+    def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
+        """Return a copy with `columns` added, or in place of those of the same name."""
+        added = {name: _column(name, values) for name, values in columns.items()}
+        return Log({**self.columns, **added}, self.ended)
+
+    def truth(self) -> Log:
+        """Return the log of a simulated run with what was true in place of what the sensors said.
+
+        The columns true_x .. true_psi_dot become x .. psi_dot; all else stays.
+
+        Raises
+        ------
+        InputError
+            Where the log carries no truth.
+        """
+        true_names = [TRUE_PREFIX + name for name in STATE_NAMES]
+        missing = [name for name in true_names if name not in self.columns]
+        if missing:
+            raise InputError(f"The log carries no truth (no column {missing[0]}): only simulated runs do.")
+        kept = dict(self.without_truth().columns)
+        return Log(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended)
+
+    def without_truth(self) -> Log:
+        """Return the log without its true_* columns: what a real robot would have given."""
+        kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
+        return Log(kept, self.ended)
+
+    def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
+        self.require(*names)
+        return np.column_stack([self.columns[name] for name in names])
+
+
+def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        column = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"The log's column {name} is not one of numbers.") from None
+    column.flags.writeable = False
+    return column
+
+
+def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
+    if "t" not in columns:
+        raise InputError(
+            "A log needs the column t, the time in seconds; a foreign file comes in through a mapping file."
+        )
+    rows = columns["t"].shape
+    if len(rows) != 1 or rows[0] == 0:
+        raise InputError("The log has no rows; at least one is needed.")
+    for name, column in columns.items():
+        if column.shape != rows:
+            raise InputError(f"The log's column {name} has shape {column.shape}, where t has {rows}.")
+
+
+def _check_time(t: NDArray[np.float64]) -> None:
+    lost = np.flatnonzero(~np.isfinite(t))
+    if lost.size:
+        raise InputError(
+            f"The time t is missing or not finite at row {lost[0] + 1}; every row needs its time."
+        )
+    wrong = np.flatnonzero(np.diff(t) <= 0.0)
+    if wrong.size:
+        k = int(wrong[0]) + 1
+        what = "stands still" if t[k] == t[k - 1] else "runs backwards"
+        raise InputError(
+            f"Time {what} at row {k + 1}: t = {t[k]:.9g} s after {t[k - 1]:.9g} s; it must increase row by "
+            f"row."
+        )
+
+
+def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(missing[0], present, n=1)
+    hint = f" (it has {near[0]})" if near else ""
+    plural = "columns" if len(missing) > 1 else "column"
+    return f"The log has no {plural} {', '.join(missing)}{hint}; needed here."

@@ -1,0 +1,255 @@
+"""Mapping files: how a foreign log becomes one of Ballbot's, in TOML.
+
+An example with everything in it::
+
+    [file]                        # the text table; may be left out for CSV with a header
+    separator = "blanks"          # comma (default), semicolon, tab, blanks
+    missing = ["NA"]              # what marks a missing value, beside an empty cell and nan
+    header_lines = 1              # lines before the first row, the last of them with the names
+    names = ["i", "t_now"]        # the columns' names, where the header lacks them or has them wrong
+
+    [columns]
+    t = { from = "t_now", unit = "ms" }
+    theta = { from = "roll", unit = "deg", sign = -1, offset = 0.01, delay = 0.016 }
+    phi = "pitch"                 # short for { from = "pitch" }: Ballbot's unit and sign
+    theta_dot = { derivative_of = "theta" }
+
+    [wheels]
+    order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
+    sign = [1, 1, -1]             # of angle and speed, for the file's wheels in the file's order
+    angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
+    speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
+
+    [input]
+    kind = "pwm"                  # torque, current or pwm
+    from = ["u1", "u2", "u3"]     # in the file's order; [wheels] order applies
+    sign = -1                     # one for all, or a list
+    scale = 1.0                   # what makes the full duty 1 (or A, or N m)
+    delay = 0.012                 # [s] from the log's time to the motor
+    supply_voltage = 11.1         # [V]
+    torque_constant = 0.01        # [N m/A], motor side
+    back_emf_constant = 0.01      # [V s/rad], motor side
+    resistance = 2.0              # [ohm]
+    gear_ratio = 70.0
+
+A current needs torque_constant, gear_ratio and, where it is not 1, efficiency.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from ballbot.errors import InputError
+from ballbot.log.columns import KNOWN_NAMES, unit_of
+from ballbot.log.drive_input import CurrentInput, DriveInput, DutyInput, TorqueInput
+from ballbot.log.mapping import LogMapping, MotorInput, Source
+from ballbot.log.mapping_schema import (
+    KEYS,
+    ColumnTable,
+    CurrentTable,
+    DutyTable,
+    FileTable,
+    MappingTable,
+    TorqueTable,
+    WheelColumnsTable,
+    WheelsTable,
+)
+from ballbot.log.text_table import TextLayout
+from ballbot.log.units import factor_to
+
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
+
+
+def read_mapping(path: str | Path) -> LogMapping:
+    """Read a mapping file.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is not TOML, or does not say how to make a log: the key, and what is
+        right.
+    """
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not TOML: {error}.") from None
+    try:
+        return _mapping(MappingTable.model_validate(data))
+    except ValidationError as error:
+        raise InputError(f"{path}: {_sentence(error.errors()[0])}.") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}.") from None
+
+
+def _mapping(table: MappingTable) -> LogMapping:
+    columns: dict[str, Source] = {}
+    derivatives: dict[str, str] = {}
+    for name, entry in table.columns.items():
+        _check_name(name)
+        if entry.derivative_of is None:
+            columns[name] = _source(name, entry)
+        else:
+            _check_alone(f"[columns] {name}", entry)
+            derivatives[name] = entry.derivative_of
+    columns |= _wheel_columns(table.wheels)
+    derivatives |= _wheel_derivatives(table.wheels)
+    if "t" not in columns:
+        raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
+    for name, origin in derivatives.items():
+        if origin not in columns:
+            raise InputError(
+                f"{name} is to be the derivative of {origin}, which the mapping does not take from the file"
+            )
+    motors = None if table.input is None else _motors(table.input, table.wheels)
+    return LogMapping(layout=_layout(table.file), columns=columns, derivatives=derivatives, motors=motors)
+
+
+def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
+    columns: dict[str, Source] = {}
+    if wheels.angle:
+        columns |= _wheel_sources(wheels.angle, "", wheels)
+    if wheels.speed and not wheels.speed.derivative_of:
+        columns |= _wheel_sources(wheels.speed, "_dot", wheels)
+    return columns
+
+
+def _wheel_derivatives(wheels: WheelsTable) -> dict[str, str]:
+    if not (wheels.speed and wheels.speed.derivative_of):
+        return {}
+    _check_alone("[wheels] speed", wheels.speed)
+    if not (wheels.angle and wheels.angle.sources):
+        raise InputError("[wheels] speed is to be the derivative of angle, which [wheels] lacks")
+    return {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
+
+
+def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable) -> None:
+    others = sorted(entry.model_fields_set - {"derivative_of"})
+    if others:
+        words = ", ".join("from" if name in ("source", "sources") else name for name in others)
+        raise InputError(f"{where} has derivative_of and takes nothing beside it, but has {words}")
+
+
+def _check_name(name: str) -> None:
+    if name in KNOWN_NAMES and not (name.startswith("u") and name[1:].isdigit()):
+        return
+    if name in KNOWN_NAMES:
+        raise InputError(
+            f"[columns] has {name}; torques are mapped in [input], which says what kind they are"
+        )
+    near = difflib.get_close_matches(name, KNOWN_NAMES, n=1)
+    hint = f"; did you mean {near[0]}?" if near else f"; the names are {', '.join(KNOWN_NAMES)}"
+    raise InputError(f"[columns] has {name}, which is no column of a log{hint}")
+
+
+def _source(name: str, entry: ColumnTable) -> Source:
+    if entry.source is None:
+        raise InputError(
+            f'[columns] {name} needs from = "..", the column of the file, or derivative_of = ".."'
+        )
+    if name == "t" and entry.delay:
+        raise InputError("[columns] t cannot have a delay; give the delay to the columns that are late")
+    factor = (
+        entry.sign * entry.scale * _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
+    )
+    return Source(column=entry.source, factor=factor, offset=entry.offset, delay=entry.delay)
+
+
+def _unit_factor(where: str, name: str, given: str | None, counts_per_turn: float | None) -> float:
+    unit = unit_of(name)
+    if given is None or unit is None:
+        return 1.0
+    try:
+        return factor_to(unit, given, counts_per_turn=counts_per_turn)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _wheel_sources(entry: WheelColumnsTable, suffix: str, wheels: WheelsTable) -> dict[str, Source]:
+    where = "[wheels] speed" if suffix else "[wheels] angle"
+    if entry.sources is None or entry.derivative_of:
+        raise InputError(f"{where} needs from = [..], the columns of the file")
+    count = len(entry.sources)
+    factor = entry.scale * _unit_factor(where, f"wheel1{suffix}", entry.unit, entry.counts_per_turn)
+    signs = _signs("[wheels]", wheels.sign, count)
+    return {
+        f"wheel{i}{suffix}": Source(column=entry.sources[k], factor=signs[k] * factor, delay=entry.delay)
+        for i, k in enumerate(_order(wheels, count), start=1)
+    }
+
+
+def _order(wheels: WheelsTable, count: int) -> list[int]:
+    """Return, for Ballbot's wheels in turn, the place (from 0) in the file's lists."""
+    order = wheels.order or tuple(range(1, count + 1))
+    if sorted(order) != list(range(1, count + 1)):
+        raise InputError(f"[wheels] order is {list(order)}; it must hold each of 1 to {count} once")
+    return [place - 1 for place in order]
+
+
+def _signs(where: str, sign: int | Sequence[int], count: int) -> list[int]:
+    signs = [sign] * count if isinstance(sign, int) else list(sign)
+    if len(signs) != count:
+        raise InputError(f"{where} sign has {len(signs)} values for {count} wheels")
+    return signs
+
+
+def _motors(table: TorqueTable | CurrentTable | DutyTable, wheels: WheelsTable) -> MotorInput:
+    count = len(table.sources)
+    signs = _signs("[input]", table.sign, count)
+    unit = _unit_factor("[input]", "u1", table.unit, None) if isinstance(table, TorqueTable) else 1.0
+    sources = tuple(
+        Source(column=table.sources[k], factor=signs[k] * table.scale * unit, delay=table.delay)
+        for k in _order(wheels, count)
+    )
+    return MotorInput(sources=sources, drive=_drive(table))
+
+
+def _drive(table: TorqueTable | CurrentTable | DutyTable) -> DriveInput:
+    if isinstance(table, DutyTable):
+        return DutyInput(
+            supply_voltage=table.supply_voltage,
+            torque_constant=table.torque_constant,
+            back_emf_constant=table.back_emf_constant,
+            resistance=table.resistance,
+            gear_ratio=table.gear_ratio,
+        )
+    if isinstance(table, CurrentTable):
+        return CurrentInput(
+            torque_constant=table.torque_constant, gear_ratio=table.gear_ratio, efficiency=table.efficiency
+        )
+    return TorqueInput()
+
+
+def _layout(table: FileTable) -> TextLayout:
+    if table.header_lines == 0 and table.names is None:
+        raise InputError("[file] has header_lines = 0 and so needs names = [..], the columns' names")
+    if table.names is not None and len(set(table.names)) < len(table.names):
+        raise InputError("[file] names holds a name twice")
+    return TextLayout(
+        separator=_SEPARATORS[table.separator],
+        missing=table.missing,
+        header_lines=table.header_lines,
+        names=table.names,
+    )
+
+
+def _sentence(error: ErrorDetails) -> str:
+    """Return one of pydantic's errors in words: the key, what is wrong, what is right."""
+    kinds = ("torque", "current", "pwm")
+    place = [str(part) for part in error["loc"] if part not in kinds]
+    key = ".".join(place)
+    if error["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(place[-1], KEYS, n=1)
+        return f"the key {key} is not known" + (f"; did you mean {near[0]}?" if near else "")
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    what = error["msg"][0].lower() + error["msg"][1:]
+    given = "" if isinstance(error["input"], dict) else f" (it is {error['input']!r})"
+    return f"{key}: {what}{given}"

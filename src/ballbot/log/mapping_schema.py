@@ -1,0 +1,122 @@
+"""What a mapping file may hold, key by key: the pydantic side of `ballbot.log.mapping_file`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, NonNegativeInt, PositiveFloat
+
+from ballbot.log.columns import MAX_WHEELS
+
+Sign = Literal[1, -1]
+
+
+class Table(BaseModel):
+    """A TOML table whose keys are all known."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class FileTable(Table):
+    """[file]: how the text is laid out."""
+
+    separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
+    missing: tuple[str, ...] = ()
+    header_lines: NonNegativeInt = 1
+    names: tuple[str, ...] | None = None
+
+
+class ColumnTable(Table):
+    """An entry of [columns]."""
+
+    source: str | None = Field(None, alias="from")
+    derivative_of: str | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    sign: Sign = 1
+    offset: FiniteFloat = 0.0
+    delay: FiniteFloat = 0.0
+
+
+class WheelColumnsTable(Table):
+    """`angle` and `speed` of [wheels]: a column of the file for each wheel."""
+
+    sources: tuple[str, ...] | None = Field(None, alias="from", min_length=1, max_length=MAX_WHEELS)
+    derivative_of: Literal["angle"] | None = None
+    unit: str | None = None
+    counts_per_turn: PositiveFloat | None = None
+    scale: FiniteFloat = 1.0
+    delay: FiniteFloat = 0.0
+
+
+class WheelsTable(Table):
+    """[wheels]."""
+
+    order: tuple[int, ...] | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+    angle: WheelColumnsTable | None = None
+    speed: WheelColumnsTable | None = None
+
+
+class MotorsTable(Table):
+    """What every kind of [input] has."""
+
+    sources: tuple[str, ...] = Field(alias="from", min_length=1, max_length=MAX_WHEELS)
+    sign: Sign | tuple[Sign, ...] = 1
+    scale: FiniteFloat = 1.0
+    delay: FiniteFloat = 0.0
+
+
+class TorqueTable(MotorsTable):
+    """[input] of kind torque [N m at the wheel]."""
+
+    kind: Literal["torque"]
+    unit: str | None = None
+
+
+class CurrentTable(MotorsTable):
+    """[input] of kind current [A]."""
+
+    kind: Literal["current"]
+    torque_constant: PositiveFloat
+    gear_ratio: PositiveFloat
+    efficiency: float = Field(1.0, gt=0.0, le=1.0)
+
+
+class DutyTable(MotorsTable):
+    """[input] of kind pwm [duty, -1..1]."""
+
+    kind: Literal["pwm"]
+    supply_voltage: PositiveFloat
+    torque_constant: PositiveFloat
+    back_emf_constant: PositiveFloat
+    resistance: PositiveFloat
+    gear_ratio: PositiveFloat
+
+
+def _column_table(value: object) -> object:
+    return {"from": value} if isinstance(value, str) else value
+
+
+class MappingTable(Table):
+    """A whole mapping file."""
+
+    file: FileTable = FileTable()
+    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
+    wheels: WheelsTable = WheelsTable()
+    input: Annotated[TorqueTable | CurrentTable | DutyTable, Field(discriminator="kind")] | None = None
+
+
+TABLES = (
+    MappingTable,
+    FileTable,
+    ColumnTable,
+    WheelColumnsTable,
+    WheelsTable,
+    TorqueTable,
+    CurrentTable,
+    DutyTable,
+)
+#: every key that some table of a mapping file has
+KEYS = tuple({field.alias or name: None for table in TABLES for name, field in table.model_fields.items()})

@@ -1,0 +1,69 @@
+"""Checks of a log's time and of cells without a value. (Time that does not increase makes no `Log` at "
+"all.)"""
+
+import numpy as np
+
+from ballbot.log.findings import Finding
+from ballbot.log.log import Log
+
+#: an interval this many times the usual longest one is a gap: one lost row of a regular log makes 2
+GAP_RATIO = 1.5
+#: intervals that scatter by more than this part of their median are worth a warning
+JITTER_RATIO = 0.05
+
+
+def check_gaps(log: Log) -> list[Finding]:
+    """Return a warning where rows are missing: intervals longer than the clock's own scatter explains."""
+    intervals = np.diff(log.t)
+    if intervals.size < 3:
+        return []
+    # the 95th percentile, not the median: logs whose host polls late alternate between two intervals
+    usual = float(np.quantile(intervals, 0.95, method="lower"))
+    gaps = np.flatnonzero(intervals > GAP_RATIO * usual)
+    if not gaps.size:
+        return []
+    first, longest = int(gaps[0]), float(intervals[gaps].max())
+    number = "One gap" if gaps.size == 1 else f"{gaps.size} gaps"
+    sentence = (
+        f"{number} in time, the first of {intervals[first]:.4g} s after row {first + 1} (t = "
+        f"{log.t[first]:.6g} s), the longest {longest:.4g} s, where rows come every {log.sample_time:.4g} s; "
+        f"windows must not span them."
+    )
+    return [
+        Finding(severity="warning", kind="gap", sentence=sentence, columns=("t",), time=float(log.t[first]))
+    ]
+
+
+def check_jitter(log: Log) -> list[Finding]:
+    """Return a warning where the intervals, gaps aside, scatter."""
+    intervals = np.diff(log.t)
+    if intervals.size < 3:
+        return []
+    typical = intervals[intervals <= GAP_RATIO * np.quantile(intervals, 0.95, method="lower")]
+    scatter = float(typical.std() / np.median(typical))
+    if scatter <= JITTER_RATIO:
+        return []
+    sentence = (
+        f"The intervals between rows scatter by {100 * scatter:.0f} % about {log.sample_time:.4g} s "
+        f"(from {typical.min():.4g} to {typical.max():.4g} s); rates from differences will be noisy."
+    )
+    return [Finding(severity="warning", kind="jitter", sentence=sentence, columns=("t",))]
+
+
+def check_missing_values(log: Log) -> list[Finding]:
+    """Return a warning for each column with cells that are NaN or infinite."""
+    findings = []
+    for name in log.names:
+        bad = np.flatnonzero(~np.isfinite(log[name]))
+        if not bad.size:
+            continue
+        time = float(log.t[bad[0]])
+        sentence = (
+            f"{name} has {bad.size} of {len(log)} values missing or not finite, the first at row "
+            f"{bad[0] + 1} (t = {time:.6g} s); what needs this column will refuse it until they are filled "
+            f"or cut off."
+        )
+        findings.append(
+            Finding(severity="warning", kind="missing", sentence=sentence, columns=(name,), time=time)
+        )
+    return findings

@@ -1,0 +1,54 @@
+"""How the mechanics are compiled: one place for Numba's options.
+
+Everything from a sine to a whole Runge-Kutta step is written once, on plain numbers and tuples of
+them, and inlined into the loops of `ballbot.mechanics.engine`; LLVM turns a loop over robots into
+vector instructions. Reassociation and fused multiply-add are allowed. "No NaNs" and "no infinities"
+are not assumed, so that a NaN stays visible.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+from numba import njit
+from numba.extending import overload
+
+FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
+
+#: a function that is inlined where it is used
+inlined = njit(error_model="numpy", fastmath=FAST, forceinline=True)
+
+#: the same, in the order written: for range reductions, which reassociation would undo
+inlined_in_order = njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+
+
+def by_types_of(stub: Callable) -> Callable:
+    """Return a decorator: the function it is given chooses `stub`'s compiled form from its arguments' types."""
+    return overload(stub, jit_options={"error_model": "numpy", "fastmath": FAST, "forceinline": True})  # pyright: ignore[reportArgumentType]
+
+
+#: packages with compiled sources, each using those before it
+_PACKAGES = ("mechanics", "control", "simulation")
+
+
+def compiled(function: Callable) -> Callable:
+    """Return a function compiled by itself, kept on disk, and run without Python's lock.
+
+    Numba's cache looks at the function's own file only, yet what is inlined comes from many: here a change
+    in any compiled source of its package, or of one it may use, makes the code on disk stale.
+    """
+    dispatcher = njit(error_model="numpy", fastmath=FAST, nogil=True, cache=True)(function)
+    package = (
+        function.__module__.split(".")[1] if function.__module__.startswith("ballbot.") else _PACKAGES[-1]
+    )
+    dispatcher._cache._cache_file._source_stamp = _sources_stamp(package)  # pyright: ignore[reportAttributeAccessIssue]
+    return dispatcher
+
+
+@cache
+def _sources_stamp(package: str) -> str:
+    folders = _PACKAGES[: _PACKAGES.index(package) + 1]
+    files = [file for folder in folders for file in sorted((Path(__file__).parents[1] / folder).glob("*.py"))]
+    sources = (file.read_bytes() for file in files)
+    return sha256(b"".join(text for text in sources if b"ballbot.mechanics.compiled" in text)).hexdigest()

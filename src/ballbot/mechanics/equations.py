@@ -1,0 +1,325 @@
+"""The equations of motion, compiled: both formulations of design section 5.
+
+Velocities are nu = (v, w): the ball's (v_x, v_y) in the world and three rates of the body, which are its
+angular velocity in its own frame in the exact formulation and the Euler angles' rates Phi_dot in the thesis's.
+Either way the equations read
+
+    M(Phi) nu_dot = f(Phi, nu) + W^T tau        wheel speeds  W nu
+    W = [ A R^T E / r_b , -A ]  (exact)         W = [ A R^T E / r_b , -k A R^T ]  (thesis)
+
+with A^T tau the wheels' torque on the ball in the body's frame. The thesis's approximations (design section
+10, items 4 to 7) are the differences between the two functions `terms_exact` and `terms_thesis`.
+"""
+
+from typing import NamedTuple
+
+from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.mechanics.elementary import sine_cosine
+from ballbot.mechanics.parameters import Exact
+from ballbot.mechanics.vector import (
+    add,
+    cross,
+    dot,
+    each,
+    each_pair,
+    rotate,
+    rotate_back,
+    scale,
+    subtract,
+    symmetric_sum,
+    symmetric_times,
+    total,
+)
+
+
+class Attitude(NamedTuple):
+    """Rotation matrix by rows, body to world, and the sines and cosines that made it."""
+
+    R: tuple
+    sin_theta: float
+    cos_theta: float
+    sin_phi: float
+    cos_phi: float
+    sin_psi: float
+    cos_psi: float
+
+
+class Terms(NamedTuple):
+    """Mass matrix by blocks and the generalised forces that are not the wheels'."""
+
+    M_vv: tuple  #: xx, yy, xy
+    M_vw: tuple  #: two rows of three
+    M_ww: tuple  #: symmetric
+    f_v: tuple  #: 2
+    f_w: tuple  #: 3
+
+
+@inlined
+def attitude(angles):
+    """Return R = Rx(theta) Ry(phi) Rz(psi) and its sines and cosines."""
+    st, ct = sine_cosine(angles[0])
+    sp, cp = sine_cosine(angles[1])
+    ss, cs = sine_cosine(angles[2])
+    R = (
+        (cp * cs, -cp * ss, sp),
+        (ct * ss + st * sp * cs, ct * cs - st * sp * ss, -st * cp),
+        (st * ss - ct * sp * cs, st * cs + ct * sp * ss, ct * cp),
+    )
+    return Attitude(R, st, ct, sp, cp, ss, cs)
+
+
+@inlined
+def body_rates(a, angle_rates):
+    """Return w = B(Phi) Phi_dot."""
+    t, p, s = angle_rates
+    return (
+        a.cos_phi * a.cos_psi * t + a.sin_psi * p,
+        a.cos_psi * p - a.cos_phi * a.sin_psi * t,
+        a.sin_phi * t + s,
+    )
+
+
+@inlined
+def angle_rates(a, w):
+    """Return Phi_dot = B(Phi)^-1 w; singular where cos(phi) = 0."""
+    theta_dot = (a.cos_psi * w[0] - a.sin_psi * w[1]) / a.cos_phi
+    return (theta_dot, a.sin_psi * w[0] + a.cos_psi * w[1], w[2] - a.sin_phi * theta_dot)
+
+
+@inlined
+def ball_rate(P, v):
+    """Return Omega = E v / r_b: the ball's angular velocity in the world (rolls, does not pivot)."""
+    return (-v[1] * P.inv_rb, v[0] * P.inv_rb, 0.0)
+
+
+@inlined
+def ground_force(P, T):
+    """Return E^T T / r_b: the force on the ball's path that a torque T on it, in the world, amounts to."""
+    return (T[1] * P.inv_rb, -T[0] * P.inv_rb)
+
+
+@inlined
+def _mass_vv(P, a, spin_inertia):
+    """M_vv = m_t I + E^T R D1 R^T E / r_b^2, D1 = spin_inertia D, and the rows x, y of R D."""
+    D_x, D_y = symmetric_times(P.D, a.R[0]), symmetric_times(P.D, a.R[1])
+    factor = spin_inertia * P.inv_rb * P.inv_rb
+    M_vv = (
+        P.m_t + factor * dot(D_y, a.R[1]),
+        P.m_t + factor * dot(D_x, a.R[0]),
+        -factor * dot(D_x, a.R[1]),
+    )
+    return M_vv, D_x, D_y
+
+
+@inlined
+def terms_exact(P, a, v, w):
+    """Return the `Terms` of the exact formulation (design section 5)."""
+    R = a.R
+    e = (0.0, 0.0, 1.0)
+    z = rotate_back(R, ball_rate(P, v))
+    q1 = rotate_back(R, (v[0], v[1], 0.0))
+    D_z, D_w = symmetric_times(P.D, z), symmetric_times(P.D, w)
+    z_x_w = cross(z, w)
+    D_zxw = symmetric_times(P.D, z_x_w)
+    y = subtract(scale(D_z, P.d1), scale(D_w, P.d2))
+    p = add(
+        add(symmetric_times(P.J, w), scale(D_w, P.d3)),
+        subtract(scale(cross(e, q1), P.ml), scale(D_z, P.d2)),
+    )
+    w_x_e = cross(w, e)
+
+    M_vv, D_x, D_y = _mass_vv(P, a, P.d1)
+    M_vw = (
+        subtract(scale((R[0][1], -R[0][0], 0.0), -P.ml), scale(D_y, P.d2 * P.inv_rb)),
+        add(scale((R[1][1], -R[1][0], 0.0), -P.ml), scale(D_x, P.d2 * P.inv_rb)),
+    )
+    M_ww = symmetric_sum(P.J, P.D, P.d3)
+
+    centripetal = rotate(R, scale(cross(w, w_x_e), P.ml))
+    ground = ground_force(P, rotate(R, add(cross(w, y), scale(D_zxw, P.d1))))
+    f_v = (-centripetal[0] - ground[0], -centripetal[1] - ground[1])
+    b_w = subtract(
+        subtract(scale(cross(e, cross(q1, w)), P.ml), scale(D_zxw, P.d2)),
+        add(add(cross(p, w), scale(cross(w_x_e, q1), P.ml)), cross(y, z)),
+    )
+    gravity = scale(cross(R[2], e), P.ml * P.g)
+    return Terms(M_vv, M_vw, M_ww, f_v, subtract(gravity, b_w))
+
+
+@inlined
+def terms_thesis(P, a, v, rates):
+    """Return the `Terms` of the thesis's Appendix II as printed (Lagrange's equation for II.28).
+
+    The body turns with Omega_body = Phi_dot (II.24), which enters (II.16) as if it were given in the world;
+    the body's centre of mass moves as it really does (II.23).
+    """
+    R = a.R
+    st, ct, sp, cp = a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi
+    t_dot, p_dot = rates[0], rates[1]
+    w = body_rates(a, rates)  # the true rate, with which R turns
+    zeta = rotate_back(R, subtract(ball_rate(P, v), scale(rates, P.k)))  # Omega_wheels = A zeta
+    y = scale(symmetric_times(P.D, zeta), P.d1)
+    wheel_momentum_rate = rotate(R, subtract(cross(w, y), scale(symmetric_times(P.D, cross(w, zeta)), P.d1)))
+
+    M_vv, D_x, D_y = _mass_vv(P, a, P.d1)
+    D_E = (rotate(R, D_y), scale(rotate(R, D_x), -1.0))  # E^T R D R^T, by rows
+    factor = P.k * P.d1 * P.inv_rb
+    # (R e)_xy = (sin phi, -sin theta cos phi): how lean moves the centre of mass
+    M_vw = (
+        subtract((0.0, P.ml * cp, 0.0), scale(D_E[0], factor)),
+        subtract((-P.ml * ct * cp, P.ml * st * sp, 0.0), scale(D_E[1], factor)),
+    )
+    D_x_world, D_y_world = rotate(R, D_x), rotate(R, D_y)
+    D_z_world = rotate(R, symmetric_times(P.D, R[2]))
+    k2 = P.k * P.k * P.d1
+    spin = (
+        k2 * D_x_world[0],
+        k2 * D_y_world[1],
+        k2 * D_z_world[2],
+        k2 * D_x_world[1],
+        k2 * D_x_world[2],
+        k2 * D_y_world[2],
+    )
+    translation = (P.ml2 * cp * cp, P.ml2, 0.0, 0.0, 0.0, 0.0)
+    M_ww = symmetric_sum(symmetric_sum(P.J, spin, 1.0), translation, 1.0)
+
+    lean_x = -sp * p_dot * p_dot
+    lean_y = st * cp * (t_dot * t_dot + p_dot * p_dot) + 2.0 * ct * sp * t_dot * p_dot
+    ground = ground_force(P, wheel_momentum_rate)
+    f_v = (-P.ml * lean_x - ground[0], -P.ml * lean_y - ground[1])
+    # dT/dPhi of the wheels' energy: R turns about the columns b_j of B
+    b_theta = (cp * a.cos_psi, -cp * a.sin_psi, sp)
+    b_phi = (a.sin_psi, a.cos_psi, 0.0)
+    turning = cross(y, zeta)
+    f_w = (
+        P.ml * P.g * st * cp + 2.0 * P.ml2 * cp * sp * p_dot * t_dot + dot(b_theta, turning),
+        P.ml * P.g * ct * sp - P.ml2 * cp * sp * t_dot * t_dot + dot(b_phi, turning),
+        turning[2],
+    )
+    return Terms(M_vv, M_vw, M_ww, f_v, add(f_w, scale(wheel_momentum_rate, P.k)))
+
+
+def terms(selected, P, a, v, w) -> Terms:  # pragma: no cover (compiled form below)
+    """Return the `Terms` of the selected formulation."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(terms)
+def _terms(selected, P, a, v, w):
+    if selected.instance_class is Exact:
+        return lambda selected, P, a, v, w: terms_exact(P, a, v, w)
+    return lambda selected, P, a, v, w: terms_thesis(P, a, v, w)
+
+
+def relative_rate(selected, P, a, v, w) -> tuple:  # pragma: no cover
+    """Return the 3-vector whose product with A is the wheel speeds: z - w, or R^T (Omega - k Phi_dot)."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(relative_rate)
+def _relative_rate(selected, P, a, v, w):
+    if selected.instance_class is Exact:
+        return lambda selected, P, a, v, w: subtract(rotate_back(a.R, ball_rate(P, v)), w)
+    return lambda selected, P, a, v, w: rotate_back(a.R, subtract(ball_rate(P, v), scale(w, P.k)))
+
+
+def wheel_force(selected, P, a, T) -> tuple:  # pragma: no cover
+    """Return W^T tau as (force on v, force on w), for T = A^T tau in the body's frame."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(wheel_force)
+def _wheel_force(selected, P, a, T):
+    if selected.instance_class is Exact:
+
+        def exact(selected, P, a, T):
+            return ground_force(P, rotate(a.R, T)), scale(T, -1.0)
+
+        return exact
+
+    def thesis(selected, P, a, T):
+        T_world = rotate(a.R, T)
+        return ground_force(P, T_world), scale(T_world, -P.k)
+
+    return thesis
+
+
+def rates_of_angles(selected, a, w) -> tuple:  # pragma: no cover
+    """Return Phi_dot from the formulation's body rates."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(rates_of_angles)
+def _rates_of_angles(selected, a, w):
+    if selected.instance_class is Exact:
+        return lambda selected, a, w: angle_rates(a, w)
+    return lambda selected, a, w: w
+
+
+def rates_from_angles(selected, a, rates) -> tuple:  # pragma: no cover
+    """Return the formulation's body rates from Phi_dot."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(rates_from_angles)
+def _rates_from_angles(selected, a, rates):
+    if selected.instance_class is Exact:
+        return lambda selected, a, rates: body_rates(a, rates)
+    return lambda selected, a, rates: rates
+
+
+@inlined
+def _wheel_speed(wheel, relative):
+    return dot(wheel.axle, relative)
+
+
+@inlined
+def wheel_speeds(selected, P, a, v, w):
+    """Return the formulation's wheel speeds W nu, one for each wheel [rad/s]."""
+    return each(_wheel_speed, P.wheels, relative_rate(selected, P, a, v, w))
+
+
+@inlined
+def _axle_torque(wheel, torque):
+    return scale(wheel.axle, torque)
+
+
+@inlined
+def ball_torque(P, torques):
+    """Return A^T tau: the wheels' torque on the ball, in the body's frame."""
+    return total(each_pair(_axle_torque, P.wheels, torques))
+
+
+@inlined
+def solve(system, force_v, force_w):
+    """Return M^-1 (force_v, force_w), by blocks: v is eliminated first."""
+    a, c, b = system.M_vv
+    inverse = 1.0 / (a * c - b * b)
+    i_xx, i_yy, i_xy = c * inverse, a * inverse, -b * inverse
+    X, Y = system.M_vw
+    # rows of M_vv^-1 M_vw
+    U = add(scale(X, i_xx), scale(Y, i_xy))
+    V = add(scale(X, i_xy), scale(Y, i_yy))
+    xx, yy, zz, xy, xz, yz = system.M_ww
+    S = (
+        xx - X[0] * U[0] - Y[0] * V[0],
+        yy - X[1] * U[1] - Y[1] * V[1],
+        zz - X[2] * U[2] - Y[2] * V[2],
+        xy - X[0] * U[1] - Y[0] * V[1],
+        xz - X[0] * U[2] - Y[0] * V[2],
+        yz - X[1] * U[2] - Y[1] * V[2],
+    )
+    rest = subtract(force_w, add(scale(U, force_v[0]), scale(V, force_v[1])))
+    w = solve_symmetric(S, rest)
+    f_x, f_y = force_v[0] - dot(X, w), force_v[1] - dot(Y, w)
+    return (i_xx * f_x + i_xy * f_y, i_xy * f_x + i_yy * f_y), w
+
+
+@inlined
+def solve_symmetric(S, right):
+    """Return S^-1 right for a symmetric 3 x 3 matrix, by cofactors."""
+    xx, yy, zz, xy, xz, yz = S
+    c_xx, c_xy, c_xz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    c_yy, c_yz, c_zz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    inverse = 1.0 / (xx * c_xx + xy * c_xy + xz * c_xz)
+    return scale(symmetric_times((c_xx, c_yy, c_zz, c_xy, c_xz, c_yz), right), inverse)

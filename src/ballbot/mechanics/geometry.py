@@ -1,0 +1,150 @@
+"""Where the wheels sit and how they turn: the transformation matrices of the thesis's Appendix II.
+
+Wheel i touches the ball at azimuth beta_i and tilt alpha from the zenith, in the body frame, whose origin is
+the ball's centre:
+
+    n_i = ( cos beta_i sin alpha,   sin beta_i sin alpha,  cos alpha)   contact direction
+    t_i = (-sin beta_i,             cos beta_i,            0        )   rolling direction
+    a_i = n_i x t_i                                                     axle
+
+The axle a_i is the direction about which a *ball* that follows the wheel turns; the wheel turns the
+other way. A wheel that drives pushes the ball along t_i.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.robot import Robot, Wheels
+
+#: (II.12) the ball's pushes on the ground that count as positive force in x and in y
+_GROUND_PUSHES = np.array([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def contact_directions(wheels: Wheels) -> NDArray[np.float64]:
+    """Return n_i (n, 3): unit vectors from the ball's centre to each contact point, body frame."""
+    beta = np.asarray(wheels.azimuths)
+    height = np.full_like(beta, np.cos(wheels.tilt))
+    return np.stack([np.cos(beta) * np.sin(wheels.tilt), np.sin(beta) * np.sin(wheels.tilt), height], axis=-1)
+
+
+def rolling_directions(wheels: Wheels) -> NDArray[np.float64]:
+    """Return t_i (n, 3): unit vectors along which each wheel pushes the ball, body frame."""
+    beta = np.asarray(wheels.azimuths)
+    return np.stack([-np.sin(beta), np.cos(beta), np.zeros_like(beta)], axis=-1)
+
+
+def axles(wheels: Wheels) -> NDArray[np.float64]:
+    """Return a_i = n_i x t_i (n, 3): unit vectors along each wheel's axle, up and inward, body frame."""
+    return np.cross(contact_directions(wheels), rolling_directions(wheels))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Transforms:
+    """The transformation matrices of Appendix II, by its names, for n wheels; read-only arrays.
+
+    A name says what it gives and from what: T_owb is the wheels' speed from the ball's. Vectors of ball, body
+    and wheels are in the body frame, those of the ground in the world frame.
+    """
+
+    T_tbw: NDArray[np.float64]  #: (II.10) (3, n) torque on the ball [N m] from wheel torques [N m]
+    T_trw: NDArray[np.float64]  #: (II.11) (3, n) torque on the body from the forces at the wheels' hubs
+    T_tbg: NDArray[np.float64]  #: (II.12) (3, 2) torque on the ball from the forces on the ground [N]
+    T_fgb: NDArray[np.float64]  #: (2, 3) force on the ground from torque on the ball: T_tbg's pseudo-inverse
+    T_owb: NDArray[np.float64]  #: (II.13) (n, 3) wheel speed [rad/s] from the ball's angular velocity; "A"
+    T_owr: NDArray[np.float64]  #: (II.14) (n, 3) absolute wheel speed from the body's angular velocity
+    T_vgb: NDArray[np.float64]  #: (II.15) (3, 3) velocity over ground [m/s] from the ball's turning
+    T_obw: NDArray[np.float64]  #: (V.3) (3, n) ball's angular velocity from wheel speeds
+
+
+def transforms(robot: Robot) -> Transforms:
+    """Build the transformation matrices as Appendix II does: levers crossed with directions of force.
+
+    Two departures from print. (II.15) divides by r_w, which makes a velocity over ground into an angular one;
+    T_vgb is without that division, so that T_vgb Omega_ball = (x_dot, y_dot, 0). And the T_owb of four wheels
+    has no inverse: T_obw is then its pseudo-inverse, the ball's velocity of least squared error.
+
+    Parameters
+    ----------
+    robot
+        Its ball's and wheels' radii [m], azimuths and tilt [rad] are used.
+    """
+    r_b, r_w = robot.ball.radius, robot.wheels.radius
+    n, t = contact_directions(robot.wheels), rolling_directions(robot.wheels)
+    r_pw, r_cw = r_b * n, (r_b + r_w) * n
+    r_pg = np.array([0.0, 0.0, -r_b])
+
+    T_tbw = np.cross(r_pw, t / r_w).T
+    T_trw = np.cross(r_cw, -t / r_w).T
+    T_tbg = np.cross(r_pg, _GROUND_PUSHES).T
+    # (Omega x r) . u = Omega . (r x u): the velocity matrices are rows of the same cross products
+    T_owb = np.cross(r_pw, t) / r_w
+    T_owr = np.cross(r_cw, -t) / r_w
+    T_vgb = np.vstack([np.cross(r_pg, _GROUND_PUSHES), np.zeros(3)])
+    matrices = {
+        "T_tbw": T_tbw,
+        "T_trw": T_trw,
+        "T_tbg": T_tbg,
+        "T_fgb": np.linalg.pinv(T_tbg),
+        "T_owb": T_owb,
+        "T_owr": T_owr,
+        "T_vgb": T_vgb,
+        "T_obw": np.linalg.inv(T_owb) if robot.wheel_count == 3 else np.linalg.pinv(T_owb),
+    }
+    for matrix in matrices.values():
+        matrix.setflags(write=False)
+    return Transforms(**matrices)
+
+
+def rotation(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
+    """Return R = Rx(theta) Ry(phi) Rz(psi), (II.8) with (II.6) mended, which takes body to world.
+
+    Parameters
+    ----------
+    theta, phi, psi
+        Angles [rad] of any shapes that broadcast to one shape S.
+
+    Returns
+    -------
+    NDArray
+        (S, 3, 3)
+    """
+    theta, phi, psi = np.broadcast_arrays(theta, phi, psi)
+    s1, c1, s2, c2, s3, c3 = *_sin_cos(theta), *_sin_cos(phi), *_sin_cos(psi)
+    return _matrix(
+        [c2 * c3, -c2 * s3, s2],
+        [c1 * s3 + s1 * s2 * c3, c1 * c3 - s1 * s2 * s3, -s1 * c2],
+        [s1 * s3 - c1 * s2 * c3, s1 * c3 + c1 * s2 * s3, c1 * c2],
+    )
+
+
+def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.float64]:
+    """Return B with w = B (theta_dot, phi_dot, psi_dot): the body's angular velocity in its own frame.
+
+    B does not depend on theta, which only takes part in broadcasting. It is singular at phi = +-pi/2.
+
+    Parameters
+    ----------
+    theta, phi, psi
+        Angles [rad] of any shapes that broadcast to one shape S.
+
+    Returns
+    -------
+    NDArray
+        (S, 3, 3)
+    """
+    _, phi, psi = np.broadcast_arrays(theta, phi, psi)
+    s2, c2, s3, c3 = *_sin_cos(phi), *_sin_cos(psi)
+    zero, one = np.zeros_like(s2), np.ones_like(s2)
+    return _matrix([c2 * c3, s3, zero], [-c2 * s3, c3, zero], [s2, zero, one])
+
+
+def _sin_cos(angle: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.sin(angle), np.cos(angle)
+
+
+def _matrix(*rows: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

@@ -1,0 +1,202 @@
+"""The robot's equations of motion as one object, in either formulation.
+
+State x = [x y theta phi psi and their rates], input u = wheel torques [N m]:
+
+    M(q) q_ddot + bias(q, q_dot) = W(q)^T (u - friction)        wheel speeds  W(q) q_dot
+
+"exact" is the corrected rigid-body model, "thesis" Appendix II as printed (design section 5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.errors import InputError
+from ballbot.mechanics.engine import LARGEST_LEAN, simulate_lanes
+from ballbot.mechanics.evaluate import (
+    evaluate_acceleration,
+    evaluate_energy,
+    evaluate_mass_matrix,
+    evaluate_wheel_rows,
+    evaluate_wheel_speeds,
+)
+from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.linear import LinearModel
+from ballbot.mechanics.parameters import Exact, Thesis, pack, selector
+from ballbot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot's mechanics.
+
+    Parameters
+    ----------
+    robot : Robot
+    formulation : {"exact", "thesis"}
+    step : float
+        Longest inner step of `advance` [s]; RK4 at 1 ms is converged for robots of this size.
+
+    Raises
+    ------
+    InputError
+        Where the formulation or the step is none.
+    """
+
+    robot: Robot
+    formulation: Formulation = "exact"
+    step: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.formulation not in ("exact", "thesis"):
+            raise InputError(f"The formulation is {self.formulation!r}; it must be 'exact' or 'thesis'.")
+        if not (np.isfinite(self.step) and self.step > 0):
+            raise InputError(f"The model's step is {self.step!r}; it must be a positive time in seconds.")
+        object.__setattr__(self, "_row", pack(self.robot, self.formulation))
+
+    @property
+    def selected(self) -> Exact | Thesis:
+        """What selects the compiled equations."""
+        return selector(self.formulation, self.robot.wheel_count)
+
+    @property
+    def packed(self) -> NDArray[np.float64]:
+        """The robot's numbers as compiled code reads them; see `ballbot.mechanics.parameters.pack`."""
+        return self._row  # pyright: ignore[reportAttributeAccessIssue]
+
+    def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return M(q) (..., 5, 5) for q (..., 5); symmetric and positive definite."""
+        (q,), shape = _rows([(q, 5, "q")])
+        out = np.empty((len(q), 5, 5))
+        evaluate_mass_matrix(self.selected, self.packed, q, out)
+        return out.reshape(*shape, 5, 5)
+
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
+        """Return q_ddot (..., 5): rigid body and viscous friction b, without the set-valued friction.
+
+        Parameters
+        ----------
+        q, q_dot : array_like (..., 5)
+            [m, rad] and [m/s, rad/s].
+        u : array_like (..., n)
+            Wheel torques [N m].
+        """
+        (q, q_dot, u), shape = _rows([(q, 5, "q"), (q_dot, 5, "q_dot"), (u, self.robot.wheel_count, "u")])
+        out = np.empty((len(q), 5))
+        evaluate_acceleration(self.selected, self.packed, q, q_dot, u, out)
+        return out.reshape(*shape, 5)
+
+    def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
+        """Return the wheel speeds (..., n) [rad/s]: what an encoder sees ("exact"), Omega_wheels (II.16) ("thesis")."""
+        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, 5, "q_dot")])
+        out = np.empty((len(q), self.robot.wheel_count))
+        evaluate_wheel_speeds(self.selected, self.packed, q, q_dot, out)
+        return out.reshape(*shape, self.robot.wheel_count)
+
+    def wheel_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return W(q) (..., n, 5): wheel speeds are W q_dot, and torques u do the generalised force W^T u."""
+        (q,), shape = _rows([(q, 5, "q")])
+        out = np.empty((len(q), self.robot.wheel_count, 5))
+        evaluate_wheel_rows(self.selected, self.packed, q, out)
+        return out.reshape(*shape, self.robot.wheel_count, 5)
+
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
+        """Return kinetic plus potential energy (...) [J]; the potential is zero at the ball's centre's height."""
+        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, 5, "q_dot")])
+        out = np.empty((len(q), 2))
+        evaluate_energy(self.selected, self.packed, q, q_dot, out)
+        return out.sum(axis=1).reshape(shape)
+
+    def linearize(self) -> LinearModel:
+        """Return the linear model about upright at psi = 0, with viscous friction and without dry friction.
+
+        Upright at rest, gravity's torque on the body is m_r g l (theta, phi, 0) to first order, so
+
+            M q_ddot = m_r g l (0, 0, theta, phi, 0) + W^T (u - b W q_dot).
+        """
+        robot, origin = self.robot, np.zeros(5)
+        M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
+        tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass
+        stiffness = np.diag([0.0, 0.0, tipping, tipping, 0.0])
+        damping = W.T @ np.diag(robot.friction.viscous) @ W
+        A, B = np.zeros((10, 10)), np.zeros((10, robot.wheel_count))
+        A[:5, 5:] = np.eye(5)
+        A[5:, :5] = np.linalg.solve(M, stiffness)
+        A[5:, 5:] = -np.linalg.solve(M, damping)
+        B[5:] = np.linalg.solve(M, W.T)
+        return LinearModel(A=A, B=B)
+
+    def normal_force(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
+        """Return the floor's force on the ball (...) [N]: (m_b + m_r) g + m_r l d^2/dt^2 (cos theta cos phi).
+
+        Where it is not positive the robot would leave the floor and the model no longer holds.
+        """
+        q, q_dot = np.asarray(q, float), np.asarray(q_dot, float)
+        q_ddot = self.acceleration(q, q_dot, u)
+        (st, ct), (sp, cp) = ((np.sin(q[..., i]), np.cos(q[..., i])) for i in (2, 3))
+        t, p = q_dot[..., 2], q_dot[..., 3]
+        height = (
+            -st * cp * q_ddot[..., 2]
+            - ct * sp * q_ddot[..., 3]
+            - ct * cp * (t**2 + p**2)
+            + 2 * st * sp * t * p
+        )
+        body = self.robot.body
+        return (
+            self.robot.ball.mass + body.mass
+        ) * self.robot.gravity + body.mass * body.center_of_mass * height
+
+    def advance(self, state: ArrayLike, torques: ArrayLike, duration: float) -> NDArray[np.float64]:
+        """Return the state after `duration`, torques held: the friction really sticks.
+
+        Parameters
+        ----------
+        state : array_like (10,)
+        torques : array_like (n,)
+            [N m]
+        duration : float
+            [s]; divided into equal inner steps not longer than `step`.
+
+        Raises
+        ------
+        InputError
+            Where the state is past a lean of 1.2 rad, at which the simulation ends.
+        """
+        state, torques = np.asarray(state, float), np.asarray(torques, float)
+        if not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN:
+            raise InputError(
+                f"The lean is {state[2]:.3g}, {state[3]:.3g} rad; the simulation ends at {LARGEST_LEAN} rad, "
+                "where no wheel holds the ball any more."
+            )
+        batch = simulate_lanes(
+            self.selected,
+            parameters=self.packed[None],
+            initial=state[None],
+            torques=torques[None, None],
+            sample_time=duration,
+            steps=self.steps_in(duration),
+        )
+        return batch.states[0, 0]
+
+    def steps_in(self, duration: float) -> int:
+        """Return how many inner steps `duration` is divided into."""
+        return max(1, int(np.ceil(duration / self.step - 1e-9)))
+
+
+def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.float64]], tuple[int, ...]]:
+    """Return the arguments as rows of one common count, and the shape that they are rows of."""
+    arrays = []
+    for value, size, name in arguments:
+        array = np.asarray(value, dtype=float)
+        if array.ndim == 0 or array.shape[-1] != size:
+            raise InputError(f"{name} has the shape {array.shape}; its last dimension must be {size}.")
+        arrays.append(array)
+    shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+    rows = [
+        np.ascontiguousarray(np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]))
+        for a in arrays
+    ]
+    return rows, shape

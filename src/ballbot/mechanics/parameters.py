@@ -1,0 +1,213 @@
+"""Where a robot's long-worded values become the paper's symbols.
+
+The compiled equations read one row of numbers for each robot (`pack`), so that every robot in a batch
+can have values of its own. `Parameters` gives these numbers their names back inside compiled code.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.geometry import transforms
+from ballbot.robot import Robot
+from ballbot.robot.derived import reflected_rotor_inertia
+
+#: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
+LANES = 32
+
+RIGID_SIZE = 24  # numbers before the wheels' own
+WHEEL_SIZE = 6  # axle (3), b, c, s
+
+# Places in a row of packed numbers that identification changes
+PLACE_SPEED_SCALE = 8  # 1/v_s
+PLACE_EXPONENT = 9  # delta
+PLACE_ROLLING = 10  # N C_rr
+
+
+class Exact(NamedTuple):
+    """Selects the exact equations of design section 5; `wheels` carries the number of wheels in its length."""
+
+    wheels: tuple[int, ...]
+
+
+class Thesis(NamedTuple):
+    """Selects the equations of the thesis's Appendix II as printed; `wheels` as in `Exact`."""
+
+    wheels: tuple[int, ...]
+
+
+class Wheel(NamedTuple):
+    """One wheel's numbers, in compiled code."""
+
+    axle: tuple[float, float, float]  #: its row of A
+    b: float
+    c: float
+    s: float
+    inv_vs: float  #: 1/v_s [s/rad]
+    delta: float
+
+
+class Parameters(NamedTuple):
+    """One robot's numbers, in compiled code."""
+
+    inv_rb: float  #: 1/r_b [1/m]
+    k: float  #: 1 + r_w/r_b
+    m_t: float  #: m_b + j_b/r_b^2 + m_r [kg]
+    ml: float  #: m_r l [kg m]
+    g: float  #: [m/s^2]
+    d1: float  #: D1 = d1 D, likewise d2 and d3 (design section 5) [kg m^2]
+    d2: float
+    d3: float
+    rolling: float  #: N C_rr [N]
+    ml2: float  #: m_r l^2 [kg m^2], in the thesis's equations
+    J: tuple[float, float, float, float, float, float]  #: body inertia: J_0, or the printed j_r
+    D: tuple[float, float, float, float, float, float]  #: A^T A
+    wheels: tuple[Wheel, ...]
+
+
+def selector(formulation: Formulation, wheel_count: int) -> Exact | Thesis:
+    """Return the value that selects the compiled equations."""
+    wheels = tuple(range(wheel_count))
+    return Exact(wheels) if formulation == "exact" else Thesis(wheels)
+
+
+def pack(robot: Robot, formulation: Formulation) -> NDArray[np.float64]:
+    """Return one robot's numbers as the row that compiled code reads.
+
+    Parameters
+    ----------
+    robot : Robot
+    formulation : {"exact", "thesis"}
+        "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the rotors out.
+
+    Returns
+    -------
+    ndarray (24 + 6 n,)
+        In the order of `Parameters`; wheels last, one after another.
+    """
+    ball, body, wheels = robot.ball, robot.body, robot.wheels
+    A = transforms(robot).T_owb
+    D = A.T @ A
+    k = 1.0 + wheels.radius / ball.radius
+    exact = formulation == "exact"
+    drive = robot.drive
+    rotor = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+    j_w, j_r = wheels.inertia, rotor if exact else 0.0
+    J = body.inertia_about_ball_center() if exact else body.inertia_matrix()
+    friction = robot.friction
+    rigid = [
+        1.0 / ball.radius,
+        k,
+        ball.mass + ball.inertia / ball.radius**2 + body.mass,
+        body.mass * body.center_of_mass,
+        robot.gravity,
+        j_w + j_r,
+        j_w * k + j_r,
+        j_w * (2.0 * k - 1.0) + j_r,
+        1.0 / friction.stribeck_speed,
+        friction.stribeck_exponent,
+        (ball.mass + body.mass) * robot.gravity * friction.rolling,
+        body.mass * body.center_of_mass**2,
+        *_symmetric(J),
+        *_symmetric(D),
+    ]
+    own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck])
+    return np.concatenate([rigid, own.ravel()])
+
+
+def friction_places(wheel_count: int) -> NDArray[np.int64]:
+    """Return where b, c, s of each wheel, 1/v_s, delta and N C_rr stand in a packed row: (3 n + 3,)."""
+    first = RIGID_SIZE + WHEEL_SIZE * np.arange(wheel_count)
+    return np.concatenate(
+        [first + 3, first + 4, first + 5, [PLACE_SPEED_SCALE, PLACE_EXPONENT, PLACE_ROLLING]]
+    )
+
+
+def packed_size(wheel_count: int) -> int:
+    """Return the length of a packed row."""
+    return RIGID_SIZE + WHEEL_SIZE * wheel_count
+
+
+def _symmetric(S: NDArray[np.float64]) -> list[float]:
+    return [S[0, 0], S[1, 1], S[2, 2], S[0, 1], S[0, 2], S[1, 2]]
+
+
+# --- compiled: one robot's numbers out of a flat array whose row i begins at i * LANES ---
+
+
+@inlined
+def entry(work, row, lane):
+    """Return the number of that row and lane."""
+    return work[row * LANES + lane]
+
+
+@inlined
+def _load_wheel(work, wheel, lane):
+    first = RIGID_SIZE + WHEEL_SIZE * wheel
+    return Wheel(
+        (entry(work, first, lane), entry(work, first + 1, lane), entry(work, first + 2, lane)),
+        entry(work, first + 3, lane),
+        entry(work, first + 4, lane),
+        entry(work, first + 5, lane),
+        entry(work, PLACE_SPEED_SCALE, lane),
+        entry(work, PLACE_EXPONENT, lane),
+    )
+
+
+def load_wheels(selected, work, lane) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the wheels' numbers."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(load_wheels)
+def _load_wheels(selected, work, lane):
+    if len(selected.types[0]) == 3:
+        return lambda selected, work, lane: (
+            _load_wheel(work, 0, lane),
+            _load_wheel(work, 1, lane),
+            _load_wheel(work, 2, lane),
+        )
+    return lambda selected, work, lane: (
+        _load_wheel(work, 0, lane),
+        _load_wheel(work, 1, lane),
+        _load_wheel(work, 2, lane),
+        _load_wheel(work, 3, lane),
+    )
+
+
+@inlined
+def load_symmetric(work, row, lane):
+    """Return six numbers from that row on."""
+    return (
+        entry(work, row, lane),
+        entry(work, row + 1, lane),
+        entry(work, row + 2, lane),
+        entry(work, row + 3, lane),
+        entry(work, row + 4, lane),
+        entry(work, row + 5, lane),
+    )
+
+
+@inlined
+def load(selected, work, lane):
+    """Return the `Parameters` of one lane."""
+    return Parameters(
+        entry(work, 0, lane),
+        entry(work, 1, lane),
+        entry(work, 2, lane),
+        entry(work, 3, lane),
+        entry(work, 4, lane),
+        entry(work, 5, lane),
+        entry(work, 6, lane),
+        entry(work, 7, lane),
+        entry(work, PLACE_ROLLING, lane),
+        entry(work, 11, lane),
+        load_symmetric(work, 12, lane),
+        load_symmetric(work, 18, lane),
+        load_wheels(selected, work, lane),
+    )

@@ -1,0 +1,290 @@
+"""What a robot must satisfy to be one; every `Robot` passes here when it is made.
+
+Each refusal is one sentence that names the parameter, its value and what would be right. The physical rules:
+moments of inertia are positive and obey the triangle inequality about any point of the body; a ball's inertia
+lies between a solid's (2/5 m r^2) and a thin shell's (2/3 m r^2); a motor's torque constant times its speed
+constant is near one in SI units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from difflib import get_close_matches
+from itertools import combinations
+from numbers import Integral, Real
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.robot.parameters import BY_NAME, PARAMETERS, SOURCES, Parameter, value_of
+from ballbot.robot.units import DIMENSIONLESS, UNITS, to_si
+
+if TYPE_CHECKING:
+    from ballbot.robot.robot import Ball, Body, Drive, Robot, Wheels
+
+#: parameters of either sign; all others are zero or above
+_SIGNED = {
+    "body.inertia.xy",
+    "body.inertia.xz",
+    "body.inertia.yz",
+    "wheels.azimuths",
+    "sensors.heading_drift",
+}
+
+#: parameters that may be zero
+_MAY_BE_ZERO = _SIGNED | {
+    "wheels.inertia",
+    "wheels.rollers.row_spacing",
+    "drive.motor_inertia",
+    "drive.gear_inertia",
+    "drive.backlash",
+    "sensors.gyro_noise",
+    "sensors.attitude_noise",
+    "friction.viscous",
+    "friction.coulomb",
+    "friction.stribeck",
+    "friction.rolling",
+}
+
+#: sizes in SI units that no ballbot reaches, so that a larger number was meant in another unit
+_LARGEST = {
+    "gravity": 30.0,
+    "ball.radius": 1.0,
+    "ball.mass": 200.0,
+    "body.mass": 2000.0,
+    "body.center_of_mass": 3.0,
+    "body.inertia.xx": 2e4,
+    "body.inertia.yy": 2e4,
+    "body.inertia.zz": 2e4,
+    "wheels.radius": 1.0,
+    "wheels.inertia": 1.0,
+    "wheels.azimuths": 2.0 * math.pi,
+    "wheels.rollers.radius": 0.3,
+    "wheels.rollers.row_spacing": 0.5,
+    "drive.motor_inertia": 0.1,
+    "drive.gear_inertia": 0.1,
+    "drive.torque_constant": 10.0,
+    "drive.supply_voltage": 1000.0,
+    "drive.torque_limit": 1000.0,
+    "drive.backlash": 0.3,
+    "sensors.sample_time": 1.0,
+    "sensors.gyro_noise": 1.0,
+    "sensors.attitude_noise": 0.2,
+    "sensors.heading_drift": 1.0,
+    "friction.viscous": 20.0,
+    "friction.coulomb": 200.0,
+    "friction.stribeck": 200.0,
+    "friction.rolling": 1.0,
+}
+
+#: share by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
+_BALL_MARGIN = 0.05
+
+#: range of torque constant times speed constant; conventions for brushless motors differ by up to sqrt(3)
+_MOTOR_CONSTANTS = (0.4, 2.5)
+
+#: smallest share of its torque that the wheels must be able to give about every axis
+_WEAKEST_AXIS = 0.01
+
+
+def check_robot(robot: Robot) -> None:
+    """Refuse a robot that cannot exist.
+
+    Raises
+    ------
+    InputError
+        One sentence about the first thing found wrong.
+    """
+    _check_texts(robot)
+    for parameter in PARAMETERS:
+        for label, value in _numbers(robot, parameter):
+            _check_number(parameter, label, value)
+    _check_ball(robot.ball)
+    _check_body(robot.body)
+    _check_wheels(robot.wheels)
+    _check_drive(robot.drive)
+
+
+def check_source(name: str, source: str) -> None:
+    """Refuse a source that does not begin with one of `SOURCES` (detail may follow a colon)."""
+    kind = source.partition(":")[0].strip()
+    if kind not in SOURCES or not source.isprintable():
+        near = get_close_matches(kind, SOURCES, n=1)
+        hint = f'did you mean "{near[0]}"?' if near else f"write one of: {', '.join(SOURCES)}."
+        raise InputError(f"{name} has the source {source!r}, which is no kind of source; {hint}")
+
+
+def _check_texts(robot: Robot) -> None:
+    if not robot.name or not robot.name.isprintable():
+        raise InputError(f"name is {robot.name!r}; a robot needs a name on one line.")
+    if robot.body.inertia_about not in ("ball_center", "center_of_mass"):
+        raise InputError(
+            f'body.inertia.about is {robot.body.inertia_about!r}; write "ball_center" or "center_of_mass".'
+        )
+    for name, source in robot.sources.items():
+        if name not in BY_NAME:
+            raise InputError(f"sources names {name!r}, which is no parameter{_did_you_mean(name)}.")
+        check_source(name, source)
+
+
+def _did_you_mean(name: str) -> str:
+    near = get_close_matches(name, BY_NAME, n=1)
+    return f"; did you mean {near[0]!r}" if near else ""
+
+
+def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]:
+    """Yield label and value of each number of a parameter; refuse a list that does not fit the wheels."""
+    if parameter.name == "body.inertia.xx" and len(robot.body.inertia) != 6:
+        raise InputError(
+            f"body.inertia has {len(robot.body.inertia)} numbers; it takes six: xx, yy, zz, xy, xz, yz."
+        )
+    value = value_of(robot, parameter)
+    if parameter.shape != "list":
+        yield parameter.name, value
+        return
+    if not isinstance(value, tuple):
+        raise InputError(f"{parameter.name} is {value!r}; it takes a tuple with a number for each wheel.")
+    if parameter.name == "wheels.azimuths" and len(value) not in (3, 4):
+        raise InputError(f"wheels.azimuths lists {len(value)} wheels; a robot has three or four.")
+    if len(value) != robot.wheel_count:
+        raise InputError(
+            f"{parameter.name} has {len(value)} numbers, but wheels.azimuths lists "
+            f"{robot.wheel_count} wheels; give one for each wheel."
+        )
+    yield from ((f"{parameter.name}[{index}]", number) for index, number in enumerate(value))
+
+
+def _check_number(parameter: Parameter, label: str, value: object) -> None:
+    """Refuse what is no finite number, has the wrong sign or is larger than any robot's."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise InputError(f"{label} is {value!r}; it takes a number.")
+    if parameter.shape == "whole number" and not isinstance(value, Integral):
+        raise InputError(f"{label} is {value!r}; it takes a whole number.")
+    number = float(value)
+    said = f"{label} is {_with_unit(number, parameter.unit)}"
+    if not math.isfinite(number):
+        raise InputError(f"{said}; it must be finite.")
+    if number < 0.0 and parameter.name not in _SIGNED:
+        raise InputError(f"{said}; it cannot be negative.")
+    if number == 0.0 and parameter.name not in _MAY_BE_ZERO:
+        raise InputError(f"{said}; it must be above zero.")
+    largest = _LARGEST.get(parameter.name, math.inf)
+    if abs(number) > largest:
+        meant = _meant(number, parameter.unit, largest)
+        hint = f"did you mean {meant}?" if meant else f"at most {largest:g} is believed."
+        raise InputError(f"{said}, more than any ball-balancing robot has; {hint}")
+
+
+def _meant(number: float, si_unit: str, largest: float) -> str:
+    """Return, in words, the number in the first unit that brings it below `largest` ("" where none does)."""
+    for unit in UNITS[si_unit]:
+        converted = to_si(number, unit, si_unit)
+        if unit != si_unit and abs(converted) <= largest:
+            return f"{number:g} {unit} ({converted:g} {si_unit})"
+    return ""
+
+
+def _with_unit(number: float, unit: str) -> str:
+    return f"{number:g}" if unit == DIMENSIONLESS else f"{number:g} {unit}"
+
+
+def _check_ball(ball: Ball) -> None:
+    m_r2 = ball.mass * ball.radius**2
+    solid, shell = 0.4 * m_r2, 2.0 / 3.0 * m_r2
+    if not (1.0 - _BALL_MARGIN) * solid <= ball.inertia <= (1.0 + _BALL_MARGIN) * shell:
+        raise InputError(
+            f"ball.inertia is {ball.inertia:g} kg m^2; with this mass and radius it lies between "
+            f"{solid:.3g} (solid) and {shell:.3g} kg m^2 (thin shell)."
+        )
+
+
+def _check_body(body: Body) -> None:
+    about = "the ball's centre" if body.inertia_about == "ball_center" else "the centre of mass"
+    moments = _principal_moments(body.inertia_matrix())
+    fault = _fault_of(moments)
+    if fault:
+        raise InputError(
+            f"body.inertia has the principal moments {_listed(moments)} kg m^2 about {about}; {fault}."
+        )
+    central = _principal_moments(body.inertia_about_center_of_mass())
+    if body.inertia_about == "ball_center" and _fault_of(central):
+        raise InputError(
+            f"body.inertia less m l^2 = {body.mass * body.center_of_mass**2:.3g} kg m^2 leaves the principal "
+            f"moments {_listed(central)} kg m^2 about the centre of mass, which no body has; it looks as if "
+            'the inertia were about the centre of mass (about = "center_of_mass").'
+        )
+
+
+def _principal_moments(inertia: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return the principal moments of an inertia matrix (3, 3), smallest first."""
+    smallest, middle, largest = (float(moment) for moment in np.linalg.eigvalsh(inertia))
+    return smallest, middle, largest
+
+
+def _fault_of(moments: tuple[float, float, float]) -> str:
+    """Return what is wrong with three principal moments, smallest first ("" for nothing)."""
+    if moments[0] <= 0.0:
+        return "each must be above zero"
+    # a flat body meets the inequality with equality, up to rounding
+    if moments[0] + moments[1] < moments[2] * (1.0 - 1e-9):
+        return "no body has one larger than the sum of the other two"
+    return ""
+
+
+def _listed(moments: tuple[float, float, float]) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in moments)
+
+
+def _check_wheels(wheels: Wheels) -> None:
+    if not 0.0 < wheels.tilt < math.pi / 2.0:
+        meant = f"; did you mean {wheels.tilt:g} deg?" if wheels.tilt < 90.0 else "."
+        raise InputError(
+            f"wheels.tilt is {wheels.tilt:g} rad; it lies between 0 and 90 deg (1.571 rad){meant}"
+        )
+    for (i, first), (j, second) in combinations(enumerate(wheels.azimuths), 2):
+        # two wheels less than a degree apart would be one inside the other
+        if abs(math.remainder(second - first, 2.0 * math.pi)) < math.radians(1.0):
+            raise InputError(
+                f"wheels.azimuths[{i}] and [{j}] are both {math.degrees(first):g} deg; "
+                "the wheels need places of their own to give three independent torques."
+            )
+    strengths = np.linalg.svd(_axles(wheels), compute_uv=False)
+    if strengths[-1] < _WEAKEST_AXIS:
+        raise InputError(
+            f"wheels.tilt of {math.degrees(wheels.tilt):.3g} deg with azimuths so placed cannot give three "
+            "independent torques; spread the azimuths, and keep the tilt away from 0 and 90 deg."
+        )
+    if wheels.rollers.radius >= wheels.radius:
+        raise InputError(
+            f"wheels.rollers.radius is {wheels.rollers.radius:g} m; it must be below the wheel's radius, "
+            f"{wheels.radius:g} m."
+        )
+
+
+def _axles(wheels: Wheels) -> NDArray[np.float64]:
+    """Return the axles a_i (n, 3), unit vectors in the body frame."""
+    azimuths = np.array(wheels.azimuths)
+    lean, rise = math.cos(wheels.tilt), math.sin(wheels.tilt)
+    return np.column_stack(
+        [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), rise)],
+    )
+
+
+def _check_drive(drive: Drive) -> None:
+    low, high = _MOTOR_CONSTANTS
+    product = drive.torque_constant * drive.speed_constant
+    if not low <= product <= high:
+        as_rpm = to_si(drive.speed_constant, "rpm/V", "rad/s/V")
+        rpm_fits = low <= drive.torque_constant * as_rpm <= high
+        hint = (
+            f"did you mean {drive.speed_constant:g} rpm/V?"
+            if rpm_fits
+            else "one of the two is in another unit."
+        )
+        raise InputError(
+            f"drive.torque_constant {drive.torque_constant:g} N m/A times drive.speed_constant "
+            f"{drive.speed_constant:g} rad/s/V is {product:.3g}, where every motor's is near 1; {hint}"
+        )

@@ -1,0 +1,203 @@
+"""Quantities that follow from the parameters: shells, pendulum swings, speed limits, reflected inertia.
+
+Formulas of the thesis's Appendix I (shell wall, speed limit) and III (pendulum), and of mechanics textbooks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballbot.errors import InputError
+from ballbot.robot.robot import Robot
+
+
+def shell_wall(*, mass: float, radius: float, density: float) -> float:
+    """Return the wall thickness [m] of a hollow sphere (Appendix I).
+
+    Parameters
+    ----------
+    mass : float
+        Of the shell [kg].
+    radius : float
+        Outer radius [m].
+    density : float
+        Of the wall's material [kg/m^3].
+
+    Raises
+    ------
+    InputError
+        Where even a solid sphere of that radius and density would be lighter.
+    """
+    cavity = radius**3 - 3.0 * mass / (4.0 * math.pi * density)
+    if cavity < 0.0:
+        heaviest = 4.0 / 3.0 * math.pi * radius**3 * density
+        raise InputError(
+            f"a sphere of radius {radius:g} m and density {density:g} kg/m^3 weighs at most "
+            f"{heaviest:.3g} kg, not {mass:g} kg; check the density's unit (kg/m^3)."
+        )
+    return radius - math.cbrt(cavity)
+
+
+def thin_shell_inertia(*, mass: float, radius: float) -> float:
+    """Return the inertia [kg m^2] of a thin spherical shell about its centre, 2/3 m r^2."""
+    return 2.0 / 3.0 * mass * radius**2
+
+
+def solid_sphere_inertia(*, mass: float, radius: float) -> float:
+    """Return the inertia [kg m^2] of a solid sphere about its centre, 2/5 m r^2."""
+    return 0.4 * mass * radius**2
+
+
+def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
+    """Return the inertia [kg m^2] of a spherical shell about its centre, 2/5 m (R^5 - r^5) / (R^3 - r^3).
+
+    Parameters
+    ----------
+    mass : float
+        Of the shell [kg].
+    radius : float
+        Outer radius R [m].
+    wall : float
+        Thickness R - r [m], above zero and at most the radius.
+
+    Raises
+    ------
+    InputError
+        Where the wall is not between zero and the radius.
+    """
+    if not 0.0 < wall <= radius:
+        raise InputError(f"a wall of {wall:g} m does not fit a sphere of radius {radius:g} m.")
+    # both differences divided by R - r, which would cancel digits where the wall is thin
+    ratio = 1.0 - wall / radius
+    fifth = sum(ratio**power for power in range(5))
+    third = sum(ratio**power for power in range(3))
+    return 0.4 * mass * radius**2 * fifth / third
+
+
+def inertia_from_swing(*, mass: float, gravity: float, distance: float, angular_frequency: float) -> float:
+    """Return a hanging body's inertia [kg m^2] about its pivot, m g r / omega_n^2 (Appendix III).
+
+    Parameters
+    ----------
+    mass : float
+        Of the body [kg].
+    gravity : float
+        g [m/s^2].
+    distance : float
+        From pivot to centre of mass [m].
+    angular_frequency : float
+        Of small free swings [rad/s].
+    """
+    return mass * gravity * distance / angular_frequency**2
+
+
+def wheel_speed_limit(*, supply_voltage: float, speed_constant: float, gear_ratio: float) -> float:
+    """Return the wheel's speed [rad/s] without load at full supply (Appendix I).
+
+    Parameters
+    ----------
+    supply_voltage : float
+        [V].
+    speed_constant : float
+        Of the motor [rad/s/V].
+    gear_ratio : float
+        Motor turns a wheel turn [-].
+    """
+    return supply_voltage * speed_constant / gear_ratio
+
+
+def reflected_rotor_inertia(*, gear_ratio: float, motor_inertia: float, gear_inertia: float) -> float:
+    """Return the inertia [kg m^2] of rotor and gearbox as felt at the wheel, n^2 (j_m + j_g).
+
+    Parameters
+    ----------
+    gear_ratio : float
+        n, motor turns a wheel turn [-].
+    motor_inertia, gear_inertia : float
+        j_m and j_g on the motor's side [kg m^2].
+    """
+    return gear_ratio**2 * (motor_inertia + gear_inertia)
+
+
+def encoder_step(*, encoder_counts: int, gear_ratio: float) -> float:
+    """Return the wheel angle [rad] of one encoder count."""
+    return 2.0 * math.pi / (encoder_counts * gear_ratio)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Derived:
+    """A quantity that follows from a robot's parameters."""
+
+    name: str
+    value: float
+    unit: str
+    meaning: str
+
+
+def derived_quantities(robot: Robot) -> list[Derived]:
+    """Return what `ballbot check` prints of a robot's parameters, in reading order."""
+    return [*_of_ball_and_body(robot), *_of_drive(robot)]
+
+
+def _of_ball_and_body(robot: Robot) -> list[Derived]:
+    ball, body = robot.ball, robot.body
+    central = np.diag(body.inertia_about_center_of_mass())
+    pivot = np.diag(body.inertia_about_ball_center())
+    names = ("xx", "yy", "zz")
+    return [
+        _derived("total_mass", ball.mass + body.mass, "kg", "ball and body"),
+        _derived(
+            "ball_inertia_thin_shell",
+            thin_shell_inertia(mass=ball.mass, radius=ball.radius),
+            "kg m^2",
+            "if the ball were a thin shell",
+        ),
+        _derived(
+            "ball_inertia_solid",
+            solid_sphere_inertia(mass=ball.mass, radius=ball.radius),
+            "kg m^2",
+            "if the ball were solid",
+        ),
+        *(
+            _derived(f"body_inertia_pivot_{axis}", value, "kg m^2", "about the ball's centre")
+            for axis, value in zip(names, pivot, strict=True)
+        ),
+        *(
+            _derived(f"body_inertia_central_{axis}", value, "kg m^2", "about the centre of mass")
+            for axis, value in zip(names, central, strict=True)
+        ),
+        _derived(
+            "swing_frequency",
+            math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0])),
+            "rad/s",
+            "of the body hung upside down at the ball's centre",
+        ),
+    ]
+
+
+def _of_drive(robot: Robot) -> list[Derived]:
+    drive, wheels, friction = robot.drive, robot.wheels, robot.friction
+    reflected = reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+    speed_limit = wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
+    break_away = max(c + s for c, s in zip(friction.coulomb, friction.stribeck, strict=True))
+    rolling = friction.rolling * (robot.ball.mass + robot.body.mass) * robot.gravity
+    return [
+        _derived("speed_ratio", robot.ball.radius / wheels.radius, "1", "r_b / r_w"),
+        _derived("reflected_rotor_inertia", reflected, "kg m^2", "n^2 (j_m + j_g), at a wheel"),
+        _derived("wheel_speed_limit", speed_limit, "rad/s", "at full supply without load"),
+        _derived("encoder_step", step, "rad", "wheel angle of one count"),
+        _derived("break_away_torque", break_away, "N m", "largest c + s of a wheel"),
+        _derived("rolling_resistance", rolling, "N", "C_rr N on level ground"),
+    ]
+
+
+def _derived(name: str, value: float, unit: str, meaning: str) -> Derived:
+    return Derived(name=name, value=float(value), unit=unit, meaning=meaning)

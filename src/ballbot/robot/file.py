@@ -1,0 +1,184 @@
+"""Robot files: TOML in which every number says its unit and where it came from.
+
+    [ball]
+    radius = { value = 0.11, unit = "m", source = "measured" }
+
+Units other than SI are converted on reading (`ballbot.robot.units`); a file written by `write_robot` reads
+back as the same floats.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.robot.assembly import Values, assemble
+from ballbot.robot.entry import example, parse_entry
+from ballbot.robot.parameters import BY_NAME, PARAMETERS, Parameter, Value, value_of
+from ballbot.robot.robot import InertiaPoint, Robot
+from ballbot.robot.units import DIMENSIONLESS, from_si
+
+#: the two texts of a file, each as it could be written; every other key is a parameter
+_TEXTS = {"name": 'name = "myrobot"', "body.inertia.about": 'about = "ball_center"'}
+
+_HEADER = """\
+# A ball-balancing robot for Ballbot. Check it with: ballbot check FILE
+#
+# Every number says its value, its unit and its source: measured, data sheet, previous work, calculated,
+# identified or assumed, with detail after a colon where there is more to say. A unit may be changed, as from
+# m to cm or from deg to rad. The body's frame has x forward, y left and z up.
+"""
+
+#: what a file says above each of its tables
+_HEADINGS = {
+    "ball": "The ball: a sphere, its inertia about its centre.",
+    "body": "The body: all that leans, with motors and wheels.",
+    "body.inertia": 'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
+    "wheels": "The omni-wheels: three or four, numbered as their azimuths are listed.",
+    "wheels.rollers": "The rollers of one wheel.",
+    "drive": "Motor, gearbox and supply of one wheel.",
+    "sensors": "Encoders, IMU and the controller's sample time.",
+    "friction": "Wheel friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.",
+}
+
+
+def read_robot(path: str | Path) -> Robot:
+    """Return the robot that a TOML file describes.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
+    """
+    path = Path(path)
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file in UTF-8.") from None
+    except ValueError as error:  # TOMLDecodeError, or a whole number of thousands of digits
+        raise InputError(f"{path} is not valid TOML: {error}.") from None
+    except RecursionError:
+        raise InputError(f"{path} is no robot file: its values are nested too deeply.") from None
+    try:
+        return _robot(dict(_leaves(tree)))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_robot(robot: Robot, path: str | Path) -> None:
+    """Write a robot as a commented TOML file that reads back as the same floats.
+
+    A parameter without an entry in `robot.sources` is written as "assumed".
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be written.
+    """
+    write_text(path, robot_text(robot))
+
+
+def robot_text(robot: Robot) -> str:
+    """Return the text that `write_robot` writes."""
+    blocks = [f"{_HEADER}\nname = {_quoted(robot.name)}", *_lines(robot, "")]
+    for table, heading in _HEADINGS.items():
+        blocks += ["", f"# {heading}", f"[{table}]"]
+        if table == "body.inertia":
+            blocks.append(f"about = {_quoted(robot.body.inertia_about)}")
+        blocks += _lines(robot, table)
+    return "\n".join(blocks) + "\n"
+
+
+def _lines(robot: Robot, table: str) -> Iterator[str]:
+    for parameter in PARAMETERS:
+        if parameter.table == table:
+            number, unit = _written(value_of(robot, parameter), parameter)
+            unit_text = "" if unit == DIMENSIONLESS else f"unit = {_quoted(unit)}, "
+            source = _quoted(robot.sources.get(parameter.name, "assumed"))
+            yield f"# {parameter.meaning}"
+            yield f"{parameter.key} = {{ value = {number}, {unit_text}source = {source} }}"
+
+
+def _written(value: Value, parameter: Parameter) -> tuple[str, str]:
+    """Return the number as text and its unit: the file's unit where that reads back exactly, else SI."""
+    if parameter.shape == "whole number":
+        return str(value), parameter.unit
+    numbers = [float(one) for one in (value if isinstance(value, tuple) else (value,))]
+    converted = [from_si(one, parameter.written_in, parameter.unit) for one in numbers]
+    exact = None not in converted
+    texts = [repr(one) for one in (converted if exact else numbers)]
+    text = f"[{', '.join(texts)}]" if isinstance(value, tuple) else texts[0]
+    return text, parameter.written_in if exact else parameter.unit
+
+
+def _quoted(text: str) -> str:
+    # a JSON string without control characters, which checks.py refuses, is a TOML string
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[str, object]]:
+    """Yield the dotted name and the raw content of every key below the tables; refuse unknown names."""
+    for key, content in tree.items():
+        name = f"{table}.{key}" if table else key
+        if name in _HEADINGS:
+            if not isinstance(content, dict):
+                raise InputError(f"{name} must be a table: write its keys below a line [{name}].")
+            yield from _leaves(content, table=name)
+        elif name in BY_NAME or name in _TEXTS:
+            yield name, content
+        else:
+            raise InputError(f"{name!r} is not a parameter of a robot; {_nearest(key, table)}")
+
+
+def _nearest(key: str, table: str) -> str:
+    """Say which key of the table was meant, or which there are ("" is the top of the file)."""
+    names = [*_HEADINGS, *_TEXTS, *BY_NAME]
+    siblings = [name.rpartition(".")[2] for name in names if name.rpartition(".")[0] == table]
+    near = get_close_matches(key, siblings, n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    place = f"[{table}]" if table else "the top"
+    return f"{place} holds {', '.join(siblings)}."
+
+
+def _robot(leaves: Mapping[str, object]) -> Robot:
+    name = _text(leaves, "name")
+    inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
+    values: dict[str, Value] = {}
+    sources: dict[str, str] = {}
+    for parameter in PARAMETERS:
+        if parameter.name not in leaves:
+            raise InputError(
+                f"{parameter.name} is missing; add {example(parameter)} {_place(parameter.name)}."
+            )
+        values[parameter.name], sources[parameter.name] = parse_entry(parameter, leaves[parameter.name])
+    return assemble(name=name, inertia_about=inertia_about, values=Values(by_name=values), sources=sources)
+
+
+def _text(leaves: Mapping[str, object], name: str) -> str:
+    text = leaves.get(name)
+    if text is None:
+        raise InputError(f"{name} is missing; add {_TEXTS[name]} {_place(name)}.")
+    if not isinstance(text, str):
+        raise InputError(f"{name} is {text!r}; it takes a text in quotes, as in {_TEXTS[name]}.")
+    return text
+
+
+def _place(name: str) -> str:
+    table = name.rpartition(".")[0]
+    return f"below [{table}]" if table else "at the top of the file"
+
+
+def _inertia_point(about: str) -> InertiaPoint:
+    if about == "ball_center":
+        return "ball_center"
+    if about == "center_of_mass":
+        return "center_of_mass"
+    raise InputError(f'body.inertia.about is {about!r}; write "ball_center" or "center_of_mass".')

@@ -1,0 +1,185 @@
+"""The command line: `new`, `check`, and what becomes of bad input in any command."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.cli import main as program
+from ballbot.cli.main import COMMANDS, main
+from ballbot.robot import Robot
+
+
+def refused(capsys: pytest.CaptureFixture[str], *tokens: str) -> str:
+    """Run a command line that must end in one sentence and exit code 2; return the sentence."""
+    assert main(tokens) == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith("ballbot: ")
+    assert printed.err.count("\n") == 1
+    assert "Traceback" not in printed.err
+    return printed.err
+
+
+def test_new_writes_a_commented_file_that_equals_the_preset(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.toml"
+    assert main(["new", "mine", "--from", "alten", "--out", str(path)]) == 0
+    assert str(path) in capsys.readouterr().out
+    assert Robot.load(path) == Robot.load("alten").replace(name="mine")
+    assert Robot.load(path).sources == Robot.load("alten").sources
+    assert path.read_text(encoding="utf-8").count("\n# ") > 30
+
+
+def test_new_writes_beside_you_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "mine"]) == 0
+    assert Robot.load("mine.toml").name == "mine"
+
+
+def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("precious")
+    assert "is there already" in refused(capsys, "new", "mine", "--out", str(path))
+    assert path.read_text() == "precious"
+    assert main(["new", "mine", "--out", str(path), "--force"]) == 0
+    assert Robot.load(path).name == "mine"
+
+
+def test_new_refuses_a_name_that_is_no_file_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--out" in refused(capsys, "new", "no/where")
+
+
+def test_check_prints_and_writes_what_follows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    figure = tmp_path / "alten.svg"
+    assert main(["check", "alten", "--out", str(tmp_path), "--figure", str(figure)]) == 0
+    printed = capsys.readouterr().out
+    # (V.2), (V.3) of the thesis, digit by digit
+    for row in (
+        "-1.2346   0.0000   1.2346",
+        "0.6173  -1.0692   1.2346",
+        "0.6173   1.0692   1.2346",
+        "-0.5400   0.2700   0.2700",
+        "0.0000  -0.4676   0.4676",
+        "0.2700   0.2700   0.2700",
+    ):
+        assert row in printed
+    assert "unstable pole: 5.20" in printed  # design.md section 10
+    assert "27.59" in printed
+    assert "side (x right, z up)" in printed
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["unstable_pole"] == pytest.approx(5.20, abs=0.005)
+    assert np.array(results["matrices"]["T_owb"]) @ np.array(results["matrices"]["T_obw"]) == pytest.approx(
+        np.eye(3), abs=1e-12
+    )
+    assert results["derived"]["wheel_speed_limit"] == pytest.approx(27.59, abs=0.005)
+    assert "T_vgb" in (tmp_path / "check.txt").read_text(encoding="utf-8")
+    assert figure.read_text(encoding="utf-8").startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("value = 17.076", "value = -17.076", "body.mass is -17.076 kg; it cannot be negative."),
+        ("value = 0.193", "value = 9.0", "no body has one larger than the sum of the other two."),
+        ("value = 0.11, unit", "value = 11, unit", "did you mean 11 cm (0.11 m)?"),
+        ("[ball]", "[ball", "is not valid TOML"),
+    ],
+)
+def test_check_refuses_nonsense(
+    old: str, new: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.toml"
+    main(["new", "mine", "--out", str(path)])
+    capsys.readouterr()
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+    sentence = refused(capsys, "check", str(path))
+    assert says in sentence
+    assert str(path) in sentence
+
+
+@pytest.mark.parametrize(
+    ("tokens", "says"),
+    [
+        (("chekc", "alten"), "there is no command 'chekc'; did you mean 'check'?"),
+        (("zzz",), "the commands are study, new, check"),
+        (("check",), "ballbot check --help"),
+        (("check", "alten", "--fig", "a.svg"), "--figure"),
+        (("check", "alten", "too", "much"), "ballbot check --help"),
+        (("check", "altne"), "did you mean the preset 'alten'?"),
+        (("new", "mine", "--force=maybe"), "maybe"),
+    ],
+)
+def test_usage_errors_end_in_one_sentence(
+    tokens: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert says in refused(capsys, *tokens)
+
+
+def test_an_interrupt_ends_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(tokens: list[str]) -> int:
+        raise KeyboardInterrupt(*tokens)
+
+    monkeypatch.setattr(program, "_run", interrupt)
+    assert main(["check", "alten"]) == 130
+    assert capsys.readouterr().err.startswith("ballbot: interrupted")
+
+
+def test_a_package_that_is_not_installed_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lack(tokens: list[str]) -> int:
+        raise ModuleNotFoundError(f"No module for {tokens}", name="mujoco")
+
+    monkeypatch.setattr(program, "_run", lack)
+    assert "pip install 'ballbot[twin]'" in refused(capsys, "record", "alten")
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_every_command_has_help_with_an_example(
+    command: program.Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command.name, "--help"]) == 0
+    assert f"ballbot {command.name} " in capsys.readouterr().out.replace(f"Usage: ballbot {command.name}", "")
+
+
+def test_help_lists_the_commands_without_loading_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    printed = capsys.readouterr().out
+    for command in COMMANDS:
+        assert command.summary.split(";")[0] in printed
+    heavy = ["numba", "scipy", "matplotlib", "mujoco", "pyarrow", "ballbot.robot"]
+    script = (
+        "import sys; from ballbot.cli.main import main; main(['--help']); "
+        f"sys.exit(len([name for name in {heavy!r} if name in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
+    assert done.returncode == 0
+
+
+def test_a_reader_that_leaves_early_is_no_error() -> None:
+    script = "import sys; from ballbot.cli.main import main; sys.exit(main(['check', 'alten']))"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+
+
+def test_a_narrow_terminal_gets_question_marks_instead_of_an_error() -> None:
+    script = "import sys; from ballbot.cli.main import main; sys.exit(main(['check', 'alten']))"
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        env={"PYTHONIOENCODING": "ascii", "PATH": "/usr/bin:/bin"},
+        check=False,
+    )
+    assert done.returncode == 0
+    assert b"?" in done.stdout

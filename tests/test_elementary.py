@@ -1,0 +1,57 @@
+"""The branch-free sine, cosine, exponential and logarithm against the library's."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.mechanics.compiled import compiled
+from ballbot.mechanics.elementary import exponential, logarithm, sine_cosine
+
+
+@compiled
+def sine_cosine_of(angle):
+    return sine_cosine(angle)
+
+
+@compiled
+def exponential_of(x):
+    return exponential(x)
+
+
+@compiled
+def logarithm_of(x):
+    return logarithm(x)
+
+
+# Two units in the last place of 1: the polynomial's rounding and the library's own
+ULP2 = 2 * np.finfo(float).eps
+
+
+@given(st.floats(-1e6, 1e6))
+def test_sine_and_cosine_at_any_heading(angle):
+    sine, cosine = sine_cosine_of(angle)
+    assert sine == pytest.approx(math.sin(angle), abs=ULP2)
+    assert cosine == pytest.approx(math.cos(angle), abs=ULP2)
+
+
+@given(st.floats(-700.0, 700.0))
+def test_exponential(x):
+    assert exponential_of(x) == pytest.approx(math.exp(x), rel=2 * ULP2)
+
+
+@given(st.floats(1e-300, 1e300))
+def test_logarithm(x):
+    # near x = 1 the result is small and its error is relative to the polynomial's argument
+    assert logarithm_of(x) == pytest.approx(math.log(x), rel=2 * ULP2, abs=ULP2)
+
+
+def test_ends_of_the_range():
+    assert sine_cosine_of(0.0) == (0.0, 1.0)
+    assert exponential_of(0.0) == 1.0
+    assert exponential_of(-1e9) == pytest.approx(0.0, abs=1e-300)
+    assert logarithm_of(1.0) == 0.0
+    assert np.isnan(exponential_of(np.nan))
+    assert np.isnan(sine_cosine_of(np.nan)[0])

@@ -1,0 +1,151 @@
+"""The transformation matrices against the thesis's printed numbers; rotations against what they must do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.mechanics.geometry import (
+    axles,
+    body_rates_matrix,
+    contact_directions,
+    rolling_directions,
+    rotation,
+    transforms,
+)
+from ballbot.robot import Friction, Robot
+
+# (V.2) and (V.3) as printed
+T_OWB = np.array([[-1.2346, 0.0000, 1.2346], [0.6173, -1.0692, 1.2346], [0.6173, 1.0692, 1.2346]])
+T_OBW = np.array([[-0.5400, 0.2700, 0.2700], [-0.0000, -0.4676, 0.4676], [0.2700, 0.2700, 0.2700]])
+HALF_A_DIGIT = 0.5e-4
+
+# products of a few numbers of size 1 to 10: some ulps
+ROUNDING = 1e-13
+
+angle = st.floats(-np.pi, np.pi)
+lean = st.floats(-1.4, 1.4)
+
+
+@st.composite
+def robots(draw: st.DrawFn) -> Robot:
+    """Draw a robot of three or four wheels, no two of them close together."""
+    count = draw(st.sampled_from([3, 4]))
+    first = draw(angle)
+    shifts = draw(st.lists(st.floats(-0.3, 0.3), min_size=count, max_size=count))
+    alten = Robot.load("alten")
+    wheels = replace(
+        alten.wheels,
+        radius=draw(st.floats(0.02, 0.2)),
+        tilt=draw(st.floats(0.2, 1.4)),
+        azimuths=tuple(
+            float(np.remainder(first + 2 * np.pi * i / count + shift, 2 * np.pi))
+            for i, shift in enumerate(shifts)
+        ),
+    )
+    radius = draw(st.floats(0.05, 0.3))
+    ball = replace(alten.ball, radius=radius, inertia=alten.ball.mass * radius**2 / 2)
+    return alten.replace(wheels=wheels, ball=ball, friction=Friction.none(count))
+
+
+def test_ball_to_wheel_matrix_prints_as_the_thesis_does():
+    T = transforms(Robot.load("alten"))
+    np.testing.assert_allclose(T.T_owb, T_OWB, rtol=0, atol=HALF_A_DIGIT)
+    np.testing.assert_allclose(T.T_obw, T_OBW, rtol=0, atol=HALF_A_DIGIT)
+
+
+@given(robots())
+def test_directions_of_a_wheel_are_an_orthonormal_frame(robot: Robot):
+    n, t, a = contact_directions(robot.wheels), rolling_directions(robot.wheels), axles(robot.wheels)
+    frames = np.stack([n, t, a], axis=-1)
+    identity = np.broadcast_to(np.eye(3), frames.shape)
+    np.testing.assert_allclose(frames.mT @ frames, identity, atol=ROUNDING)
+    np.testing.assert_allclose(np.linalg.det(frames), 1.0, atol=ROUNDING)
+    np.testing.assert_allclose(np.arccos(n[:, 2]), robot.wheels.tilt, atol=1e-12)
+
+
+@given(robots())
+def test_torques_and_speeds_are_dual(robot: Robot):
+    """Power does not care how it is counted: what maps torques one way maps speeds the other, transposed."""
+    T = transforms(robot)
+    size = np.abs(T.T_trw).max()
+    np.testing.assert_allclose(T.T_tbw, T.T_owb.T, atol=ROUNDING * size)
+    np.testing.assert_allclose(T.T_trw, T.T_owr.T, atol=ROUNDING * size)
+    np.testing.assert_allclose(T.T_vgb[:2], T.T_tbg.T, atol=ROUNDING)
+    np.testing.assert_allclose(T.T_fgb @ T.T_tbg, np.eye(2), atol=ROUNDING)
+    np.testing.assert_allclose(T.T_tbg @ T.T_fgb, np.diag([1, 1, 0]), atol=ROUNDING)
+    # conditioning of T_owb is below 100 in the range drawn
+    np.testing.assert_allclose(T.T_obw @ T.T_owb, np.eye(3), atol=1e-11)
+
+
+@given(robots(), st.tuples(*[st.floats(-10, 10)] * 3), st.tuples(*[st.floats(-10, 10)] * 3))
+def test_wheel_speeds_follow_from_rolling_without_slip(robot: Robot, ball_rate: tuple, body_rate: tuple):
+    """At the contact, ball and rim move alike along the rolling direction; solved for the wheel's spin."""
+    T = transforms(robot)
+    Omega, w = np.array(ball_rate), np.array(body_rate)
+    r_b, r_w = robot.ball.radius, robot.wheels.radius
+    speeds = T.T_owb @ Omega + T.T_owr @ w
+    directions = zip(
+        contact_directions(robot.wheels), rolling_directions(robot.wheels), axles(robot.wheels), strict=True
+    )
+    for speed, (n, t, a) in zip(speeds, directions, strict=True):
+        across = w - a * (a @ w)  # the wheel keeps the body's rate but for its own spin about the axle
+        ball = np.cross(Omega, r_b * n)
+        rim = np.cross(w, (r_b + r_w) * n) + np.cross(across - speed * a, -r_w * n)
+        assert rim @ t == pytest.approx(ball @ t, abs=1e-12)
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5))
+def test_ground_velocity_is_that_of_a_rolling_ball(x_dot: float, y_dot: float):
+    """(II.15) as printed, divided by r_w, would miss this by a factor of 16."""
+    robot = Robot.load("alten")
+    Omega = np.array([-y_dot, x_dot, 0.0]) / robot.ball.radius
+    np.testing.assert_allclose(transforms(robot).T_vgb @ Omega, [x_dot, y_dot, 0.0], atol=ROUNDING)
+
+
+def test_matrices_cannot_be_written_to():
+    with pytest.raises(ValueError, match="read-only"):
+        transforms(Robot.load("alten")).T_owb[0, 0] = 1.0
+
+
+@given(angle, angle, angle)
+def test_rotation_is_a_rotation(theta: float, phi: float, psi: float):
+    R = rotation(theta, phi, psi)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=ROUNDING)
+    assert np.linalg.det(R) == pytest.approx(1.0, abs=ROUNDING)
+
+
+def test_rotation_turns_about_x_then_y_then_z_of_the_carried_frame():
+    right = np.pi / 2
+    x, y, z = np.eye(3)
+    np.testing.assert_allclose(rotation(right, 0, 0) @ y, z, atol=ROUNDING)
+    np.testing.assert_allclose(rotation(0, right, 0) @ z, x, atol=ROUNDING)
+    np.testing.assert_allclose(rotation(0, 0, right) @ x, y, atol=ROUNDING)
+    product = rotation(0.3, 0, 0) @ rotation(0, -0.8, 0) @ rotation(0, 0, 2.1)
+    np.testing.assert_allclose(rotation(0.3, -0.8, 2.1), product, atol=ROUNDING)
+
+
+@given(lean, lean, angle, st.tuples(*[st.floats(-5, 5)] * 3))
+def test_body_rates_are_those_of_the_turning_body(theta: float, phi: float, psi: float, rates: tuple):
+    """[w]x = R^T dR/dt, with R differentiated numerically along the angles' rates."""
+    Phi, Phi_dot = np.array([theta, phi, psi]), np.array(rates)
+    h = 1e-5
+    R_dot = (rotation(*(Phi + h * Phi_dot)) - rotation(*(Phi - h * Phi_dot))) / (2 * h)
+    w_cross = rotation(*Phi).T @ R_dot
+    w = np.array([w_cross[2, 1], w_cross[0, 2], w_cross[1, 0]])
+    # truncation h^2 |Phi_dot|^3 / 6 and rounding eps / h: below 1e-7
+    np.testing.assert_allclose(body_rates_matrix(theta, phi, psi) @ Phi_dot, w, atol=1e-7)
+
+
+@given(st.integers(1, 4), st.integers(1, 4))
+def test_angles_of_any_shapes_broadcast(rows: int, columns: int):
+    rng = np.random.default_rng(rows * 10 + columns)
+    theta, phi, psi = rng.normal(size=(rows, 1)), rng.normal(size=columns), 0.4
+    for function in (rotation, body_rates_matrix):
+        whole = function(theta, phi, psi)
+        assert whole.shape == (rows, columns, 3, 3)
+        np.testing.assert_array_equal(whole[-1, 0], function(theta[-1, 0], phi[0], psi))

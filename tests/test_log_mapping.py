@@ -1,0 +1,227 @@
+"""Mapping files: foreign tables become logs with the right columns, units, signs, delays and torques."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.mapping_file import read_mapping
+
+ROB311 = """
+[file]
+separator = "blanks"
+
+[columns]
+t = "t_now"
+theta = { from = "theta_x", unit = "deg" }
+phi = { from = "theta_y", unit = "deg", sign = -1 }
+theta_dot = { derivative_of = "theta" }
+
+[wheels]
+order = [1, 3, 2]
+sign = [1, 1, -1]
+angle = { from = ["psi_1", "psi_2", "psi_3"] }
+speed = { derivative_of = "angle" }
+
+[input]
+kind = "pwm"
+from = ["u1", "u2", "u3"]
+supply_voltage = 11.1
+torque_constant = 0.01
+back_emf_constant = 0.02
+resistance = 2.5
+gear_ratio = 70.0
+"""
+
+
+def read(folder: Path, table: str, mapping: str, *, name: str = "log.txt") -> Log:
+    (folder / name).write_text(table)
+    (folder / "mapping.toml").write_text(mapping)
+    return Log.read(folder / name, mapping=folder / "mapping.toml")
+
+
+def refused(folder: Path, mapping: str) -> str:
+    (folder / "mapping.toml").write_text(mapping)
+    with pytest.raises(InputError) as caught:
+        read_mapping(folder / "mapping.toml")
+    sentence = str(caught.value)
+    assert sentence.startswith(str(folder / "mapping.toml"))
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_a_log_like_rob311s(tmp_path):
+    t = 0.0115 * np.arange(200)
+    wheels = np.column_stack([np.sin(t), 2.0 * t, t**2])
+    duty = np.column_stack([0.1 + 0 * t, 0.2 + 0 * t, 0.3 * np.cos(t)])
+    lean = np.column_stack([3.0 * np.sin(t), 2.0 * np.cos(t)])  # degrees
+    rows = np.column_stack([np.arange(200), t, duty, lean, wheels])
+    header = (
+        "i t_now u1 u2 u3 theta_x theta_y psi_1 psi_2 psi_3 \n"  # the robot's own leaves a blank at the end
+    )
+    table = header + "\n".join(" ".join(map(repr, row)) + " " for row in rows.tolist())
+    log = read(tmp_path, table, ROB311)
+
+    np.testing.assert_array_equal(log.t, t)
+    np.testing.assert_allclose(log["theta"], np.radians(lean[:, 0]), rtol=1e-14)
+    np.testing.assert_allclose(log["phi"], -np.radians(lean[:, 1]), rtol=1e-14)
+    # Ballbot's wheels 1, 2, 3 are the file's 1st, 3rd (turned round) and 2nd
+    np.testing.assert_array_equal(log["wheel2"], -wheels[:, 2])
+    np.testing.assert_array_equal(log["wheel3"], wheels[:, 1])
+    # central differences are exact for t^2 and 2 t (1e-9: rounding over 11.5 ms)
+    np.testing.assert_allclose(log["wheel2_dot"][1:-1], -2.0 * t[1:-1], atol=1e-9)
+    np.testing.assert_allclose(log["wheel3_dot"], 2.0, atol=1e-9)
+    # u = n k_t (d V - k_e n w) / R, by hand, for the file's second wheel at duty 0.2 and 2 rad/s
+    np.testing.assert_allclose(log["u3"], 70.0 * 0.01 * (0.2 * 11.1 - 0.02 * 70.0 * 2.0) / 2.5, atol=1e-9)
+    assert log["u1"][0] == pytest.approx(0.28 * (1.11 - 1.4 * log["wheel1_dot"][0]), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        ('{ from = "a", unit = "deg" }', np.pi),
+        ('{ from = "a", unit = "turn" }', 360.0 * np.pi),
+        ('{ from = "a", unit = "counts", counts_per_turn = 720 }', np.pi / 2),
+        ('{ from = "a", scale = 0.5, sign = -1, offset = 1.0 }', -89.0),
+        ('"a"', 180.0),
+    ],
+)
+def test_units_scales_signs_and_offsets(tmp_path, entry, value):
+    log = read(tmp_path, "time,a\n0,180\n1000,0\n", f'[columns]\nt={{from="time",unit="ms"}}\npsi={entry}\n')
+    assert log["psi"][0] == pytest.approx(value, rel=1e-15)
+    np.testing.assert_array_equal(log.t, [0.0, 1.0])
+
+
+@given(delay=st.floats(-0.4, 0.4))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_a_sensors_delay_is_undone(tmp_path, delay):
+    t = 0.01 * np.arange(101)
+    # a straight line survives linear interpolation exactly: seen `delay` late, it is 3 (t - delay)
+    table = "t,late\n" + "\n".join(f"{a!r},{3.0 * (a - delay)!r}" for a in t.tolist())
+    log = read(tmp_path, table, f'[columns]\nt="t"\nx={{from="late",delay={delay!r}}}\n', name="log.csv")
+    np.testing.assert_allclose(log["x"], 3.0 * log.t, atol=1e-12)
+    # what is cut is what the delay asks for, to within a row
+    assert abs(len(log) - (101 - abs(delay) / 0.01)) <= 1.0
+
+
+# at 10 Hz, and 3 * 0.1 - 0.2 is a little less than 0.1: a whole delay must not slip by a row
+@pytest.mark.parametrize(("delay", "lag", "first"), [(0.2, 2, 2), (0.15, 2, 2), (0.1, 1, 1)])
+def test_a_commands_delay_holds_it_until_the_next(tmp_path, delay, lag, first):
+    t = 0.1 * np.arange(6)
+    table = "t,i\n" + "\n".join(f"{a!r},{10 * k}" for k, a in enumerate(t.tolist()))
+    mapping = f"""
+[columns]
+t = "t"
+[input]
+kind = "current"
+from = ["i"]
+delay = {delay}
+torque_constant = 0.5
+gear_ratio = 4.0
+efficiency = 0.8
+"""
+    log = read(tmp_path, table, mapping, name="log.csv")
+    # a command of t acts from t + delay on, until the next does; u = 4 * 0.5 * 0.8 * i
+    np.testing.assert_array_equal(log.t, t[first:])
+    np.testing.assert_allclose(log["u1"], 16.0 * np.arange(6 - lag), rtol=1e-15)
+
+
+def test_a_header_that_is_wrong_can_be_replaced_and_missing_values_named(tmp_path):
+    mapping = """
+[file]
+separator = "semicolon"
+header_lines = 2
+names = ["time", "lean", "spare"]
+missing = ["NA"]
+[columns]
+t = "time"
+theta = "lean"
+"""
+    log = read(tmp_path, "# robot 7\nt;x\n0;0.1;9\n1;NA;9\n", mapping)
+    np.testing.assert_array_equal(log["theta"], [0.1, np.nan])
+    assert log.names == ("t", "theta")
+
+
+def test_the_files_column_that_is_not_there_is_told_with_the_nearest(tmp_path):
+    with pytest.raises(InputError, match=r"log\.csv: .* theta from the column 'rol', .* did you mean 'roll'"):
+        read(tmp_path, "t,roll\n0,1\n", '[columns]\nt="t"\ntheta="rol"\n', name="log.csv")
+
+
+def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
+    with pytest.raises(InputError, match="Time does not increase at row 3"):
+        read(tmp_path, "t,a\n0,1\n1,1\n1,1\n", '[columns]\nt="t"\nx={from="a",delay=0.1}\n', name="log.csv")
+
+
+@pytest.mark.parametrize(
+    ("mapping", "sentence"),
+    [
+        ("t = ", "is not TOML"),
+        ("", "columns is missing"),
+        ('[columns]\ntheta = "a"\n', "lacks t, the time"),
+        ('[columns]\nt = "t"\n[filee]\n', "the key filee is not known; did you mean file?"),
+        ('[columns]\nt = { form = "t" }\n', "the key columns.t.form is not known; did you mean from?"),
+        (
+            '[columns]\nt = "t"\nthetadot = "a"\n',
+            "thetadot, which is no column of a log; did you mean theta_dot?",
+        ),
+        ('[columns]\nt = "t"\nu1 = "a"\n', "torques are mapped in [input]"),
+        ('[columns]\nt = "t"\ntheta = { unit = "deg" }\n', "theta needs from"),
+        ('[columns]\nt = { from = "t", delay = 1 }\n', "t cannot have a delay"),
+        (
+            '[columns]\nt = "t"\ntheta = { from = "a", unit = "m" }\n',
+            "'m' cannot become rad; those that can are rad",
+        ),
+        ('[columns]\nt = "t"\npsi = { from = "a", unit = "counts" }\n', "needs counts_per_turn"),
+        ('[columns]\nt = "t"\npsi = { from = "a", sign = 2 }\n', "columns.psi.sign: "),
+        ('[columns]\nt = "t"\npsi = { from = "a", scale = "b" }\n', "columns.psi.scale: "),
+        ('[columns]\nt = "t"\npsi = 3\n', "columns.psi: "),
+        ('[columns]\nt = "t"\ntheta_dot = { derivative_of = "theta" }\n', "is to be the derivative of theta"),
+        ('[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\norder = [1, 1]\n', "order is [1, 1]"),
+        (
+            '[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\nsign = [1]\n',
+            "1 values for 2 wheels",
+        ),
+        ('[columns]\nt = "t"\n[wheels]\nspeed = { unit = "rpm" }\n', "[wheels] speed needs from"),
+        (
+            '[columns]\nt = "t"\n[wheels]\nspeed = { derivative_of = "angle" }\n',
+            "of angle, which [wheels] lacks",
+        ),
+        (
+            '[columns]\nt = "t"\npsi = "a"\npsi_dot = { derivative_of = "psi", sign = -1 }\n',
+            "psi_dot has derivative_of and takes nothing beside it, but has sign",
+        ),
+        ('[columns]\nt = "t"\n[file]\nnames = ["t", "t"]\n', "[file] names holds a name twice"),
+        ('[columns]\nt = "t"\n[input]\nkind = "volt"\nfrom = ["a"]\n', "input: "),
+        (
+            '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',
+            "torque_constant is missing",
+        ),
+        ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and so needs names"),
+        ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator: "),
+    ],
+)
+def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
+    assert sentence in refused(tmp_path, mapping)
+
+
+def test_pwm_without_a_wheel_speed_is_refused(tmp_path):
+    mapping = ROB311.replace("speed = { derivative_of", "# speed = { derivative_of")
+    names = "t_now u1 u2 u3 theta_x theta_y psi_1 psi_2 psi_3"
+    with pytest.raises(InputError, match="needs the wheel's speed: map the column wheel1_dot"):
+        read(tmp_path, names + "\n" + "0 " * 9 + "\n" + "1 " * 9 + "\n", mapping)
+
+
+def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
+    (tmp_path / "mapping.toml").write_text(ROB311)
+    log = Log.read(shared_data / "rob311" / "main_control_1.txt", mapping=tmp_path / "mapping.toml")
+    assert len(log) == 5124
+    assert log.sample_time == pytest.approx(0.0115, abs=2e-4)  # "11.5 ms" of the data's README
+    # the largest lean of the file is -35.6 degrees
+    assert np.degrees(np.abs(log["theta"]).max()) == pytest.approx(35.607, abs=1e-3)
+    assert np.isfinite(log.torques).all()
+    # differenced angles have no glitches, unlike the logged speeds: the motors cannot do 30 rad/s
+    assert np.abs(log.wheel_speeds).max() < 30.0

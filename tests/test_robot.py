@@ -1,0 +1,120 @@
+"""Robots as values: presets against the thesis's tables, copies, sources."""
+
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.robot import Ball, Friction, Robot
+from ballbot.robot.parameters import BY_NAME, PARAMETERS, value_of
+
+
+@pytest.fixture
+def alten() -> Robot:
+    return Robot.load("alten")
+
+
+#: Appendix III as printed, in SI units and degrees
+APPENDIX_III = {
+    "ball.radius": 0.11,
+    "ball.mass": 3.0,
+    "ball.inertia": 0.0242,
+    "body.center_of_mass": 0.393,
+    "body.mass": 17.076,
+    "body.inertia.xx": 4.37,
+    "body.inertia.yy": 4.37,
+    "body.inertia.zz": 0.193,
+    "wheels.radius": 0.063,
+    "wheels.inertia": 0.001,
+    "drive.gear_inertia": 1.6e-7,
+    "drive.motor_inertia": 2.42e-6,
+    "drive.gear_ratio": 27.6,
+}
+
+
+@pytest.mark.parametrize(("name", "printed"), APPENDIX_III.items())
+def test_alten_holds_appendix_iii(alten: Robot, name: str, printed: float) -> None:
+    assert value_of(alten, BY_NAME[name]) == printed
+
+
+def test_alten_holds_the_wheels_of_appendix_iii(alten: Robot) -> None:
+    assert np.degrees(alten.wheels.azimuths) == pytest.approx([0.0, 120.0, 240.0], abs=1e-12)
+    assert math.degrees(alten.wheels.tilt) == pytest.approx(45.0, abs=1e-12)
+
+
+def test_alten_holds_appendix_i(alten: Robot) -> None:
+    assert alten.drive.torque_constant == 0.0315
+    assert alten.drive.supply_voltage == 24.0
+    # Appendix I prints 31.7 rad/s/V, rounded from the data sheet's 303 rpm/V
+    assert alten.drive.speed_constant == pytest.approx(31.7, abs=0.05)
+    assert alten.drive.speed_constant * 60.0 / (2.0 * math.pi) == pytest.approx(303.0, rel=1e-15)
+    # Appendix IV: 16 degrees in 3 minutes
+    assert math.degrees(alten.sensors.heading_drift * 180.0) == pytest.approx(16.0)
+
+
+def test_alten_starts_without_friction_and_says_so(alten: Robot) -> None:
+    assert alten.friction == Friction.none(3)
+    assert alten.sources["friction.coulomb"].startswith("assumed")
+
+
+def test_every_parameter_of_alten_has_a_source(alten: Robot) -> None:
+    assert set(alten.sources) == {parameter.name for parameter in PARAMETERS}
+
+
+def test_every_preset_loads() -> None:
+    names = Robot.presets()
+    assert "alten" in names
+    assert [Robot.load(name).name for name in names] == names
+
+
+def test_inertia_about_either_point_differs_by_steiner(alten: Robot) -> None:
+    ml2 = 17.076 * 0.393**2  # 2.637, design.md section 10 item 5
+    steiner = alten.body.inertia_about_ball_center() - alten.body.inertia_about_center_of_mass()
+    assert steiner == pytest.approx(np.diag([ml2, ml2, 0.0]), abs=1e-14)
+    central = alten.body.inertia_about_center_of_mass()
+    same = dataclasses.replace(
+        alten.body,
+        inertia=(central[0, 0], central[1, 1], central[2, 2], 0.0, 0.0, 0.0),
+        inertia_about="center_of_mass",
+    )
+    assert same.inertia_about_ball_center() == pytest.approx(
+        alten.body.inertia_about_ball_center(), abs=1e-14
+    )
+
+
+def test_replace_changes_only_what_is_given(alten: Robot) -> None:
+    slippery = dataclasses.replace(alten.friction, viscous=(0.01, 0.02, 0.03))
+    other = alten.replace(friction=slippery)
+    assert other.friction.viscous == (0.01, 0.02, 0.03)
+    assert alten.friction.viscous == (0.0, 0.0, 0.0)
+    assert other.replace(friction=alten.friction) == alten
+
+
+def test_a_changed_value_loses_its_source(alten: Robot) -> None:
+    other = alten.replace(ball=dataclasses.replace(alten.ball, mass=3.1, inertia=0.0250))
+    assert "ball.mass" not in other.sources
+    assert other.sources["ball.radius"] == alten.sources["ball.radius"]
+    found = other.replace(sources={**other.sources, "ball.mass": "identified"})
+    assert found.sources["ball.mass"] == "identified"
+
+
+def test_replace_refuses_what_is_no_robot(alten: Robot) -> None:
+    with pytest.raises(InputError, match=r"ball\.mass is -3 kg; it cannot be negative"):
+        alten.replace(ball=Ball(radius=0.11, mass=-3.0, inertia=0.0242))
+
+
+def test_robots_can_be_sent_to_other_processes_and_used_as_keys(alten: Robot) -> None:
+    sent = pickle.loads(pickle.dumps(alten))
+    assert sent == alten
+    assert sent.sources == alten.sources
+    assert {alten: "found"}[sent] == "found"
+
+
+def test_load_names_the_presets_where_there_is_nothing() -> None:
+    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
+        Robot.load("altne")
+    with pytest.raises(InputError, match="the presets are alten"):
+        Robot.load("/nowhere/robot.toml")

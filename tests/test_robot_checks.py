@@ -1,0 +1,182 @@
+"""Nonsense is refused in one sentence that says what would be right; published robots are not refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.robot import Ball, Body, Friction, Robot, Wheels
+
+ALTEN = Robot.load("alten")
+
+
+def refused(says: str, **parts: object) -> None:
+    with pytest.raises(InputError, match=says) as caught:
+        ALTEN.replace(**parts)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+def ball(**changes: float) -> Ball:
+    return dataclasses.replace(ALTEN.ball, **changes)
+
+
+def body(**changes: object) -> Body:
+    return dataclasses.replace(ALTEN.body, **changes)  # type: ignore[arg-type]
+
+
+def wheels(*degrees: float, tilt: float = 45.0) -> Wheels:
+    azimuths = tuple(math.radians(one) for one in degrees)
+    return dataclasses.replace(ALTEN.wheels, azimuths=azimuths, tilt=math.radians(tilt))
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
+@pytest.mark.parametrize("name", ["radius", "mass", "inertia"])
+def test_ball_numbers_are_positive_and_finite(name: str, wrong: float) -> None:
+    refused(
+        rf"ball\.{name} is .*; it (cannot be negative|must be above zero|must be finite)",
+        ball=ball(**{name: wrong}),
+    )
+
+
+def test_numbers_are_numbers() -> None:
+    refused("ball.mass is '3'; it takes a number", ball=ball(mass="3"))  # type: ignore[arg-type]
+    refused("ball.mass is True; it takes a number", ball=ball(mass=True))
+    sensors = dataclasses.replace(ALTEN.sensors, encoder_counts=2000.0)  # type: ignore[arg-type]
+    refused("encoder_counts is 2000.0; it takes a whole number", sensors=sensors)
+
+
+def test_a_ball_lies_between_solid_and_thin_shell() -> None:
+    for fits in (0.0242, 0.0195, 0.4 * 3.0 * 0.11**2):  # thin shell, Appendix I's wall, solid
+        ALTEN.replace(ball=ball(inertia=fits))
+    refused(r"between 0\.0145 \(solid\) and 0\.0242 kg m\^2 \(thin shell\)", ball=ball(inertia=0.03))
+    refused("solid", ball=ball(inertia=0.01))
+
+
+#: (mass, radius, inertia) of published robots' balls: CMU, Rezero, Kugle, Michigan, "ball segway"
+@pytest.mark.parametrize(
+    ("mass", "radius", "inertia"),
+    [
+        (2.437, 0.105838, 0.0174),
+        (2.29, 0.125, 0.0239),
+        (1.478, 0.129, 0.0153958),
+        (0.62, 0.121, 0.0036),
+        (19.6, 0.22, 0.38),
+    ],
+)
+def test_published_balls_are_believed(mass: float, radius: float, inertia: float) -> None:
+    assert ALTEN.replace(ball=Ball(mass=mass, radius=radius, inertia=inertia)).ball.mass == mass
+
+
+#: (mass, height, moments, point) of published bodies: Rezero, Kugle (with its centre of mass), Appendix III
+@pytest.mark.parametrize(
+    ("mass", "height", "moments", "about"),
+    [
+        (12.2, 0.339, (2.026, 2.025, 0.092), "ball_center"),
+        (16.154, 0.421251, (1.29465, 1.30640, 0.100218), "center_of_mass"),
+        (17.076, 0.393, (4.37, 4.37, 0.193), "ball_center"),
+    ],
+)
+def test_published_bodies_are_believed(
+    mass: float, height: float, moments: tuple[float, float, float], about: str
+) -> None:
+    made = body(mass=mass, center_of_mass=height, inertia=(*moments, 0.0, 0.0, 0.0), inertia_about=about)
+    assert ALTEN.replace(body=made).body == made
+
+
+def test_principal_moments_are_positive() -> None:
+    refused(
+        "principal moments -0.5, .* each must be above zero",
+        body=body(inertia=(1.0, 1.0, 1.0, 1.5, 0.0, 0.0)),
+    )
+
+
+def test_the_triangle_inequality_holds_about_the_given_point() -> None:
+    refused("no body has one larger than the sum", body=body(inertia=(4.37, 4.37, 9.0, 0.0, 0.0, 0.0)))
+
+
+def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
+    # rotating a body that can exist leaves it one, though its diagonal alone could look wrong
+    turn, _ = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [-0.4, 1.0, 0.5], [0.1, -0.2, 1.0]]))
+    for moments, fits in (((1.0, 2.0, 2.9), True), ((1.0, 2.0, 3.1), False)):
+        j = turn @ np.diag(moments) @ turn.T
+        six = (j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2])
+        made = body(inertia=six, inertia_about="center_of_mass")
+        if fits:
+            ALTEN.replace(body=made)
+        else:
+            refused("larger than the sum", body=made)
+
+
+def test_an_inertia_about_the_wrong_point_is_found_out() -> None:
+    central = (1.7326, 1.7326, 0.193, 0.0, 0.0, 0.0)
+    refused("less m l\\^2 = 2.64 .* looks as if .* about the centre of mass", body=body(inertia=central))
+    ALTEN.replace(body=body(inertia=central, inertia_about="center_of_mass"))
+
+
+@pytest.mark.parametrize(
+    ("says", "parts"),
+    [
+        (r"ball\.radius is 11 m, .* did you mean 11 cm \(0\.11 m\)\?", {"ball": ball(radius=11.0)}),
+        (r"ball\.radius is 110 m, .* did you mean 110 mm \(0\.11 m\)\?", {"ball": ball(radius=110.0)}),
+        (r"ball\.mass is 3000 kg, .* did you mean 3000 g \(3 kg\)\?", {"ball": ball(mass=3000.0)}),
+        (r"body\.center_of_mass is 39\.3 m, .* 39\.3 cm", {"body": body(center_of_mass=39.3)}),
+        (r"body\.inertia\.xx is 43700 kg m\^2, .* kg cm\^2 \(4\.37", {"body": body(inertia=(43700.0,) * 6)}),
+        (r"wheels\.azimuths\[1\] is 120 rad, .* 120 deg", {"wheels": wheels(0.0, math.degrees(120.0), 4.0)}),
+        (
+            r"wheels\.tilt is 45 rad; .* did you mean 45 deg\?",
+            {"wheels": wheels(0, 120, 240, tilt=math.degrees(45))},
+        ),
+        (r"wheels\.tilt is 1\.6.* between 0 and 90 deg", {"wheels": wheels(0, 120, 240, tilt=92.0)}),
+    ],
+)
+def test_other_units_are_recognised(says: str, parts: dict[str, object]) -> None:
+    refused(says, **parts)
+
+
+def test_motor_constants_tell_a_wrong_unit() -> None:
+    drive = dataclasses.replace(ALTEN.drive, speed_constant=303.0)
+    refused(r"is 9\.54, where every motor's is near 1; did you mean 303 rpm/V\?", drive=drive)
+
+
+@pytest.mark.parametrize("azimuths", [(0.0, 0.0, 120.0), (0.0, 120.0, 360.0), (90.0, 180.0, 180.5)])
+def test_wheels_need_places_of_their_own(azimuths: tuple[float, ...]) -> None:
+    refused("three independent torques", wheels=wheels(*azimuths))
+
+
+def test_wheels_must_be_able_to_turn_the_ball_every_way() -> None:
+    refused("cannot give three independent torques", wheels=wheels(0.0, 120.0, 240.0, tilt=0.2))
+    refused("cannot give three independent torques", wheels=wheels(0.0, 120.0, 240.0, tilt=89.8))
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_three_or_four_wheels(count: int) -> None:
+    refused("three or four", wheels=wheels(*np.arange(count) * 360.0 / count), friction=Friction.none(count))
+
+
+def test_four_wheels_need_four_frictions() -> None:
+    four = wheels(45.0, 135.0, 225.0, 315.0)
+    refused("friction.viscous has 3 numbers, but wheels.azimuths lists 4 wheels", wheels=four)
+    assert ALTEN.replace(wheels=four, friction=Friction.none(4)).wheel_count == 4
+
+
+@pytest.mark.parametrize(
+    ("says", "changes"),
+    [
+        (r"friction\.coulomb\[1\] is -0\.1 N m; it cannot be negative", {"coulomb": (0.1, -0.1, 0.1)}),
+        (r"friction\.stribeck_speed is 0 rad/s; it must be above zero", {"stribeck_speed": 0.0}),
+        (r"friction\.stribeck_exponent is -1; it cannot be negative", {"stribeck_exponent": -1.0}),
+        (r"friction\.rolling is 7", {"rolling": 7.0}),
+        (r"friction\.viscous is array.* takes a tuple", {"viscous": np.zeros(3)}),
+        (r"friction\.viscous\[2\] is None; it takes a number", {"viscous": (0.0, 0.0, None)}),
+    ],
+)
+def test_friction_is_checked(says: str, changes: dict[str, object]) -> None:
+    refused(says, friction=dataclasses.replace(ALTEN.friction, **changes))  # type: ignore[arg-type]
+
+
+def test_sources_are_checked() -> None:
+    refused("sources names 'ball.radios', .* did you mean 'ball.radius'", sources={"ball.radios": "measured"})
+    refused('ball.radius has the source .* did you mean "measured"', sources={"ball.radius": "measuerd"})
+    refused(r"name is '\\n'", name="\n")
