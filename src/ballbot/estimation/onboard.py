@@ -1,0 +1,82 @@
+"""The on-board state, the thesis's way (Appendices I and V): an AHRS and wheel encoders, nothing else.
+
+    z = T_obw wheel_speed + w      ball's angular velocity, body frame (wheels see z - w)
+    Omega = R z                    the same, world frame
+    v = r_b (Omega_y, -Omega_x)    velocity of a ball that rolls without slip
+    Phi_dot = B^-1 w               rates of theta, phi, psi
+    x, y                           the sum of v from the start: an error here is never corrected
+
+What it cannot see: slip, the play between encoder and wheel, the drift of its own heading.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.estimation.attitude import angle_rates
+from ballbot.mechanics.geometry import rotation, transforms
+from ballbot.robot.robot import Robot
+
+
+class OnboardState:
+    """The ten states from wheel speeds, gyro and attitude, a sample at a time and without look-ahead.
+
+    Parameters
+    ----------
+    robot : Robot
+        Gives the geometry: r_b and T_obw.
+    sample_time : float
+        Time between two updates [s].
+
+    Raises
+    ------
+    InputError
+        Where the sample time is not positive.
+    """
+
+    def __init__(self, robot: Robot, *, sample_time: float) -> None:
+        if not sample_time > 0:
+            raise InputError(f"the sample time of an on-board state must be above 0 s, not {sample_time}.")
+        self.robot = robot
+        self.sample_time = sample_time
+        self._ball_from_wheels = transforms(robot).T_obw
+        self._position = np.zeros(2)
+        self._velocity: NDArray[np.float64] | None = None
+
+    def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Forget the past and call the present position (x, y) [m] so."""
+        self._position = np.array(position, dtype=np.float64)
+        self._velocity = None
+
+    def update(
+        self,
+        wheel_speeds: NDArray[np.float64],
+        gyro: NDArray[np.float64],
+        attitude: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Take one sample and return the state.
+
+        Parameters
+        ----------
+        wheel_speeds : array (n,)
+            Wheel speeds that the encoders see [rad/s].
+        gyro : array (3,)
+            Angular velocity of the body in its own frame [rad/s].
+        attitude : array (3,)
+            theta, phi, psi [rad], psi without jumps of a turn.
+
+        Returns
+        -------
+        array (10,)
+            x, y [m], theta, phi, psi [rad] and their rates, world frame.
+        """
+        theta, phi, psi = attitude
+        ball_rate = rotation(theta, phi, psi) @ (self._ball_from_wheels @ wheel_speeds + gyro)
+        radius = self.robot.ball.radius
+        velocity = np.array([radius * ball_rate[1], -radius * ball_rate[0]])
+        if self._velocity is not None:  # trapezoid between this sample and the one before
+            self._position = self._position + 0.5 * self.sample_time * (velocity + self._velocity)
+        self._velocity = velocity
+        return np.concatenate((self._position, attitude, velocity, angle_rates(attitude, gyro)))

@@ -1,0 +1,57 @@
+"""The seam between a plant and everything that drives one.
+
+A plant is anything that takes wheel torques and gives measurements: the exact model, the MuJoCo twin, a
+user's own simulator, a robot on a wire. Simulation, recording and firmware tests know only what stands here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.robot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """What a plant says about itself at one instant.
+
+    The ten states are x, y [m], theta, phi, psi [rad] and their rates, in the world frame; n is the
+    number of wheels.
+    """
+
+    t: float  #: time since the reset [s]
+    state: NDArray[np.float64]  #: (10,) the state as the on-board sensors have it
+    wheel_angles: NDArray[np.float64]  #: (n,) encoder angles, zero at the reset [rad]
+    wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]
+    gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
+    truth: NDArray[np.float64]  #: (10,) the state as it is; no controller may look at it
+    ended: str | None = None  #: why the run must stop ("fallen: ..."), or None
+
+
+class Plant(Protocol):
+    """Wheel torques in, measurements out."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the plant is."""
+        ...
+
+    def reset(self, initial_state: NDArray[np.float64] | None, *, seed: int) -> Measurement:
+        """Start again at t = 0 and return the first measurement.
+
+        Parameters
+        ----------
+        initial_state : array (10,) or None
+            True state to start from; None is upright at rest at the origin.
+        seed : int
+            Everything random in the run to come follows from it: equal seeds give equal runs, bit for bit.
+        """
+        ...
+
+    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+        """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end."""
+        ...

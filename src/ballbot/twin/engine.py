@@ -1,0 +1,77 @@
+"""MuJoCo, as far as the twin uses it: the one module that imports it.
+
+Its bindings carry no types; behind this class the rest of the twin has them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+
+
+class Engine:
+    """A compiled MJCF document and its state, as arrays that stay where they are.
+
+    The arrays are views into MuJoCo's own memory: what is written into them takes effect, and what is read
+    from them changes with `step`.
+
+    Raises
+    ------
+    InputError
+        Where MuJoCo is not installed.
+    """
+
+    def __init__(self, document: str) -> None:
+        try:
+            import mujoco
+        except ImportError:
+            raise InputError("the twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
+        self._mujoco = mujoco
+        self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
+        self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
+        self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
+        self.timestep = float(self.model.opt.timestep)
+        #: generalised positions and velocities, MuJoCo's order
+        self.qpos: NDArray[np.float64] = self.data.qpos
+        self.qvel: NDArray[np.float64] = self.data.qvel
+        #: dry friction [N m] and viscous friction [N m s/rad] of each degree of freedom
+        self.dry_friction: NDArray[np.float64] = self.model.dof_frictionloss
+        self.damping: NDArray[np.float64] = self.model.dof_damping
+        #: torques of the motors [N m]
+        self.torques: NDArray[np.float64] = self.data.ctrl
+
+    def reset(self) -> None:
+        """Put everything where the document says, at rest, and forget the solver's last solution."""
+        self._mujoco.mj_resetData(self.model, self.data)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def step(self) -> None:
+        """Advance by one timestep."""
+        self._step(self.model, self.data)
+
+    @property
+    def contacts(self) -> int:
+        """Number of contacts found by the last step."""
+        return int(self.data.ncon)
+
+    def first_position(self, joint: str) -> int:
+        """Return where a joint's first coordinate lies in `qpos`."""
+        return int(self.model.joint(joint).qposadr[0])
+
+    def first_velocity(self, joint: str) -> int:
+        """Return where a joint's first coordinate lies in `qvel`."""
+        return int(self.model.joint(joint).dofadr[0])
+
+    def positions(self, kind: str, count: int) -> slice:
+        """Return where the hinges "kind 1" to "kind count" lie in `qpos`, one for each wheel."""
+        return _evenly_spaced(self.first_position(f"{kind} 1"), self.first_position(f"{kind} 2"), count)
+
+    def velocities(self, kind: str, count: int) -> slice:
+        """Return where the hinges "kind 1" to "kind count" lie in `qvel`, one for each wheel."""
+        return _evenly_spaced(self.first_velocity(f"{kind} 1"), self.first_velocity(f"{kind} 2"), count)
+
+
+def _evenly_spaced(first: int, second: int, count: int) -> slice:
+    # wheels are built alike, one after the other; a slice gives views where a list of indices would copy
+    return slice(first, first + count * (second - first), second - first)

@@ -1,0 +1,140 @@
+"""How a robot's mass splits into the rigid parts of the twin: body, wheel hubs, rollers.
+
+The robot file gives the body with its locked wheels as one (m_r, l, J_0) and a wheel only by its radius and
+its inertia about the axle j_w. The twin's parts are chosen so that, with all joints locked, mass, centre of
+mass and J_0 are again the robot's, and each wheel has j_w about its axle. What the file leaves open is set
+here: a wheel weighs what a uniform disc of its radius and inertia would, and its rollers hold two fifths of
+j_w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.mechanics.geometry import axles, contact_directions, rolling_directions
+from ballbot.robot.robot import Robot, Rollers
+
+_ROLLER_SHARE = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelParts:
+    """One wheel: a hub and its rollers, all rollers alike."""
+
+    hub_mass: float  #: [kg]
+    hub_inertia: tuple[float, float, float]  #: about its centre; x, y across, z along the axle [kg m^2]
+    roller_mass: float  #: of one roller [kg]
+    roller_inertia: tuple[float, float, float]  #: about its centre; y along its own axis [kg m^2]
+    roller_half_length: float  #: half axis of the ellipsoid along the roller's axis [m]
+    roller_centers: NDArray[np.float64]  #: (rows * per_row, 3) wheel frame [m]
+    roller_angles: NDArray[np.float64]  #: (rows * per_row,) azimuth about the axle [rad]
+    center_distance: float  #: from the ball's centre to the wheel's [m]
+
+    def inertia(self) -> NDArray[np.float64]:
+        """Return the inertia (3, 3) [kg m^2] of the whole locked wheel about its centre, wheel frame."""
+        total = np.diag(self.hub_inertia)
+        for center, angle in zip(self.roller_centers, self.roller_angles, strict=True):
+            c, s = np.cos(angle), np.sin(angle)
+            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            total = total + turn @ np.diag(self.roller_inertia) @ turn.T
+            total = total + self.roller_mass * _point_inertia(center)
+        return total
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole wheel [kg]."""
+        return self.hub_mass + len(self.roller_angles) * self.roller_mass
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyParts:
+    """What remains of the body once the wheels are taken off it."""
+
+    mass: float  #: [kg]
+    center_of_mass: NDArray[np.float64]  #: (3,) from the ball's centre, body frame [m]
+    inertia: NDArray[np.float64]  #: (3, 3) about its centre of mass, body frame [kg m^2]
+
+
+def wheel_frames(robot: Robot) -> NDArray[np.float64]:
+    """Return R_body_wheel (n, 3, 3): columns are the wheel frames' axes in the body frame.
+
+    x points from the wheel to the contact (-n_i), y along the rolling direction t_i, z along the hinge. The
+    hinge axis is -a_i: where a wheel turns by +1 about it, the ball turns about +a_i, as gears do.
+    """
+    n = contact_directions(robot.wheels)
+    return np.stack((-n, rolling_directions(robot.wheels), -axles(robot.wheels)), axis=-1)
+
+
+def wheel_parts(robot: Robot, rollers: Rollers) -> WheelParts:
+    """Split a wheel into hub and rollers.
+
+    The rollers are ellipsoids of half length sqrt(r_w r_roller): their middle then curves like the wheel's
+    rim. A row lies `offset` off the wheel's middle plane, so it meets the ball below its own highest point,
+    and the wheel's centre moves in by as much. The second row is turned by half a pitch.
+    """
+    radius, inertia = robot.wheels.radius, robot.wheels.inertia
+    ring = radius - rollers.radius
+    half_length = float(np.sqrt(radius * rollers.radius))
+    count = rollers.rows * rollers.per_row
+    across = (rollers.radius**2 + half_length**2) / 5  # inertia over mass, ellipsoid
+    along = 2 * rollers.radius**2 / 5
+    roller_mass = _ROLLER_SHARE * inertia / (count * (ring**2 + across))
+    hub_mass = 2 * inertia / radius**2 - count * roller_mass
+    hub_axial = (1 - _ROLLER_SHARE) * inertia
+
+    offset = (rollers.rows - 1) * rollers.row_spacing / 2
+    pitch = 2 * np.pi / rollers.per_row
+    turns = [np.arange(rollers.per_row, dtype=np.float64) + row / 2 for row in range(rollers.rows)]
+    angles: NDArray[np.float64] = pitch * np.concatenate(turns)
+    heights = np.repeat(np.linspace(-offset, offset, rollers.rows), rollers.per_row)
+    return WheelParts(
+        hub_mass=hub_mass,
+        hub_inertia=(hub_axial / 2, hub_axial / 2, hub_axial),
+        roller_mass=roller_mass,
+        roller_inertia=(roller_mass * across, roller_mass * along, roller_mass * across),
+        roller_half_length=half_length,
+        roller_centers=np.column_stack((ring * np.cos(angles), ring * np.sin(angles), heights)),
+        roller_angles=angles,
+        center_distance=float(np.sqrt((robot.ball.radius + rollers.radius) ** 2 - offset**2)) + ring,
+    )
+
+
+def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
+    """Take the wheels off the robot's body.
+
+    Raises
+    ------
+    InputError
+        Where nothing physical remains: the wheels are too heavy for the body.
+    """
+    frames = wheel_frames(robot)
+    centers = -wheel.center_distance * frames[:, :, 0]
+    mass = robot.body.mass - robot.wheel_count * wheel.mass
+    if mass <= 0:
+        raise InputError(
+            f"the wheels of {robot.name!r} would weigh {robot.wheel_count * wheel.mass:.2f} kg by their "
+            f"inertia and radius, more than the whole body's {robot.body.mass} kg; check wheels.inertia."
+        )
+    first_moment = robot.body.mass * np.array([0.0, 0.0, robot.body.center_of_mass])
+    center_of_mass = (first_moment - wheel.mass * centers.sum(axis=0)) / mass
+    inertia = robot.body.inertia_about_ball_center()
+    for frame, center in zip(frames, centers, strict=True):
+        inertia = inertia - frame @ wheel.inertia() @ frame.T - wheel.mass * _point_inertia(center)
+    inertia = inertia - mass * _point_inertia(center_of_mass)
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    if low <= 0 or low + middle < high:
+        raise InputError(
+            f"the body of {robot.name!r} without its wheels would have principal inertias "
+            f"{low:.4g}, {middle:.4g}, {high:.4g} kg m^2, which no body has; "
+            f"check body.inertia and wheels.inertia."
+        )
+    return BodyParts(mass=mass, center_of_mass=center_of_mass, inertia=inertia)
+
+
+def _point_inertia(position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the inertia (3, 3) about the origin of 1 kg at a position (3,)."""
+    return np.dot(position, position) * np.eye(3) - np.outer(position, position)

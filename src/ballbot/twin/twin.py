@@ -1,0 +1,188 @@
+"""The twin: a MuJoCo robot with real rollers, seen through its own sensors.
+
+It is a plant like any other (`ballbot.simulation.plant`): torques in, measurements out. What it adds to the
+exact model is what the exact model leaves out: wheels that touch in one of two rows of rollers, slip, soft
+contacts, gearbox play, sensors that count, err and drift.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.estimation.attitude import angle_rates
+from ballbot.estimation.onboard import OnboardState
+from ballbot.mechanics.geometry import transforms
+from ballbot.robot.robot import Robot
+from ballbot.simulation.plant import Measurement
+from ballbot.simulation.sensors import AttitudeSensor, Encoders
+from ballbot.twin.driveline import Driveline
+from ballbot.twin.engine import Engine
+from ballbot.twin.kinematics import attitude_of, ball_rate, body_rate, encoder_speeds, quaternion_of
+from ballbot.twin.mjcf import twin_mjcf
+from ballbot.twin.scenario import Scenario
+
+
+class Twin:
+    """A robot to experiment on.
+
+    Parameters
+    ----------
+    robot : Robot
+        The rigid body, the drive and the geometry; its friction is not looked at.
+    scenario : Scenario, optional
+        Everything else that is true; `Scenario.nominal(robot)` where none is given.
+
+    Raises
+    ------
+    InputError
+        Where the two do not fit each other, or MuJoCo is not installed.
+    """
+
+    def __init__(self, robot: Robot, scenario: Scenario | None = None) -> None:
+        self.robot = robot
+        self.scenario = scenario if scenario is not None else Scenario.nominal(robot)
+        self.engine = Engine(twin_mjcf(robot, self.scenario))
+        sensors = self.scenario.sensors
+        self._substeps = round(sensors.sample_time / self.scenario.timestep)
+        self._driveline = Driveline(robot, self.scenario, self.engine)
+        self._encoders = Encoders(robot, sensors, window=self.scenario.speed_window)
+        self._onboard = OnboardState(robot, sample_time=sensors.sample_time)
+        self._lay_out_views()
+        self._random = np.random.default_rng(0)
+        self._imu = AttitudeSensor(sensors, self._random)
+        self._samples = 0
+        self._psi = 0.0
+
+    def reset(self, initial_state: NDArray[np.float64] | None = None, *, seed: int = 0) -> Measurement:
+        """Put the robot in a state, at t = 0, and return what its sensors say.
+
+        The rollers' places on the ball, where in its play each gearbox rests and all noise follow from the
+        seed. Wheels start at the speeds that go with the state.
+
+        Parameters
+        ----------
+        initial_state : array (10,) or None
+            True state; None is upright at rest at the origin.
+        seed : int
+            Equal seeds give equal runs, bit for bit.
+
+        Raises
+        ------
+        InputError
+            Where the state is not ten finite numbers.
+        """
+        state = np.zeros(10) if initial_state is None else np.asarray(initial_state, dtype=np.float64)
+        if state.shape != (10,) or not np.isfinite(state).all():
+            raise InputError(
+                f"an initial state must be ten finite numbers, not an array of shape {state.shape}."
+            )
+        self._random = np.random.default_rng(seed)
+        self._imu = AttitudeSensor(self.scenario.sensors, self._random)
+        self.engine.reset()
+        self._place(state)
+        self._driveline.command(np.zeros(self.robot.wheel_count))
+        self._encoders.reset(self._motor_angles)
+        self._onboard.reset(position=(float(state[0]), float(state[1])))
+        self._samples = 0
+        self._psi = float(state[4])
+        return self._measure()
+
+    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+        """Hold the torques for a duration and return what the sensors say at its end.
+
+        Parameters
+        ----------
+        torques : array (n,)
+            Commanded torques at the wheels [N m]; noise, torque limit and supply limit come upon them.
+        duration : float
+            A whole number of the sensors' sample times [s]; the sensors are read at each.
+
+        Raises
+        ------
+        InputError
+            Where the duration is no such number.
+        """
+        sample_time = self.scenario.sensors.sample_time
+        samples = round(duration / sample_time)
+        if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
+            raise InputError(
+                f"the twin's sensors are read every {sample_time} s, so a controller's sample time must be "
+                f"a whole number of that, not {duration} s."
+            )
+        for _ in range(samples - 1):
+            self._advance(torques)
+            self._measure()
+        self._advance(torques)
+        return self._measure()
+
+    def _lay_out_views(self) -> None:
+        """Find the coordinates of ball, body and motors among MuJoCo's."""
+        engine, count = self.engine, self.robot.wheel_count
+        ball, body = engine.first_position("ball"), engine.first_position("body")
+        self._ball_position = engine.qpos[ball : ball + 3]
+        self._body_pose = engine.qpos[body : body + 7]
+        ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
+        self._ball_velocity = engine.qvel[ball : ball + 6]
+        self._body_velocity = engine.qvel[body : body + 6]
+        self._motor_angles = engine.qpos[engine.positions("wheel", count)]
+
+    def _place(self, state: NDArray[np.float64]) -> None:
+        """Write a state (10,) into the engine, wheels and play where chance puts them."""
+        count, radius = self.robot.wheel_count, self.robot.ball.radius
+        x, y, theta, phi, psi = state[:5].tolist()
+        self._ball_position[:] = (x, y, radius)
+        self._body_pose[:3] = (x, y, radius)
+        self._body_pose[3:] = quaternion_of(theta, phi, psi)
+        self._ball_velocity[:3] = (state[5], state[6], 0.0)
+        self._ball_velocity[3:] = ball_rate(state, radius)  # the ball's own frame is the world's at the start
+        self._body_velocity[:3] = self._ball_velocity[:3]
+        self._body_velocity[3:] = body_rate(state)
+        self._driveline.speeds[:] = encoder_speeds(state, transforms(self.robot).T_owb, radius)
+        self._motor_angles[:] = self._random.uniform(0.0, 2 * math.pi, count)
+        if self.scenario.backlash > 0:
+            play = self.engine.qpos[self.engine.positions("play", count)]
+            play[:] = self.scenario.backlash * self._random.uniform(-0.5, 0.5, count)
+
+    def _advance(self, torques: NDArray[np.float64]) -> None:
+        """Advance by one sample with the torques (n,) held and their noise upon them."""
+        noise = self.scenario.torque_noise * self._random.standard_normal(self.robot.wheel_count)
+        self._driveline.command(torques + noise)
+        for _ in range(self._substeps):
+            self._driveline.prepare_step()
+            self.engine.step()
+        self._samples += 1
+
+    def _measure(self) -> Measurement:
+        """Read every sensor once."""
+        t = self._samples * self.scenario.sensors.sample_time
+        truth = self._truth()
+        gyro, attitude = self._imu.read(t, self._body_velocity[3:], truth[2:5])
+        wheel_angles, wheel_speeds = self._encoders.read(self._motor_angles)
+        return Measurement(
+            t=t,
+            state=self._onboard.update(wheel_speeds, gyro, attitude),
+            wheel_angles=wheel_angles,
+            wheel_speeds=wheel_speeds,
+            gyro=gyro,
+            truth=truth,
+            ended=self._why_ended(t, truth),
+        )
+
+    def _truth(self) -> NDArray[np.float64]:
+        attitude = attitude_of(self._body_pose[3:], near_psi=self._psi)
+        self._psi = float(attitude[2])
+        rates = angle_rates(attitude, self._body_velocity[3:])
+        return np.concatenate((self._ball_position[:2], attitude, self._ball_velocity[:2], rates))
+
+    def _why_ended(self, t: float, truth: NDArray[np.float64]) -> str | None:
+        limit = self.scenario.fallen_lean
+        upright = math.cos(truth[2]) * math.cos(truth[3])  # cosine of the lean
+        if not math.isfinite(upright):
+            return f"the physics engine's numbers ran away at t = {t:.3f} s"
+        if upright < math.cos(limit):
+            return f"fallen: lean past {limit:g} rad at t = {t:.3f} s"
+        return None

@@ -1,0 +1,242 @@
+"""The twin as a plant: it balances, repeats, falls, and its sensors see what they should."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_are
+
+from ballbot.errors import InputError
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.simulation.plant import Measurement, Plant
+from ballbot.twin import Scenario, Twin
+
+ALTEN = Robot.load("alten")
+
+
+@pytest.fixture(scope="module")
+def gain() -> NDArray[np.float64]:
+    """design.md section 11's gain, from scipy's Riccati solver and not from ballbot.control."""
+    linear = Model(ALTEN).linearize()
+    block = np.zeros((13, 13))
+    block[:10, :10], block[:10, 10:] = linear.A, linear.B
+    sampled = expm(0.005 * block)
+    A, B = sampled[:10, :10], sampled[:10, 10:]
+    Q, R = np.diag([20, 20, 500, 500, 5, 30, 30, 20, 20, 2.0]), 30 * np.eye(3)
+    P = solve_discrete_are(A, B, Q, R)
+    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+
+
+def balance(
+    plant: Plant, gain: NDArray[np.float64], duration: float, *, seed: int, at: float = 0.0
+) -> list[Measurement]:
+    """Balance at (0, 0, at): u = -K S(psi) (x - r), the pairs of the error turned by -psi."""
+    measurement = plant.reset(None, seed=seed)
+    measured = [measurement]
+    for _ in range(round(duration / 0.005)):
+        error = -measurement.state
+        error[4] += at
+        c, s = np.cos(measurement.state[4]), np.sin(measurement.state[4])
+        for pair in ((0, 1), (2, 3), (5, 6), (7, 8)):
+            error[list(pair)] = np.array([[c, s], [-s, c]]) @ error[list(pair)]
+        measurement = plant.step(gain @ error, 0.005)
+        measured.append(measurement)
+        if measurement.ended:
+            break
+    return measured
+
+
+def test_balances_ten_seconds_and_wanders_as_the_thesis_saw(gain: NDArray[np.float64]) -> None:
+    measured = balance(Twin(ALTEN), gain, 10.0, seed=1)
+    truth = np.array([m.truth for m in measured])
+    assert measured[-1].ended is None
+    assert measured[-1].t == pytest.approx(10.0)
+    assert np.abs(truth[:, 2:4]).max() < np.radians(3)
+    # issue 2: friction without compensation makes it wander by 0.1 to 1 m
+    assert 0.05 < np.abs(truth[:, :2]).max() < 1.0
+    # what the sensors say is near it: drift of the heading and slip, not more
+    seen = np.array([m.state for m in measured])
+    assert np.abs(seen[:, :2] - truth[:, :2]).max() < 0.05
+    assert np.abs(seen[:, 2:4] - truth[:, 2:4]).max() < np.radians(1.0)
+
+
+def test_without_friction_it_hardly_wanders(gain: NDArray[np.float64]) -> None:
+    measured = balance(Twin(ALTEN, Scenario.ideal(ALTEN)), gain, 5.0, seed=1)
+    assert measured[-1].ended is None
+    assert np.abs([m.truth[:2] for m in measured]).max() < 0.02
+
+
+def test_turns_past_half_a_turn_without_a_jump(gain: NDArray[np.float64]) -> None:
+    measured = balance(Twin(ALTEN), gain, 8.0, seed=2, at=4.0)
+    psi = np.array([m.truth[4] for m in measured])
+    assert measured[-1].ended is None
+    assert psi[-1] > np.pi
+    assert np.abs(np.diff(psi)).max() < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["nominal", "wide_rows"])
+def test_balances_a_minute(gain: NDArray[np.float64], scenario: str) -> None:
+    measured = balance(Twin(ALTEN, Scenario.named(scenario, ALTEN)), gain, 60.0, seed=4)
+    assert measured[-1].ended is None
+
+
+def test_equal_seeds_give_equal_runs_and_others_do_not(gain: NDArray[np.float64]) -> None:
+    twin = Twin(ALTEN)
+    first = balance(twin, gain, 0.5, seed=3)
+    other = balance(twin, gain, 0.5, seed=4)
+    again = balance(twin, gain, 0.5, seed=3)  # after another run on the same twin
+    fresh = balance(Twin(ALTEN), gain, 0.5, seed=3)
+    for a, b, c in zip(first, again, fresh, strict=True):
+        for name in ("state", "wheel_angles", "wheel_speeds", "gyro", "truth"):
+            assert (getattr(a, name) == getattr(b, name)).all()
+            assert (getattr(a, name) == getattr(c, name)).all()
+    assert (first[-1].truth != other[-1].truth).all()
+
+
+@pytest.mark.parametrize("angle", [2, 3])
+def test_falls_at_the_exact_model_s_rate(angle: int) -> None:
+    """Without torque the lean grows as cosh(5.20 t) (design.md section 10); the printed model's rate is 3.63.
+
+    Rows 0.1 mm apart: rows apart make the contacts' tilt jump, which pushes a free robot by itself.
+    """
+    ideal = Scenario.ideal(ALTEN)
+    twin = Twin(ALTEN, replace(ideal, rollers=replace(ideal.rollers, row_spacing=1e-4)))
+    start = np.zeros(10)
+    start[angle] = 0.01
+    twin.reset(start, seed=1)
+    for _ in range(100):
+        measurement = twin.step(np.zeros(3), 0.005)
+    rate = np.arccosh(measurement.truth[angle] / 0.01) / 0.5
+    assert rate == pytest.approx(5.20, rel=0.03)  # rollers' own inertia and softness: 1 to 2 %
+
+
+def test_says_that_it_has_fallen() -> None:
+    twin = Twin(ALTEN)
+    start = np.zeros(10)
+    start[2] = 0.5
+    twin.reset(start, seed=1)
+    for _ in range(100):
+        measurement = twin.step(np.zeros(3), 0.005)
+        if measurement.ended:
+            break
+    assert measurement.ended is not None
+    assert measurement.ended.startswith("fallen: lean past 0.6 rad at t = ")
+    assert abs(measurement.truth[2]) > 0.6
+
+
+def test_says_that_the_numbers_ran_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo leaves a MUJOCO_LOG.TXT where it warns
+    twin = Twin(ALTEN)
+    twin.reset(None, seed=1)
+    twin.engine.qvel[8] = np.nan
+    measurement = twin.step(np.zeros(3), 0.005)
+    assert measurement.ended == "the physics engine's numbers ran away at t = 0.005 s"
+    assert twin.reset(None, seed=1).ended is None
+
+
+def test_starts_where_it_is_told() -> None:
+    state = np.array([0.3, -0.2, 0.05, -0.04, 2.0, 0.1, 0.05, -0.02, 0.03, 0.2])
+    measurement = Twin(ALTEN).reset(state, seed=1)
+    np.testing.assert_allclose(measurement.truth, state, atol=1e-12)
+    np.testing.assert_allclose(measurement.state[:2], state[:2])
+    assert measurement.t == 0.0
+
+
+def test_nominal_scenario_is_the_frozen_one() -> None:
+    """design.md section 11, word for word."""
+    nominal = Scenario.nominal(ALTEN)
+    friction = nominal.friction
+    assert friction.viscous == (0.014, 0.016, 0.013)
+    assert friction.coulomb == (0.11, 0.09, 0.12)
+    assert friction.stribeck == (0.05, 0.04, 0.06)
+    assert (friction.stribeck_speed, friction.stribeck_exponent, friction.rolling) == (0.6, 1.1, 0.007)
+    assert (nominal.pivoting, nominal.torque_noise) == (0.02, 0.01)
+    assert nominal.backlash == pytest.approx(np.radians(1.0))
+    rollers = nominal.rollers
+    assert (rollers.rows, rollers.per_row) == (2, 9)
+    assert (rollers.radius, rollers.row_spacing) == pytest.approx((0.009, 0.006))
+    assert nominal.sensors.sample_time == pytest.approx(1 / 200)
+    assert nominal.sensors.heading_drift == pytest.approx(np.radians(16) / 180)
+
+
+def test_robot_s_own_friction_is_not_looked_at() -> None:
+    """Else identification would be handed its own answer."""
+    identified = ALTEN.replace(friction=replace(Scenario.nominal(ALTEN).friction, rolling=0.5))
+    runs = []
+    for robot in (ALTEN, identified):
+        twin = Twin(robot)
+        twin.reset(None, seed=1)
+        for _ in range(20):
+            measurement = twin.step(np.array([0.3, -0.1, 0.2]), 0.005)
+        runs.append(measurement.truth)
+    assert (runs[0] == runs[1]).all()
+
+
+def test_torque_limit_holds_against_any_command() -> None:
+    limited = ALTEN.replace(drive=replace(ALTEN.drive, torque_limit=0.5))
+    twins = [Twin(robot, Scenario.ideal(robot)) for robot in (limited, ALTEN)]
+    for twin, torque in zip(twins, (50.0, 0.5), strict=True):
+        twin.reset(None, seed=1)
+        last = [twin.step(torque * np.array([1.0, -1.0, 0.0]), 0.005) for _ in range(10)]
+    assert (twins[0].engine.qpos == twins[1].engine.qpos).all()
+    assert np.abs(last[-1].truth).max() > 0.0
+
+
+def test_longer_steps_hold_the_torque_while_sensors_keep_their_rate() -> None:
+    quiet = Scenario.ideal(ALTEN)
+    one, two = Twin(ALTEN, quiet), Twin(ALTEN, quiet)
+    one.reset(None, seed=1)
+    two.reset(None, seed=1)
+    torque = np.array([0.3, -0.1, 0.2])
+    for _ in range(5):
+        one.step(torque, 0.005)
+        a = one.step(torque, 0.005)
+        b = two.step(torque, 0.010)
+    assert (a.state == b.state).all()
+    assert a.t == b.t
+
+
+def test_four_wheels_stand() -> None:
+    azimuths = tuple(np.pi / 4 + np.pi / 2 * np.arange(4))
+    friction = replace(ALTEN.friction, viscous=(0.0,) * 4, coulomb=(0.0,) * 4, stribeck=(0.0,) * 4)
+    robot = ALTEN.replace(wheels=replace(ALTEN.wheels, azimuths=azimuths), friction=friction)
+    twin = Twin(robot)
+    twin.reset(None, seed=1)
+    for _ in range(20):
+        measurement = twin.step(np.zeros(4), 0.005)
+    assert measurement.wheel_speeds.shape == (4,)
+    assert twin.engine.contacts >= 5  # the floor and four wheels
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"rollers": {"rows": 3}}, "one or two rows"),
+        ({"rollers": {"radius": 0.09}}, "between 0 and the wheel's"),
+        ({"sensors": {"sample_time": 0.0051234}}, "whole number"),
+        ({"friction": {"coulomb": (0.1, 0.1)}}, "friction for 2 wheels"),
+    ],
+)
+def test_refuses_a_scenario_that_does_not_fit(change: dict[str, dict[str, object]], sentence: str) -> None:
+    nominal = Scenario.nominal(ALTEN)
+    parts = {name: replace(getattr(nominal, name), **values) for name, values in change.items()}
+    with pytest.raises(InputError, match=sentence):
+        Twin(ALTEN, replace(nominal, **parts))
+
+
+def test_refuses_what_it_cannot_do() -> None:
+    twin = Twin(ALTEN)
+    twin.reset(None, seed=1)
+    with pytest.raises(InputError, match=r"read every 0\.005 s"):
+        twin.step(np.zeros(3), 0.004)
+    with pytest.raises(InputError, match="ten finite numbers"):
+        twin.reset(np.full(10, np.nan), seed=1)
+    with pytest.raises(InputError, match="nominal"):
+        Scenario.named("nominall", ALTEN)
+    heavy = ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=0.02))
+    with pytest.raises(InputError, match=r"wheels\.inertia"):
+        Twin(heavy)
