@@ -18,6 +18,7 @@ from ballbot.mechanics.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.equations import (
     attitude,
     ball_torque,
+    free_forces,
     rates_from_angles,
     rates_of_angles,
     solve,
@@ -26,72 +27,60 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.parameters import LANES, Exact, Thesis, entry, load
-from ballbot.mechanics.smooth import runge_kutta_step
+from ballbot.mechanics.parameters import LANES, Exact, Pivoting, Thesis, entries, entry, load
+from ballbot.mechanics.rows import box_limits, box_rows, in_order, mass_matrix
+from ballbot.mechanics.smooth import ball_velocity, runge_kutta_step
 from ballbot.mechanics.stick_slip import minimise
-from ballbot.mechanics.vector import add, each_pair
+from ballbot.mechanics.vector import add, counted, each, written
 
 #: beyond this lean, theta or phi [rad], a simulation ends: no wheel touches the ball any more
 LARGEST_LEAN = 1.2
 
-_MOST_PARAMETERS = 48  # rows kept for a robot's numbers; the state and the rest follow
+_MOST_PARAMETERS = 50  # rows kept for a robot's numbers; the state and the rest follow
 STATE = _MOST_PARAMETERS
-_TRIAL = STATE + 10
-TORQUE = _TRIAL + 10
+_TRIAL = STATE + 11
+TORQUE = _TRIAL + 11
 STEP = TORQUE + 4
 _MARGIN = STEP + 1
 ROWS = _MARGIN + 1
+_TEN = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+_ELEVEN = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
-@inlined
-def load_state(work, row, lane):
-    return (
-        entry(work, row, lane),
-        entry(work, row + 1, lane),
-        entry(work, row + 2, lane),
-        entry(work, row + 3, lane),
-        entry(work, row + 4, lane),
-        entry(work, row + 5, lane),
-        entry(work, row + 6, lane),
-        entry(work, row + 7, lane),
-        entry(work, row + 8, lane),
-        entry(work, row + 9, lane),
-    )
-
-
-@inlined
-def _store_state(work, row, lane, state):
-    work[row * LANES + lane] = state[0]
-    work[(row + 1) * LANES + lane] = state[1]
-    work[(row + 2) * LANES + lane] = state[2]
-    work[(row + 3) * LANES + lane] = state[3]
-    work[(row + 4) * LANES + lane] = state[4]
-    work[(row + 5) * LANES + lane] = state[5]
-    work[(row + 6) * LANES + lane] = state[6]
-    work[(row + 7) * LANES + lane] = state[7]
-    work[(row + 8) * LANES + lane] = state[8]
-    work[(row + 9) * LANES + lane] = state[9]
-
-
-def load_torques(selected, work, lane) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the wheel torques of one lane."""
+def load_state(selected, work, lane) -> tuple:  # pragma: no cover (compiled form below)
+    """Return a lane's state: ten numbers, and the spin where the ball pivots."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(load_torques)
-def _load_torques_overload(selected, work, lane):
-    if len(selected.types[0]) == 3:
-        return lambda selected, work, lane: (
-            entry(work, TORQUE, lane),
-            entry(work, TORQUE + 1, lane),
-            entry(work, TORQUE + 2, lane),
-        )
-    return lambda selected, work, lane: (
-        entry(work, TORQUE, lane),
-        entry(work, TORQUE + 1, lane),
-        entry(work, TORQUE + 2, lane),
-        entry(work, TORQUE + 3, lane),
-    )
+@by_types_of(load_state)
+def _load_state(selected, work, lane):
+    if selected.instance_class is Pivoting:
+        return lambda selected, work, lane: counted(entries, _ELEVEN, work, STATE, lane)
+    return lambda selected, work, lane: counted(entries, _TEN, work, STATE, lane)
+
+
+def store_trial(work, lane, state) -> tuple:  # pragma: no cover
+    """Store a state in a lane's trial rows."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(store_trial)
+def _store_trial(work, lane, state):
+    stored = ", ".join(f"put(work, {_TRIAL + i}, lane, state[{i}])" for i in range(len(state)))
+    return written("work, lane, state", f"({stored})", put=put)
+
+
+@inlined
+def put(work, row, lane, value):
+    """Store a number at that row and lane."""
+    work[row * LANES + lane] = value
+    return 0
+
+
+@inlined
+def load_torques(selected, work, lane):
+    """Return the wheel torques of one lane."""
+    return counted(entries, selected.wheels, work, TORQUE, lane)
 
 
 @inlined
@@ -99,29 +88,22 @@ def smooth_block(selected, work, width):
     """Try an RK4 step of every lane; states go to the trial rows, margins to theirs."""
     for lane in range(width):
         P = load(selected, work, lane)
-        state = load_state(work, STATE, lane)
-        u = load_torques(selected, work, lane)
         h = entry(work, STEP, lane)
-        end, margin = runge_kutta_step(selected, P, state, u, h)
-        _store_state(work, _TRIAL, lane, end)
-        work[_MARGIN * LANES + lane] = margin
+        end, margin = runge_kutta_step(selected, P, load_state(selected, work, lane), load_torques(selected, work, lane), h)
+        store_trial(work, lane, end)
+        put(work, _MARGIN, lane, margin)
         # past the largest lean a lane takes steps of zero: it stays where it is
-        work[STEP * LANES + lane] = h if max(abs(end[2]), abs(end[3])) <= LARGEST_LEAN else 0.0
+        put(work, STEP, lane, h if max(abs(end[2]), abs(end[3])) <= LARGEST_LEAN else 0.0)
 
 
 @inlined
-def _free_torque(u, wheel_and_speed):
-    return u - wheel_and_speed[0].b * wheel_and_speed[1]
+def _free_torque(wheel, u, speed):
+    return u - wheel.b * speed
 
 
 @inlined
-def _with_speed(wheel, speed):
-    return (wheel, speed)
-
-
-@inlined
-def _limit(wheel, speed):
-    return dry_friction(wheel, speed)
+def _sum(a, b):
+    return a + b
 
 
 @compiled
@@ -132,77 +114,34 @@ def stick_slip_step(selected, work, lane):
     mean of old and new velocities over the step, the angles by the midpoint rule; so rest stays rest to the bit.
     """
     P = load(selected, work, lane)
-    state = load_state(work, STATE, lane)
-    u = load_torques(selected, work, lane)
+    state = load_state(selected, work, lane)
     h = entry(work, STEP, lane)
-    v, w = (state[5], state[6]), (state[7], state[8], state[9])
+    v, w = ball_velocity(state), (state[7], state[8], state[9])
     a = attitude((state[2], state[3], state[4]))
     system = terms(selected, P, a, v, w)
     speeds = wheel_speeds(selected, P, a, v, w)
-    F, L = wheel_force(
-        selected, P, a, ball_torque(P, each_pair(_free_torque, u, each_pair(_with_speed, P.wheels, speeds)))
-    )
-    v_dot, w_dot = solve(system, (system.f_v[0] + F[0], system.f_v[1] + F[1]), add(system.f_w, L))
+    u = each(_free_torque, P.wheels, load_torques(selected, work, lane), speeds)
+    F, L = wheel_force(selected, P, a, ball_torque(P, u))
+    f_v, f_w = free_forces(system)
+    v_dot, w_dot = solve(system, each(_sum, f_v, F), add(f_w, L))
 
-    start = np.array([v[0], v[1], w[0], w[1], w[2]])
-    free = np.array(
-        [
-            v[0] + h * v_dot[0],
-            v[1] + h * v_dot[1],
-            w[0] + h * w_dot[0],
-            w[1] + h * w_dot[1],
-            w[2] + h * w_dot[2],
-        ]
+    start = in_order(v, w)
+    limits = box_limits(selected, P, each(dry_friction, P.wheels, speeds))
+    end = minimise(
+        mass_matrix(system), start + h * in_order(v_dot, w_dot), box_rows(selected, P, a), limits, P.rolling, h, start
     )
-    limits = np.array(each_pair(_limit, P.wheels, speeds))
-    end = minimise(mass_matrix(system), free, wheel_rows(selected, P, a), limits, P.rolling, h, start)
 
     half = 0.5 * h
     middle = (0.5 * (w[0] + end[2]), 0.5 * (w[1] + end[3]), 0.5 * (w[2] + end[4]))
     rates = rates_of_angles(selected, a, middle)
     a = attitude((state[2] + half * rates[0], state[3] + half * rates[1], state[4] + half * rates[2]))
     rates = rates_of_angles(selected, a, middle)
-    trial = (
-        state[0] + half * (v[0] + end[0]),
-        state[1] + half * (v[1] + end[1]),
-        state[2] + h * rates[0],
-        state[3] + h * rates[1],
-        state[4] + h * rates[2],
-        end[0],
-        end[1],
-        end[2],
-        end[3],
-        end[4],
-    )
-    _store_state(work, _TRIAL, lane, trial)
-
-
-@inlined
-def mass_matrix(system):
-    """Return M (5, 5) as an array."""
-    M = np.empty((5, 5))
-    M[0, 0], M[1, 1], M[0, 1] = system.M_vv
-    M[1, 0] = M[0, 1]
-    for i in range(2):
-        for j in range(3):
-            M[i, 2 + j] = M[2 + j, i] = system.M_vw[i][j]
-    M[2, 2], M[3, 3], M[4, 4], M[2, 3], M[2, 4], M[3, 4] = system.M_ww
-    M[3, 2], M[4, 2], M[4, 3] = M[2, 3], M[2, 4], M[3, 4]
-    return M
-
-
-@inlined
-def wheel_rows(selected, P, a):
-    """Return W (n, 5): the rows that give the wheel speeds."""
-    n = len(P.wheels)
-    W = np.empty((n, 5))
-    i = 0
-    for wheel in P.wheels:
-        F, L = wheel_force(selected, P, a, wheel.axle)
-        W[i, 0], W[i, 1] = F
-        W[i, 2], W[i, 3], W[i, 4] = L
-        i += 1
-    return W
+    put(work, _TRIAL, lane, state[0] + half * (v[0] + end[0]))
+    put(work, _TRIAL + 1, lane, state[1] + half * (v[1] + end[1]))
+    for axis in range(3):
+        put(work, _TRIAL + 2 + axis, lane, state[2 + axis] + h * rates[axis])
+    for i in range(len(end)):
+        put(work, _TRIAL + 5 + i, lane, end[i])
 
 
 @inlined
@@ -213,27 +152,26 @@ def take_steps(selected, work, width, steps):
         for lane in range(width):
             if not work[_MARGIN * LANES + lane] > 0.0 and work[STEP * LANES + lane] > 0.0:
                 stick_slip_step(selected, work, lane)
-        for index in range(10 * LANES):
+        for index in range(11 * LANES):
             work[STATE * LANES + index] = work[_TRIAL * LANES + index]
 
 
 @inlined
-def to_body_rates(selected, work, lane, angle_rates):
-    """Turn a lane's Euler-angle rates into the formulation's body rates."""
-    a = attitude((entry(work, STATE + 2, lane), entry(work, STATE + 3, lane), entry(work, STATE + 4, lane)))
-    w = rates_from_angles(selected, a, angle_rates)
+def start_lane(selected, work, lane, x):
+    """Set a lane's state from x (10,), or (11,) where the ball pivots, with Euler-angle rates."""
+    for i in range(len(x)):
+        put(work, STATE + i, lane, x[i])
+    w = rates_from_angles(selected, attitude((x[2], x[3], x[4])), (x[7], x[8], x[9]))
     for axis in range(3):
-        work[(STATE + 7 + axis) * LANES + lane] = w[axis]
+        put(work, STATE + 7 + axis, lane, w[axis])
 
 
 @inlined
 def write_state(selected, work, lane, out):
-    """Write a lane's state, with Euler-angle rates, to `out` (10,)."""
-    state = load_state(work, STATE, lane)
-    a = attitude((state[2], state[3], state[4]))
-    rates = rates_of_angles(selected, a, (state[7], state[8], state[9]))
-    for i in range(7):
-        out[i] = state[i]
+    """Write a lane's state, with Euler-angle rates, to `out`."""
+    for i in range(len(out)):
+        out[i] = entry(work, STATE + i, lane)
+    rates = rates_of_angles(selected, attitude((out[2], out[3], out[4])), (out[7], out[8], out[9]))
     for axis in range(3):
         out[7 + axis] = rates[axis]
 
@@ -262,11 +200,8 @@ def run_block(
         row = parameters[parameter_of[first + lane]]
         for i in range(len(row)):
             work[i * LANES + lane] = row[i]
-        x = initial[initial_of[first + lane]]
-        for i in range(7):
-            work[(STATE + i) * LANES + lane] = x[i]
-        to_body_rates(selected, work, lane, (x[7], x[8], x[9]))
-        work[STEP * LANES + lane] = h
+        start_lane(selected, work, lane, initial[initial_of[first + lane]])
+        put(work, STEP, lane, h)
         ended[first + lane] = samples
     for sample in range(samples):
         for lane in range(width):
@@ -286,12 +221,12 @@ def run_block(
 class Batch:
     """What `simulate_lanes` returns."""
 
-    states: NDArray[np.float64]  #: (lanes, samples // every, 10), after each recorded sample
+    states: NDArray[np.float64]  #: (lanes, samples // every, 10 or 11), after each recorded sample
     ended: NDArray[np.int64]  #: (lanes,), whole samples simulated before the lean passed `LARGEST_LEAN`
 
 
 def simulate_lanes(
-    selected: Exact | Thesis,
+    selected: Exact | Thesis | Pivoting,
     *,
     parameters: NDArray[np.float64],
     initial: NDArray[np.float64],
@@ -311,12 +246,12 @@ def simulate_lanes(
 
     Parameters
     ----------
-    selected : Exact or Thesis
+    selected : Exact, Thesis or Pivoting
         From `ballbot.mechanics.parameters.selector`.
     parameters : ndarray (sets, size)
         Rows from `ballbot.mechanics.parameters.pack`.
-    initial : ndarray (starts, 10)
-        [x y theta phi psi and their rates].
+    initial : ndarray (starts, 10), or (starts, 11) where the ball pivots
+        [x y theta phi psi and their rates], and the ball's spin [rad/s].
     torques : ndarray (inputs, samples, n)
         [N m].
     sample_time : float
@@ -340,7 +275,7 @@ def simulate_lanes(
         for i in (parameter_of, initial_of, torque_of)
     ]
     parameters, initial, torques = (np.ascontiguousarray(a, float) for a in (parameters, initial, torques))
-    out = np.empty((lanes, torques.shape[1] // every, 10))
+    out = np.empty((lanes, torques.shape[1] // every, initial.shape[1]))
     ended = np.empty(lanes, np.int64)
 
     def run(first: int) -> None:

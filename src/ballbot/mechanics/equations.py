@@ -7,21 +7,24 @@ Either way the equations read
     M(Phi) nu_dot = f(Phi, nu) + W^T tau        wheel speeds  W nu
     W = [ A R^T E / r_b , -A ]  (exact)         W = [ A R^T E / r_b , -k A R^T ]  (thesis)
 
-with A^T tau the wheels' torque on the ball in the body's frame. The thesis's approximations (design section
-10, items 4 to 7) are the differences between the two functions `terms_exact` and `terms_thesis`.
+The ball may also be let pivot on the floor (`Pivoting`): its spin about the vertical, sigma, is then a sixth velocity
+and v = (v_x, v_y, sigma), so that Omega = E v_xy / r_b + sigma e_z and W has one more column, A R^T e_z.
+
+Above, A^T tau is the wheels' torque on the ball in the body's frame. The thesis's approximations
+(design section 10, items 4 to 7) are the differences between the two functions `terms_exact` and `terms_thesis`.
 """
 
 from typing import NamedTuple
 
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.elementary import sine_cosine
-from ballbot.mechanics.parameters import Exact
+from ballbot.mechanics.parameters import Pivoting, Thesis
 from ballbot.mechanics.vector import (
     add,
     cross,
     dot,
     each,
-    each_pair,
+    each_with,
     rotate,
     rotate_back,
     scale,
@@ -52,6 +55,16 @@ class Terms(NamedTuple):
     M_ww: tuple  #: symmetric
     f_v: tuple  #: 2
     f_w: tuple  #: 3
+
+
+class SpinTerms(NamedTuple):
+    """`Terms` with the ball's spin as a sixth velocity."""
+
+    rolling: Terms  #: the five others
+    M_ss: float
+    M_sv: tuple  #: 2
+    M_sw: tuple  #: 3
+    f_s: float
 
 
 @inlined
@@ -86,10 +99,16 @@ def angle_rates(a, w):
     return (theta_dot, a.sin_psi * w[0] + a.cos_psi * w[1], w[2] - a.sin_phi * theta_dot)
 
 
-@inlined
-def ball_rate(P, v):
-    """Return Omega = E v / r_b: the ball's angular velocity in the world (rolls, does not pivot)."""
-    return (-v[1] * P.inv_rb, v[0] * P.inv_rb, 0.0)
+def ball_rate(P, v) -> tuple:  # pragma: no cover (compiled form below)
+    """Return Omega = E v / r_b (+ sigma e_z): the ball's angular velocity in the world; it rolls without slip."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(ball_rate)
+def _ball_rate(P, v):
+    if len(v) == 2:
+        return lambda P, v: (-v[1] * P.inv_rb, v[0] * P.inv_rb, 0.0)
+    return lambda P, v: (-v[1] * P.inv_rb, v[0] * P.inv_rb, v[2])
 
 
 @inlined
@@ -113,20 +132,19 @@ def _mass_vv(P, a, spin_inertia):
 
 @inlined
 def terms_exact(P, a, v, w):
-    """Return the `Terms` of the exact formulation (design section 5)."""
+    """Return the `Terms` of the exact formulation (design section 5).
+
+    The wheels' rates A (z - w) are no derivatives of functions of q, so Lagrange's equation may not be given
+    energies in which they are already put in: each wheel keeps its own momentum until d'Alembert's principle
+    has been applied. What is left of the gyroscopic terms is w x H, with H the part of the angular momentum of body
+    and turning wheels that is fixed to the body.
+    """
     R = a.R
     e = (0.0, 0.0, 1.0)
     z = rotate_back(R, ball_rate(P, v))
-    q1 = rotate_back(R, (v[0], v[1], 0.0))
-    D_z, D_w = symmetric_times(P.D, z), symmetric_times(P.D, w)
-    z_x_w = cross(z, w)
-    D_zxw = symmetric_times(P.D, z_x_w)
-    y = subtract(scale(D_z, P.d1), scale(D_w, P.d2))
-    p = add(
-        add(symmetric_times(P.J, w), scale(D_w, P.d3)),
-        subtract(scale(cross(e, q1), P.ml), scale(D_z, P.d2)),
-    )
-    w_x_e = cross(w, e)
+    D_zxw = symmetric_times(P.D, cross(z, w))
+    # d3 - d2 = j_w r_w / r_b: a wheel turns about -a_i, relative to the body
+    H = add(symmetric_times(P.J, w), scale(symmetric_times(P.D, subtract(w, z)), P.d3 - P.d2))
 
     M_vv, D_x, D_y = _mass_vv(P, a, P.d1)
     M_vw = (
@@ -135,15 +153,31 @@ def terms_exact(P, a, v, w):
     )
     M_ww = symmetric_sum(P.J, P.D, P.d3)
 
-    centripetal = rotate(R, scale(cross(w, w_x_e), P.ml))
-    ground = ground_force(P, rotate(R, add(cross(w, y), scale(D_zxw, P.d1))))
+    centripetal = rotate(R, scale(cross(w, cross(w, e)), P.ml))
+    ground = ground_force(P, rotate(R, scale(D_zxw, P.d1)))
     f_v = (-centripetal[0] - ground[0], -centripetal[1] - ground[1])
-    b_w = subtract(
-        subtract(scale(cross(e, cross(q1, w)), P.ml), scale(D_zxw, P.d2)),
-        add(add(cross(p, w), scale(cross(w_x_e, q1), P.ml)), cross(y, z)),
-    )
+    b_w = subtract(cross(w, H), scale(D_zxw, P.d2))
     gravity = scale(cross(R[2], e), P.ml * P.g)
     return Terms(M_vv, M_vw, M_ww, f_v, subtract(gravity, b_w))
+
+
+@inlined
+def terms_pivoting(P, a, v, w):
+    """Return the `SpinTerms` of the exact formulation with a ball that pivots.
+
+    To T comes 1/2 j_b sigma^2, and z = R^T Omega has sigma in it; the rest is the exact formulation's.
+    """
+    R = a.R
+    z = rotate_back(R, ball_rate(P, v))
+    D_z = symmetric_times(P.D, R[2])
+    M_sv = scale((dot(R[1], D_z), -dot(R[0], D_z), 0.0), P.d1 * P.inv_rb)
+    return SpinTerms(
+        terms_exact(P, a, v, w),
+        P.j_b + P.d1 * dot(R[2], D_z),
+        (M_sv[0], M_sv[1]),
+        scale(D_z, -P.d2),
+        -P.d1 * dot(D_z, cross(z, w)),
+    )
 
 
 @inlined
@@ -206,9 +240,11 @@ def terms(selected, P, a, v, w) -> Terms:  # pragma: no cover (compiled form bel
 
 @by_types_of(terms)
 def _terms(selected, P, a, v, w):
-    if selected.instance_class is Exact:
-        return lambda selected, P, a, v, w: terms_exact(P, a, v, w)
-    return lambda selected, P, a, v, w: terms_thesis(P, a, v, w)
+    if selected.instance_class is Thesis:
+        return lambda selected, P, a, v, w: terms_thesis(P, a, v, w)
+    if selected.instance_class is Pivoting:
+        return lambda selected, P, a, v, w: terms_pivoting(P, a, v, w)
+    return lambda selected, P, a, v, w: terms_exact(P, a, v, w)
 
 
 def relative_rate(selected, P, a, v, w) -> tuple:  # pragma: no cover
@@ -218,9 +254,9 @@ def relative_rate(selected, P, a, v, w) -> tuple:  # pragma: no cover
 
 @by_types_of(relative_rate)
 def _relative_rate(selected, P, a, v, w):
-    if selected.instance_class is Exact:
-        return lambda selected, P, a, v, w: subtract(rotate_back(a.R, ball_rate(P, v)), w)
-    return lambda selected, P, a, v, w: rotate_back(a.R, subtract(ball_rate(P, v), scale(w, P.k)))
+    if selected.instance_class is Thesis:
+        return lambda selected, P, a, v, w: rotate_back(a.R, subtract(ball_rate(P, v), scale(w, P.k)))
+    return lambda selected, P, a, v, w: subtract(rotate_back(a.R, ball_rate(P, v)), w)
 
 
 def wheel_force(selected, P, a, T) -> tuple:  # pragma: no cover
@@ -230,18 +266,26 @@ def wheel_force(selected, P, a, T) -> tuple:  # pragma: no cover
 
 @by_types_of(wheel_force)
 def _wheel_force(selected, P, a, T):
-    if selected.instance_class is Exact:
+    if selected.instance_class is Thesis:
 
-        def exact(selected, P, a, T):
-            return ground_force(P, rotate(a.R, T)), scale(T, -1.0)
+        def thesis(selected, P, a, T):
+            T_world = rotate(a.R, T)
+            return ground_force(P, T_world), scale(T_world, -P.k)
 
-        return exact
+        return thesis
+    if selected.instance_class is Pivoting:
 
-    def thesis(selected, P, a, T):
-        T_world = rotate(a.R, T)
-        return ground_force(P, T_world), scale(T_world, -P.k)
+        def pivoting(selected, P, a, T):
+            T_world = rotate(a.R, T)
+            F = ground_force(P, T_world)
+            return (F[0], F[1], T_world[2]), scale(T, -1.0)
 
-    return thesis
+        return pivoting
+
+    def exact(selected, P, a, T):
+        return ground_force(P, rotate(a.R, T)), scale(T, -1.0)
+
+    return exact
 
 
 def rates_of_angles(selected, a, w) -> tuple:  # pragma: no cover
@@ -251,9 +295,9 @@ def rates_of_angles(selected, a, w) -> tuple:  # pragma: no cover
 
 @by_types_of(rates_of_angles)
 def _rates_of_angles(selected, a, w):
-    if selected.instance_class is Exact:
-        return lambda selected, a, w: angle_rates(a, w)
-    return lambda selected, a, w: w
+    if selected.instance_class is Thesis:
+        return lambda selected, a, w: w
+    return lambda selected, a, w: angle_rates(a, w)
 
 
 def rates_from_angles(selected, a, rates) -> tuple:  # pragma: no cover
@@ -263,9 +307,9 @@ def rates_from_angles(selected, a, rates) -> tuple:  # pragma: no cover
 
 @by_types_of(rates_from_angles)
 def _rates_from_angles(selected, a, rates):
-    if selected.instance_class is Exact:
-        return lambda selected, a, rates: body_rates(a, rates)
-    return lambda selected, a, rates: rates
+    if selected.instance_class is Thesis:
+        return lambda selected, a, rates: rates
+    return lambda selected, a, rates: body_rates(a, rates)
 
 
 @inlined
@@ -276,7 +320,7 @@ def _wheel_speed(wheel, relative):
 @inlined
 def wheel_speeds(selected, P, a, v, w):
     """Return the formulation's wheel speeds W nu, one for each wheel [rad/s]."""
-    return each(_wheel_speed, P.wheels, relative_rate(selected, P, a, v, w))
+    return each_with(_wheel_speed, P.wheels, relative_rate(selected, P, a, v, w))
 
 
 @inlined
@@ -287,12 +331,12 @@ def _axle_torque(wheel, torque):
 @inlined
 def ball_torque(P, torques):
     """Return A^T tau: the wheels' torque on the ball, in the body's frame."""
-    return total(each_pair(_axle_torque, P.wheels, torques))
+    return total(each(_axle_torque, P.wheels, torques))
 
 
 @inlined
-def solve(system, force_v, force_w):
-    """Return M^-1 (force_v, force_w), by blocks: v is eliminated first."""
+def solve_rolling(system, force_v, force_w):
+    """Return M^-1 (force_v, force_w), of the five velocities by blocks: v is eliminated first."""
     a, c, b = system.M_vv
     inverse = 1.0 / (a * c - b * b)
     i_xx, i_yy, i_xy = c * inverse, a * inverse, -b * inverse
@@ -323,3 +367,41 @@ def solve_symmetric(S, right):
     c_yy, c_yz, c_zz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     inverse = 1.0 / (xx * c_xx + xy * c_xy + xz * c_xz)
     return scale(symmetric_times((c_xx, c_yy, c_zz, c_xy, c_xz, c_yz), right), inverse)
+
+
+def solve(system, force_v, force_w) -> tuple:  # pragma: no cover (compiled form below)
+    """Return M^-1 (force_v, force_w) as (v_dot, w_dot)."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(solve)
+def _solve(system, force_v, force_w):
+    if system.instance_class is SpinTerms:
+        return lambda system, force_v, force_w: solve_with_spin(system, force_v, force_w)
+    return lambda system, force_v, force_w: solve_rolling(system, force_v, force_w)
+
+
+@inlined
+def solve_with_spin(system, force_v, force_w):
+    """Return M^-1 (force_v, force_w) of six velocities: the spin is eliminated last."""
+    v, w = solve_rolling(system.rolling, (force_v[0], force_v[1]), force_w)
+    dv, dw = solve_rolling(system.rolling, system.M_sv, system.M_sw)
+    coupling = system.M_sv[0] * v[0] + system.M_sv[1] * v[1] + dot(system.M_sw, w)
+    stiffness = system.M_ss - system.M_sv[0] * dv[0] - system.M_sv[1] * dv[1] - dot(system.M_sw, dw)
+    spin = (force_v[2] - coupling) / stiffness
+    return (v[0] - spin * dv[0], v[1] - spin * dv[1], spin), subtract(w, scale(dw, spin))
+
+
+def free_forces(system) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the generalised forces that are not the wheels', (on v, on w)."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(free_forces)
+def _free_forces(system):
+    if system.instance_class is SpinTerms:
+        return lambda system: (
+            (system.rolling.f_v[0], system.rolling.f_v[1], system.f_s),
+            system.rolling.f_w,
+        )
+    return lambda system: (system.f_v, system.f_w)

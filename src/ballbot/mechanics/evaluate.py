@@ -1,23 +1,17 @@
 """The equations of motion at many states in one compiled call: what `Model` shows of the engine's inside.
 
-Each function takes one packed robot (`parameters.pack`), rows q = [x y theta phi psi] and their rates, and
-fills `out`.
+Each function takes one packed robot (`parameters.pack`), rows q = [x y theta phi psi] and their rates, with the
+ball's spin as a sixth where it pivots, and fills `out`; m is 5 or 6.
 """
 
 import numpy as np
 
 from ballbot.mechanics.compiled import by_types_of, compiled, inlined
-from ballbot.mechanics.engine import mass_matrix, wheel_rows
-from ballbot.mechanics.equations import (
-    angle_rates,
-    attitude,
-    rates_from_angles,
-    terms,
-    wheel_speeds,
-)
-from ballbot.mechanics.parameters import LANES, Exact, load
+from ballbot.mechanics.equations import angle_rates, attitude, rates_from_angles, terms, wheel_speeds
+from ballbot.mechanics.parameters import LANES, Pivoting, Thesis, load
+from ballbot.mechanics.rows import in_order, mass_matrix, wheel_rows
 from ballbot.mechanics.smooth import acceleration
-from ballbot.mechanics.vector import each, subtract
+from ballbot.mechanics.vector import each, each_with, subtract
 
 
 @inlined
@@ -39,34 +33,50 @@ def _value_at(wheel, values):
 
 
 @inlined
-def _no_sign(wheel, unused):
+def _nothing(value):
+    return 0.0
+
+
+@inlined
+def _no_sign(wheel):
     return 2.0
+
+
+def velocity_of(selected, q_dot) -> tuple:  # pragma: no cover (compiled form below)
+    """Return v: (x_dot, y_dot), and the spin where the ball pivots."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(velocity_of)
+def _velocity_of(selected, q_dot):
+    if selected.instance_class is Pivoting:
+        return lambda selected, q_dot: (q_dot[0], q_dot[1], q_dot[5])
+    return lambda selected, q_dot: (q_dot[0], q_dot[1])
 
 
 @compiled
 def evaluate_mass_matrix(selected, row, q, out):
-    """Fill out (lanes, 5, 5) with M(q) in the coordinates q."""
+    """Fill out (lanes, m, m) with M(q) in the coordinates q."""
     P = _load_row(selected, row)
     for lane in range(len(q)):
         a = attitude(_triple(q[lane], 2))
-        M = mass_matrix(terms(selected, P, a, (0.0, 0.0), (0.0, 0.0, 0.0)))
-        S = _rates_matrix(selected, a)
-        out[lane] = S.T @ M @ S
+        S = _rates_matrix(selected, a, out.shape[1])
+        out[lane] = S.T @ _mass_matrix_at(selected, P, a, out[lane, 0]) @ S
 
 
 @compiled
 def evaluate_acceleration(selected, row, q, q_dot, u, out):
-    """Fill out (lanes, 5) with q_ddot under wheel torques u (lanes, n); viscous friction counts, dry friction not."""
+    """Fill out (lanes, m) with q_ddot under wheel torques u (lanes, n); viscous friction counts, dry friction not."""
     P = _load_row(selected, row)
     for lane in range(len(q)):
         a = attitude(_triple(q[lane], 2))
         rates = _triple(q_dot[lane], 2)
-        v, w = (q_dot[lane, 0], q_dot[lane, 1]), rates_from_angles(selected, a, rates)
-        torques = each(_value_at, selected.wheels, u[lane])
-        v_dot, w_dot, _ = acceleration(selected, P, a, v, w, torques, each(_no_sign, P.wheels, 0), 0.0)
-        angles = angle_accelerations(selected, a, rates, w_dot)
-        out[lane, 0], out[lane, 1] = v_dot
-        out[lane, 2], out[lane, 3], out[lane, 4] = angles
+        v, w = velocity_of(selected, q_dot[lane]), rates_from_angles(selected, a, rates)
+        torques = each_with(_value_at, selected.wheels, u[lane])
+        speeds = wheel_speeds(selected, P, a, v, w)
+        signs = each(_no_sign, P.wheels)
+        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, signs, each(_nothing, v))
+        out[lane] = in_order(v_dot, angle_accelerations(selected, a, rates, w_dot))
 
 
 @compiled
@@ -77,18 +87,18 @@ def evaluate_wheel_speeds(selected, row, q, q_dot, out):
         a = attitude(_triple(q[lane], 2))
         w = rates_from_angles(selected, a, _triple(q_dot[lane], 2))
         i = 0
-        for speed in wheel_speeds(selected, P, a, (q_dot[lane, 0], q_dot[lane, 1]), w):
+        for speed in wheel_speeds(selected, P, a, velocity_of(selected, q_dot[lane]), w):
             out[lane, i] = speed
             i += 1
 
 
 @compiled
 def evaluate_wheel_rows(selected, row, q, out):
-    """Fill out (lanes, n, 5) with the matrix that gives wheel speeds from q_dot."""
+    """Fill out (lanes, n, m) with the matrix that gives wheel speeds from q_dot."""
     P = _load_row(selected, row)
     for lane in range(len(q)):
         a = attitude(_triple(q[lane], 2))
-        out[lane] = wheel_rows(selected, P, a) @ _rates_matrix(selected, a)
+        out[lane] = wheel_rows(selected, P, a) @ _rates_matrix(selected, a, out.shape[2])
 
 
 @compiled
@@ -98,17 +108,21 @@ def evaluate_energy(selected, row, q, q_dot, out):
     for lane in range(len(q)):
         a = attitude(_triple(q[lane], 2))
         w = rates_from_angles(selected, a, _triple(q_dot[lane], 2))
-        nu = np.array([q_dot[lane, 0], q_dot[lane, 1], w[0], w[1], w[2]])
-        M = mass_matrix(terms(selected, P, a, (0.0, 0.0), (0.0, 0.0, 0.0)))
-        out[lane, 0] = 0.5 * np.dot(nu, M @ nu)
+        nu = in_order(velocity_of(selected, q_dot[lane]), w)
+        out[lane, 0] = 0.5 * np.dot(nu, _mass_matrix_at(selected, P, a, q_dot[lane]) @ nu)
         out[lane, 1] = P.ml * P.g * a.R[2][2]
 
 
 @inlined
-def _rates_matrix(selected, a):
-    """Return S (5, 5), from q_dot to the formulation's velocities."""
-    S = np.zeros((5, 5))
-    S[0, 0] = S[1, 1] = 1.0
+def _mass_matrix_at(selected, P, a, any_velocity):
+    v = each(_nothing, velocity_of(selected, any_velocity))
+    return mass_matrix(terms(selected, P, a, v, (0.0, 0.0, 0.0)))
+
+
+@inlined
+def _rates_matrix(selected, a, size):
+    """Return S (m, m), from q_dot to the formulation's velocities."""
+    S = np.eye(size)
     for axis in range(3):
         unit = (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0)
         S[2, 2 + axis], S[3, 2 + axis], S[4, 2 + axis] = rates_from_angles(selected, a, unit)
@@ -122,9 +136,9 @@ def angle_accelerations(selected, a, rates, w_dot) -> tuple:  # pragma: no cover
 
 @by_types_of(angle_accelerations)
 def _angle_accelerations(selected, a, rates, w_dot):
-    if selected.instance_class is Exact:
-        return lambda selected, a, rates, w_dot: _from_body_rates(a, rates, w_dot)
-    return lambda selected, a, rates, w_dot: w_dot
+    if selected.instance_class is Thesis:
+        return lambda selected, a, rates, w_dot: w_dot
+    return lambda selected, a, rates, w_dot: _from_body_rates(a, rates, w_dot)
 
 
 @inlined

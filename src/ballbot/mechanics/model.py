@@ -25,7 +25,7 @@ from ballbot.mechanics.evaluate import (
 )
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.linear import LinearModel
-from ballbot.mechanics.parameters import Exact, Thesis, pack, selector
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot
 
 
@@ -39,28 +39,46 @@ class Model:
     formulation : {"exact", "thesis"}
     step : float
         Longest inner step of `advance` [s]; RK4 at 1 ms is converged for robots of this size.
+    pivoting : float, optional
+        Where given, the ball may pivot on the floor, against a friction of at most this torque [N m]. The ball's spin
+        about the vertical [rad/s] is then a sixth velocity: q_dot (..., 6) and states (..., 11) have it last.
 
     Raises
     ------
     InputError
-        Where the formulation or the step is none.
+        Where the formulation, the step or the pivoting friction is none.
     """
 
     robot: Robot
     formulation: Formulation = "exact"
     step: float = 1e-3
+    pivoting: float | None = None
 
     def __post_init__(self) -> None:
         if self.formulation not in ("exact", "thesis"):
             raise InputError(f"The formulation is {self.formulation!r}; it must be 'exact' or 'thesis'.")
         if not (np.isfinite(self.step) and self.step > 0):
             raise InputError(f"The model's step is {self.step!r}; it must be a positive time in seconds.")
-        object.__setattr__(self, "_row", pack(self.robot, self.formulation))
+        if self.pivoting is not None and not (np.isfinite(self.pivoting) and self.pivoting >= 0):
+            raise InputError(f"The pivoting friction is {self.pivoting!r}; it must be a torque in N m, not negative.")
+        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0)
+        object.__setattr__(self, "_selected", selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots))
+        object.__setattr__(self, "_row", row)
 
     @property
-    def selected(self) -> Exact | Thesis:
+    def pivots(self) -> bool:
+        """Whether the ball may pivot on the floor."""
+        return self.pivoting is not None
+
+    @property
+    def velocity_count(self) -> int:
+        """Number of velocities, m: five, or six where the ball pivots."""
+        return 6 if self.pivots else 5
+
+    @property
+    def selected(self) -> Exact | Thesis | Pivoting:
         """What selects the compiled equations."""
-        return selector(self.formulation, self.robot.wheel_count)
+        return self._selected  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def packed(self) -> NDArray[np.float64]:
@@ -68,11 +86,12 @@ class Model:
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
 
     def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return M(q) (..., 5, 5) for q (..., 5); symmetric and positive definite."""
+        """Return M(q) (..., m, m) for q (..., 5), m = 5; symmetric and positive definite."""
         (q,), shape = _rows([(q, 5, "q")])
-        out = np.empty((len(q), 5, 5))
+        m = self.velocity_count
+        out = np.empty((len(q), m, m))
         evaluate_mass_matrix(self.selected, self.packed, q, out)
-        return out.reshape(*shape, 5, 5)
+        return out.reshape(*shape, m, m)
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
         """Return q_ddot (..., 5): rigid body and viscous friction b, without the set-valued friction.
@@ -84,28 +103,28 @@ class Model:
         u : array_like (..., n)
             Wheel torques [N m].
         """
-        (q, q_dot, u), shape = _rows([(q, 5, "q"), (q_dot, 5, "q_dot"), (u, self.robot.wheel_count, "u")])
-        out = np.empty((len(q), 5))
+        (q, q_dot, u), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot"), (u, self.robot.wheel_count, "u")])
+        out = np.empty((len(q), self.velocity_count))
         evaluate_acceleration(self.selected, self.packed, q, q_dot, u, out)
-        return out.reshape(*shape, 5)
+        return out.reshape(*shape, self.velocity_count)
 
     def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
         """Return the wheel speeds (..., n) [rad/s]: what an encoder sees ("exact"), Omega_wheels (II.16) ("thesis")."""
-        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, 5, "q_dot")])
+        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot")])
         out = np.empty((len(q), self.robot.wheel_count))
         evaluate_wheel_speeds(self.selected, self.packed, q, q_dot, out)
         return out.reshape(*shape, self.robot.wheel_count)
 
     def wheel_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return W(q) (..., n, 5): wheel speeds are W q_dot, and torques u do the generalised force W^T u."""
+        """Return W(q) (..., n, m): wheel speeds are W q_dot, and torques u do the generalised force W^T u."""
         (q,), shape = _rows([(q, 5, "q")])
-        out = np.empty((len(q), self.robot.wheel_count, 5))
+        out = np.empty((len(q), self.robot.wheel_count, self.velocity_count))
         evaluate_wheel_rows(self.selected, self.packed, q, out)
-        return out.reshape(*shape, self.robot.wheel_count, 5)
+        return out.reshape(*shape, self.robot.wheel_count, self.velocity_count)
 
     def energy(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
         """Return kinetic plus potential energy (...) [J]; the potential is zero at the ball's centre's height."""
-        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, 5, "q_dot")])
+        (q, q_dot), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot")])
         out = np.empty((len(q), 2))
         evaluate_energy(self.selected, self.packed, q, q_dot, out)
         return out.sum(axis=1).reshape(shape)
@@ -117,6 +136,8 @@ class Model:
 
             M q_ddot = m_r g l (0, 0, theta, phi, 0) + W^T (u - b W q_dot).
         """
+        if self.pivots:
+            raise InputError("A ball that pivots sticks at rest; linearise the model without pivoting instead.")
         robot, origin = self.robot, np.zeros(5)
         M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
         tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass
@@ -154,7 +175,7 @@ class Model:
 
         Parameters
         ----------
-        state : array_like (10,)
+        state : array_like (10,), or (11,) where the ball pivots
         torques : array_like (n,)
             [N m]
         duration : float

@@ -9,22 +9,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.errors import InputError
+from ballbot.mechanics.compiled import inlined
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.vector import counted
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
 LANES = 32
 
-RIGID_SIZE = 24  # numbers before the wheels' own
+RIGID_SIZE = 26  # numbers before the wheels' own
 WHEEL_SIZE = 6  # axle (3), b, c, s
 
 # Places in a row of packed numbers that identification changes
 PLACE_SPEED_SCALE = 8  # 1/v_s
 PLACE_EXPONENT = 9  # delta
 PLACE_ROLLING = 10  # N C_rr
+PLACE_PIVOTING = 13  # limit of the pivoting friction
+
+_SIX = (0, 0, 0, 0, 0, 0)
 
 
 class Exact(NamedTuple):
@@ -35,6 +40,12 @@ class Exact(NamedTuple):
 
 class Thesis(NamedTuple):
     """Selects the equations of the thesis's Appendix II as printed; `wheels` as in `Exact`."""
+
+    wheels: tuple[int, ...]
+
+
+class Pivoting(NamedTuple):
+    """Selects the exact equations with a sixth velocity, the ball's spin about the vertical; `wheels` as in `Exact`."""
 
     wheels: tuple[int, ...]
 
@@ -63,18 +74,30 @@ class Parameters(NamedTuple):
     d3: float
     rolling: float  #: N C_rr [N]
     ml2: float  #: m_r l^2 [kg m^2], in the thesis's equations
+    j_b: float  #: [kg m^2], where the ball pivots
+    pivoting: float  #: largest pivoting friction [N m], where the ball pivots
     J: tuple[float, float, float, float, float, float]  #: body inertia: J_0, or the printed j_r
     D: tuple[float, float, float, float, float, float]  #: A^T A
     wheels: tuple[Wheel, ...]
 
 
-def selector(formulation: Formulation, wheel_count: int) -> Exact | Thesis:
-    """Return the value that selects the compiled equations."""
+def selector(formulation: Formulation, wheel_count: int, *, pivoting: bool = False) -> Exact | Thesis | Pivoting:
+    """Return the value that selects the compiled equations.
+
+    Raises
+    ------
+    InputError
+        Where the thesis's equations are asked for with a pivoting ball, which they do not have.
+    """
     wheels = tuple(range(wheel_count))
+    if pivoting and formulation == "thesis":
+        raise InputError("The thesis's equations have no pivoting ball; take the formulation 'exact' for it.")
+    if pivoting:
+        return Pivoting(wheels)
     return Exact(wheels) if formulation == "exact" else Thesis(wheels)
 
 
-def pack(robot: Robot, formulation: Formulation) -> NDArray[np.float64]:
+def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> NDArray[np.float64]:
     """Return one robot's numbers as the row that compiled code reads.
 
     Parameters
@@ -82,10 +105,12 @@ def pack(robot: Robot, formulation: Formulation) -> NDArray[np.float64]:
     robot : Robot
     formulation : {"exact", "thesis"}
         "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the rotors out.
+    pivoting : float
+        Largest pivoting friction [N m]; read where the ball pivots.
 
     Returns
     -------
-    ndarray (24 + 6 n,)
+    ndarray (26 + 6 n,)
         In the order of `Parameters`; wheels last, one after another.
     """
     ball, body, wheels = robot.ball, robot.body, robot.wheels
@@ -113,6 +138,8 @@ def pack(robot: Robot, formulation: Formulation) -> NDArray[np.float64]:
         friction.stribeck_exponent,
         (ball.mass + body.mass) * robot.gravity * friction.rolling,
         body.mass * body.center_of_mass**2,
+        ball.inertia,
+        pivoting,
         *_symmetric(J),
         *_symmetric(D),
     ]
@@ -147,7 +174,13 @@ def entry(work, row, lane):
 
 
 @inlined
-def _load_wheel(work, wheel, lane):
+def entries(i, work, first, lane):
+    """Return the i-th number from row `first` on; for `vector.counted`."""
+    return entry(work, first + i, lane)
+
+
+@inlined
+def _load_wheel(wheel, work, lane):
     first = RIGID_SIZE + WHEEL_SIZE * wheel
     return Wheel(
         (entry(work, first, lane), entry(work, first + 1, lane), entry(work, first + 2, lane)),
@@ -156,40 +189,6 @@ def _load_wheel(work, wheel, lane):
         entry(work, first + 5, lane),
         entry(work, PLACE_SPEED_SCALE, lane),
         entry(work, PLACE_EXPONENT, lane),
-    )
-
-
-def load_wheels(selected, work, lane) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the wheels' numbers."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(load_wheels)
-def _load_wheels(selected, work, lane):
-    if len(selected.types[0]) == 3:
-        return lambda selected, work, lane: (
-            _load_wheel(work, 0, lane),
-            _load_wheel(work, 1, lane),
-            _load_wheel(work, 2, lane),
-        )
-    return lambda selected, work, lane: (
-        _load_wheel(work, 0, lane),
-        _load_wheel(work, 1, lane),
-        _load_wheel(work, 2, lane),
-        _load_wheel(work, 3, lane),
-    )
-
-
-@inlined
-def load_symmetric(work, row, lane):
-    """Return six numbers from that row on."""
-    return (
-        entry(work, row, lane),
-        entry(work, row + 1, lane),
-        entry(work, row + 2, lane),
-        entry(work, row + 3, lane),
-        entry(work, row + 4, lane),
-        entry(work, row + 5, lane),
     )
 
 
@@ -207,7 +206,9 @@ def load(selected, work, lane):
         entry(work, 7, lane),
         entry(work, PLACE_ROLLING, lane),
         entry(work, 11, lane),
-        load_symmetric(work, 12, lane),
-        load_symmetric(work, 18, lane),
-        load_wheels(selected, work, lane),
+        entry(work, 12, lane),
+        entry(work, PLACE_PIVOTING, lane),
+        counted(entries, _SIX, work, 14, lane),
+        counted(entries, _SIX, work, 20, lane),
+        counted(_load_wheel, selected.wheels, work, lane),
     )

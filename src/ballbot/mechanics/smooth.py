@@ -1,13 +1,15 @@
 """The motion between two changes of sign: friction is a smooth force there, and RK4 has order four.
 
 A trial step is taken with the signs of its start. It counts only if no speed whose friction matters has
-crossed zero at any stage or at the end; otherwise `ballbot.mechanics.stick_slip` takes the step.
+crossed zero at any stage; otherwise `ballbot.mechanics.stick_slip` takes the step. (A sign that changes between
+the last stage and the end, which differ by h^5, is found by the next step.)
 """
 
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.equations import (
     attitude,
     ball_torque,
+    free_forces,
     rates_of_angles,
     solve,
     terms,
@@ -15,9 +17,35 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.friction import dry_friction, sign
-from ballbot.mechanics.vector import add, each_of_four, each_pair, smallest
+from ballbot.mechanics.vector import add, each, smallest, written
 
-# A state here is the ten numbers (x, y, theta, phi, psi, v_x, v_y, w_1, w_2, w_3).
+# A state here is the tuple (x, y, theta, phi, psi, v_x, v_y, w_1, w_2, w_3), and the ball's spin where it pivots.
+
+
+def ball_velocity(state) -> tuple:  # pragma: no cover (compiled form below)
+    """Return v of a state: (v_x, v_y), and the spin where the ball pivots."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(ball_velocity)
+def _ball_velocity(state):
+    if len(state) == 10:
+        return lambda state: (state[5], state[6])
+    return lambda state: (state[5], state[6], state[10])
+
+
+def assembled(v, angle_rates, v_dot, w_dot) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the rate of change of a state from its parts."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(assembled)
+def _assembled(v, angle_rates, v_dot, w_dot):
+    if len(v) == 2:
+        return lambda v, angle_rates, v_dot, w_dot: v + angle_rates + v_dot + w_dot
+    return lambda v, angle_rates, v_dot, w_dot: (
+        (v[0], v[1]) + angle_rates + (v_dot[0], v_dot[1]) + w_dot + (v_dot[2],)
+    )
 
 
 @inlined
@@ -33,63 +61,82 @@ def _keeps_sign(sign_at_start, speed):
 
 
 @inlined
+def smallest_kept(signs, speeds):
+    """Return what is positive while every speed has its sign of the start."""
+    return smallest(each(_keeps_sign, signs, speeds))
+
+
+@inlined
 def _wheel_torque(wheel, u, speed, sign_at_start):
     """Return u - tau(w) of one wheel."""
     direction = 0.0 if sign_at_start == 2.0 else sign_at_start
     return u - wheel.b * speed - direction * dry_friction(wheel, speed)
 
 
-@inlined
-def acceleration(selected, P, a, v, w, u, signs, rolling):
-    """Return (v_dot, w_dot) with friction of known signs, and the wheel speeds.
+def floor_friction(P, v) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the floor's friction on v: rolling, -N C_rr v/|v|, and pivoting, against the spin."""
+    raise NotImplementedError("compiled code only")
 
-    `rolling` is N C_rr, or zero to leave rolling friction out; the ball must be moving for it.
-    """
+
+@by_types_of(floor_friction)
+def _floor_friction(P, v):
+    if len(v) == 2:
+        return lambda P, v: _rolling_friction(P, v)
+
+    def with_pivoting(P, v):
+        F = _rolling_friction(P, v)
+        return (F[0], F[1], -P.pivoting * sign(v[2]))
+
+    return with_pivoting
+
+
+@inlined
+def _rolling_friction(P, v):
+    brake = P.rolling / max((v[0] * v[0] + v[1] * v[1]) ** 0.5, 1e-300)
+    return (-brake * v[0], -brake * v[1])
+
+
+@inlined
+def _sum(a, b, c):
+    return a + b + c
+
+
+@inlined
+def acceleration(selected, P, a, v, w, u, speeds, signs, floor):
+    """Return (v_dot, w_dot) with wheel friction of known signs and the floor's friction given."""
     system = terms(selected, P, a, v, w)
-    speeds = wheel_speeds(selected, P, a, v, w)
-    T = ball_torque(P, each_of_four(_wheel_torque, P.wheels, u, speeds, signs))
+    T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs))
     F, L = wheel_force(selected, P, a, T)
-    brake = rolling / max((v[0] * v[0] + v[1] * v[1]) ** 0.5, 1e-300)
-    force_v = (system.f_v[0] + F[0] - brake * v[0], system.f_v[1] + F[1] - brake * v[1])
-    v_dot, w_dot = solve(system, force_v, add(system.f_w, L))
-    return v_dot, w_dot, speeds
+    f_v, f_w = free_forces(system)
+    return solve(system, each(_sum, f_v, F, floor), add(f_w, L))
 
 
 @inlined
-def derivative(selected, P, state, u, signs, rolling):
-    """Return the state's rate of change and the wheel speeds."""
+def derivative(selected, P, state, u, signs):
+    """Return the state's rate of change, and the wheel speeds."""
     a = attitude((state[2], state[3], state[4]))
-    v, w = (state[5], state[6]), (state[7], state[8], state[9])
-    v_dot, w_dot, speeds = acceleration(selected, P, a, v, w, u, signs, rolling)
-    rates = rates_of_angles(selected, a, w)
-    return (
-        v[0],
-        v[1],
-        rates[0],
-        rates[1],
-        rates[2],
-        v_dot[0],
-        v_dot[1],
-        w_dot[0],
-        w_dot[1],
-        w_dot[2],
-    ), speeds
+    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    speeds = wheel_speeds(selected, P, a, v, w)
+    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, floor_friction(P, v))
+    return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot), speeds
 
 
 @inlined
-def moved(state, rate, h):
+def speeds_of_state(selected, P, state):
+    """Return the wheel speeds of a state."""
+    a = attitude((state[2], state[3], state[4]))
+    return wheel_speeds(selected, P, a, ball_velocity(state), (state[7], state[8], state[9]))
+
+
+def moved(state, rate, h) -> tuple:  # pragma: no cover (compiled form below)
     """Return state + h rate."""
-    return (
-        state[0] + h * rate[0],
-        state[1] + h * rate[1],
-        state[2] + h * rate[2],
-        state[3] + h * rate[3],
-        state[4] + h * rate[4],
-        state[5] + h * rate[5],
-        state[6] + h * rate[6],
-        state[7] + h * rate[7],
-        state[8] + h * rate[8],
-        state[9] + h * rate[9],
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(moved)
+def _moved(state, rate, h):
+    return written(
+        "state, rate, h", "(" + ", ".join(f"state[{i}] + h * rate[{i}]" for i in range(len(state))) + ",)"
     )
 
 
@@ -98,39 +145,23 @@ def _weighted(k1, k2, k3, k4):
     return (k1 + 2.0 * (k2 + k3) + k4) * (1.0 / 6.0)
 
 
-@inlined
-def mean_rate(k1, k2, k3, k4):
-    """Return (k1 + 2 k2 + 2 k3 + k4)/6."""
-    return (
-        _weighted(k1[0], k2[0], k3[0], k4[0]),
-        _weighted(k1[1], k2[1], k3[1], k4[1]),
-        _weighted(k1[2], k2[2], k3[2], k4[2]),
-        _weighted(k1[3], k2[3], k3[3], k4[3]),
-        _weighted(k1[4], k2[4], k3[4], k4[4]),
-        _weighted(k1[5], k2[5], k3[5], k4[5]),
-        _weighted(k1[6], k2[6], k3[6], k4[6]),
-        _weighted(k1[7], k2[7], k3[7], k4[7]),
-        _weighted(k1[8], k2[8], k3[8], k4[8]),
-        _weighted(k1[9], k2[9], k3[9], k4[9]),
+def floor_margin(P, start, state) -> float:  # pragma: no cover (compiled form below)
+    """Return what stays positive while the ball rolls on forward and spins the same way."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(floor_margin)
+def _floor_margin(P, start, state):
+    if len(start) == 10:
+        return lambda P, start, state: _rolling_margin(P, start, state)
+    return lambda P, start, state: min(
+        _rolling_margin(P, start, state), start[10] * state[10] if P.pivoting > 0.0 else 1.0
     )
 
 
 @inlined
-def _smallest_kept(signs, speeds):
-    return smallest(each_pair(_keeps_sign, signs, speeds))
-
-
-@inlined
-def speeds_of_state(selected, P, state):
-    """Return the wheel speeds of a state."""
-    a = attitude((state[2], state[3], state[4]))
-    return wheel_speeds(selected, P, a, (state[5], state[6]), (state[7], state[8], state[9]))
-
-
-@inlined
-def _still_rolling(rolling, start, state):
-    """Return what stays positive while the ball keeps rolling forward."""
-    return start[5] * state[5] + start[6] * state[6] if rolling > 0.0 else 1.0
+def _rolling_margin(P, start, state):
+    return start[5] * state[5] + start[6] * state[6] if P.rolling > 0.0 else 1.0
 
 
 @inlined
@@ -139,29 +170,26 @@ def runge_kutta_step(selected, P, state, u, h):
 
     Returns
     -------
-    state : tuple of 10
+    state : tuple of 10 or 11
     margin : float
         Positive where no friction changed its sign within the step, so that the step counts.
     """
-    speeds = speeds_of_state(selected, P, state)
-    signs = each_pair(known_sign, P.wheels, speeds)
-
-    k1, speeds1 = derivative(selected, P, state, u, signs, P.rolling)
+    signs = each(known_sign, P.wheels, speeds_of_state(selected, P, state))
+    k1, speeds1 = derivative(selected, P, state, u, signs)
     second = moved(state, k1, 0.5 * h)
-    k2, speeds2 = derivative(selected, P, second, u, signs, P.rolling)
+    k2, speeds2 = derivative(selected, P, second, u, signs)
     third = moved(state, k2, 0.5 * h)
-    k3, speeds3 = derivative(selected, P, third, u, signs, P.rolling)
+    k3, speeds3 = derivative(selected, P, third, u, signs)
     fourth = moved(state, k3, h)
-    k4, speeds4 = derivative(selected, P, fourth, u, signs, P.rolling)
-    end = moved(state, mean_rate(k1, k2, k3, k4), h)
-    margin = min(
-        min(_smallest_kept(signs, speeds1), _smallest_kept(signs, speeds2)),
-        min(_smallest_kept(signs, speeds3), _smallest_kept(signs, speeds4)),
+    k4, speeds4 = derivative(selected, P, fourth, u, signs)
+    end = moved(state, each(_weighted, k1, k2, k3, k4), h)
+
+    wheels = min(
+        min(smallest_kept(signs, speeds1), smallest_kept(signs, speeds2)),
+        min(smallest_kept(signs, speeds3), smallest_kept(signs, speeds4)),
     )
-    margin = min(margin, _smallest_kept(signs, speeds_of_state(selected, P, end)))
-    margin = min(
-        margin, min(_still_rolling(P.rolling, state, second), _still_rolling(P.rolling, state, third))
+    floor = min(
+        min(floor_margin(P, state, state), floor_margin(P, state, second)),
+        min(floor_margin(P, state, third), floor_margin(P, state, fourth)),
     )
-    margin = min(margin, min(_still_rolling(P.rolling, state, fourth), _still_rolling(P.rolling, state, end)))
-    margin = min(margin, _still_rolling(P.rolling, state, state))
-    return end, margin
+    return end, min(wheels, min(floor, floor_margin(P, state, end)))

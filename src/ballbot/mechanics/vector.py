@@ -2,7 +2,11 @@
 symmetric 3 x 3 matrices (xx, yy, zz, xy, xz, yz).
 
 A tuple costs nothing: it is taken apart into registers, in one robot's code and in vector lanes alike.
+What is done to each wheel, or to each number of a state, is written once (`each`) and compiled for the tuple's
+length.
 """
+
+from collections.abc import Callable
 
 from ballbot.mechanics.compiled import by_types_of, inlined
 
@@ -77,67 +81,36 @@ def symmetric_sum(S, T, factor):
     )
 
 
-def each(function, items, shared) -> tuple:  # pragma: no cover (its compiled form is below)
-    """Return the tuple of function(item, shared), one for each wheel."""
+def each(function, *tuples) -> tuple:  # pragma: no cover (its compiled form is below)
+    """Return the tuple of function(item of the first, item of the second, ..), for tuples of one length."""
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(each)
-def _each(function, items, shared):
-    if len(items) == 3:
-        return lambda function, items, shared: (
-            function(items[0], shared),
-            function(items[1], shared),
-            function(items[2], shared),
-        )
-    return lambda function, items, shared: (
-        function(items[0], shared),
-        function(items[1], shared),
-        function(items[2], shared),
-        function(items[3], shared),
-    )
+def _each(function, *tuples):
+    calls = [", ".join(f"tuples[{k}][{i}]" for k in range(len(tuples))) for i in range(len(tuples[0]))]
+    return written("function, *tuples", _tuple(f"function({items})" for items in calls))
 
 
-def each_pair(function, items, others) -> tuple:  # pragma: no cover
-    """Return the tuple of function(item, other), one for each wheel."""
+def each_with(function, items, shared) -> tuple:  # pragma: no cover
+    """Return the tuple of function(item, shared)."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(each_pair)
-def _each_pair(function, items, others):
-    if len(items) == 3:
-        return lambda function, items, others: (
-            function(items[0], others[0]),
-            function(items[1], others[1]),
-            function(items[2], others[2]),
-        )
-    return lambda function, items, others: (
-        function(items[0], others[0]),
-        function(items[1], others[1]),
-        function(items[2], others[2]),
-        function(items[3], others[3]),
-    )
+@by_types_of(each_with)
+def _each_with(function, items, shared):
+    return written("function, items, shared", _tuple(f"function(items[{i}], shared)" for i in range(len(items))))
 
 
-def each_of_four(function, items, second, third, fourth) -> tuple:  # pragma: no cover
-    """Return the tuple of function(item, second, third, fourth), one for each wheel."""
+def counted(function, like, *shared) -> tuple:  # pragma: no cover
+    """Return the tuple of function(i, *shared), i = 0, 1, .., as long as the tuple `like`; each i is a constant."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(each_of_four)
-def _each_of_four(function, items, second, third, fourth):
-    if len(items) == 3:
-        return lambda function, items, second, third, fourth: (
-            function(items[0], second[0], third[0], fourth[0]),
-            function(items[1], second[1], third[1], fourth[1]),
-            function(items[2], second[2], third[2], fourth[2]),
-        )
-    return lambda function, items, second, third, fourth: (
-        function(items[0], second[0], third[0], fourth[0]),
-        function(items[1], second[1], third[1], fourth[1]),
-        function(items[2], second[2], third[2], fourth[2]),
-        function(items[3], second[3], third[3], fourth[3]),
-    )
+@by_types_of(counted)
+def _counted(function, like, *shared):
+    rest = "".join(f", shared[{k}]" for k in range(len(shared)))
+    return written("function, like, *shared", _tuple(f"function({i}{rest})" for i in range(len(like))))
 
 
 def total(vectors) -> tuple:  # pragma: no cover
@@ -147,18 +120,32 @@ def total(vectors) -> tuple:  # pragma: no cover
 
 @by_types_of(total)
 def _total(vectors):
-    if len(vectors) == 3:
-        return lambda vectors: add(add(vectors[0], vectors[1]), vectors[2])
-    return lambda vectors: add(add(vectors[0], vectors[1]), add(vectors[2], vectors[3]))
+    sums = (" + ".join(f"vectors[{i}][{axis}]" for i in range(len(vectors))) for axis in range(3))
+    return written("vectors", _tuple(sums))
 
 
 def smallest(numbers) -> float:  # pragma: no cover
-    """Return the smallest of the wheels' numbers."""
+    """Return the smallest of a tuple's numbers; a NaN before the last does not show."""
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(smallest)
 def _smallest(numbers):
-    if len(numbers) == 3:
-        return lambda numbers: min(min(numbers[0], numbers[1]), numbers[2])
-    return lambda numbers: min(min(numbers[0], numbers[1]), min(numbers[2], numbers[3]))
+    least = "numbers[0]"
+    for i in range(1, len(numbers)):
+        least = f"min({least}, numbers[{i}])"
+    return written("numbers", least)
+
+
+def written(signature: str, value: str, **names: Callable) -> Callable:
+    """Return a function of that signature and value, for Numba to compile: a loop over a tuple, written out.
+
+    `names` are the functions that the value calls.
+    """
+    scope = dict(names)
+    exec(f"def form({signature}):\n    return {value}", scope)
+    return scope["form"]
+
+
+def _tuple(items) -> str:
+    return f"({', '.join(items)},)"
