@@ -113,20 +113,19 @@ def _mass_vv(P, a, spin_inertia):
 
 @inlined
 def terms_exact(P, a, v, w):
-    """Return the `Terms` of the exact formulation (design section 5)."""
+    """Return the `Terms` of the exact formulation (design section 5).
+
+    The wheels' rates A (z - w) are no derivatives of functions of q, so Lagrange's equation may not be given
+    energies in which they are already put in: each wheel keeps its own momentum until d'Alembert's principle
+    has been applied. What is left of the gyroscopic terms is w x H, with H the part of the angular momentum of body
+    and turning wheels that is fixed to the body.
+    """
     R = a.R
     e = (0.0, 0.0, 1.0)
     z = rotate_back(R, ball_rate(P, v))
-    q1 = rotate_back(R, (v[0], v[1], 0.0))
-    D_z, D_w = symmetric_times(P.D, z), symmetric_times(P.D, w)
-    z_x_w = cross(z, w)
-    D_zxw = symmetric_times(P.D, z_x_w)
-    y = subtract(scale(D_z, P.d1), scale(D_w, P.d2))
-    p = add(
-        add(symmetric_times(P.J, w), scale(D_w, P.d3)),
-        subtract(scale(cross(e, q1), P.ml), scale(D_z, P.d2)),
-    )
-    w_x_e = cross(w, e)
+    D_zxw = symmetric_times(P.D, cross(z, w))
+    # d3 - d2 = j_w r_w / r_b: a wheel turns about -a_i, relative to the body
+    H = add(symmetric_times(P.J, w), scale(symmetric_times(P.D, subtract(w, z)), P.d3 - P.d2))
 
     M_vv, D_x, D_y = _mass_vv(P, a, P.d1)
     M_vw = (
@@ -135,13 +134,10 @@ def terms_exact(P, a, v, w):
     )
     M_ww = symmetric_sum(P.J, P.D, P.d3)
 
-    centripetal = rotate(R, scale(cross(w, w_x_e), P.ml))
-    ground = ground_force(P, rotate(R, add(cross(w, y), scale(D_zxw, P.d1))))
+    centripetal = rotate(R, scale(cross(w, cross(w, e)), P.ml))
+    ground = ground_force(P, rotate(R, scale(D_zxw, P.d1)))
     f_v = (-centripetal[0] - ground[0], -centripetal[1] - ground[1])
-    b_w = subtract(
-        subtract(scale(cross(e, cross(q1, w)), P.ml), scale(D_zxw, P.d2)),
-        add(add(cross(p, w), scale(cross(w_x_e, q1), P.ml)), cross(y, z)),
-    )
+    b_w = subtract(cross(w, H), scale(D_zxw, P.d2))
     gravity = scale(cross(R[2], e), P.ml * P.g)
     return Terms(M_vv, M_vw, M_ww, f_v, subtract(gravity, b_w))
 
