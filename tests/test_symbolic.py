@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from symbolic_oracle import cloud_body, linearized_about_upright, random_cloud, random_robot, random_state
 
 from ballbot.errors import InputError
+from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
-from ballbot.mechanics.symbolic import Corrections, Equations, Formulation, corrections_of, equations
+from ballbot.mechanics.symbolic import Corrections, Equations, corrections_of, equations
 from ballbot.robot import Robot
 
 # Some thousand operations in double precision and a solve whose condition number is below 1e3; 6e-15 was seen
@@ -72,13 +73,12 @@ def closed_form(robot: Robot, q: NDArray, q_dot: NDArray) -> ClosedForm:
     R, w = rotation(*q[2:]), body_rates_matrix(*q[2:]) @ q_dot[2:]
     v, e, E = q_dot[:2], np.array([0.0, 0.0, 1.0]), np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
     z, q1 = R.T @ E @ v / r_b, R.T @ np.array([*v, 0.0])
-    y = D1 @ z - D2 @ w
     x = np.cross
-    p = (J_0 + D3) @ w - D2 @ z + m_r * l * x(e, q1)
+    H = J_0 @ w + (D3 - D2) @ (w - z)
     M_vv = m_t * np.eye(2) + E.T @ R @ D1 @ R.T @ E / r_b**2
     M_vw = -m_r * l * (R @ cross_matrix(e))[:2] - E.T @ R @ D2 / r_b
-    b_v = m_r * l * (R @ x(w, x(w, e)))[:2] + E.T @ R @ (x(w, y) + D1 @ x(z, w)) / r_b
-    b_w = -D2 @ x(z, w) + m_r * l * x(e, x(q1, w)) - (x(p, w) + m_r * l * x(x(w, e), q1) + x(y, z))
+    b_v = m_r * l * (R @ x(w, x(w, e)))[:2] + E.T @ R @ D1 @ x(z, w) / r_b
+    b_w = x(w, H) - D2 @ x(z, w)
     body_terms = m_t * v @ v / 2 + m_r * l * q1 @ x(w, e) + w @ J_0 @ w / 2
     return ClosedForm(
         kinetic=float(body_terms + z @ D1 @ z / 2 - z @ D2 @ w + w @ D3 @ w / 2),

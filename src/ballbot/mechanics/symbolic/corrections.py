@@ -38,6 +38,11 @@ class Corrections:
     r_w)/r_b times too much, and torque times (II.16) is not the motors' power. Corrected: the counter-torque
     u_i a_i is added, and the wheel speed that friction and an encoder see is the one relative to the body."""
 
+    nonholonomic_wheels: bool
+    """(II.34) is Lagrange's equation for energies in which the wheels' speeds (II.16) are already put in. These
+    are no derivatives of functions of q, for which that would be allowed. Corrected: the difference, which does
+    no work (Chaplygin's or Voronets's terms), is taken off."""
+
 
 _NONE = Corrections(
     body_rates=False,
@@ -45,6 +50,7 @@ _NONE = Corrections(
     locked_wheels_once=False,
     reflected_rotors=False,
     counter_torque=False,
+    nonholonomic_wheels=False,
 )
 _ALL = Corrections(
     body_rates=True,
@@ -52,6 +58,7 @@ _ALL = Corrections(
     locked_wheels_once=True,
     reflected_rotors=True,
     counter_torque=True,
+    nonholonomic_wheels=True,
 )
 
 

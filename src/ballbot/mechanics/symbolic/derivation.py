@@ -73,6 +73,8 @@ def derive(wheel_count: int, corrections: Corrections) -> Derivation:
     )
     potential = potential_energy(s, R)
     mass_matrix, bias = lagrange(s, kinetic - potential)
+    if corrections.nonholonomic_wheels:
+        bias -= nonholonomic_terms(s, motion, corrections)
     wheel_speed = motion.encoder_speed if corrections.counter_torque else motion.wheel_spin
     torque = sp.Matrix(s.u) - sp.diag(*s.b) * wheel_speed
     return Derivation(
@@ -288,3 +290,21 @@ def lagrange(s: Symbols, L: sp.Expr) -> tuple[sp.Matrix, sp.Matrix]:
     momentum = sp.Matrix([sp.diff(L, rate) for rate in s.q_dot])
     force = sp.Matrix([sp.diff(L, coordinate) for coordinate in s.q])
     return momentum.jacobian(s.q_dot), momentum.jacobian(s.q) * sp.Matrix(s.q_dot) - force
+
+
+def nonholonomic_terms(s: Symbols, motion: Motion, corrections: Corrections) -> sp.Matrix:
+    """Return what (II.34) counts too much (5, 1) because the wheels' angles are no functions of q.
+
+    With relative rates W(q) q_dot and the momenta p that belong to them, Lagrange's equation with the rates put
+    in holds p . (d/dt (W dq) - delta(W q_dot)), zero only if W dq is the differential of a function. Body and
+    ball give none: the one has angles in q, the other is alike in all directions.
+    """
+    q_dot = sp.Matrix(s.q_dot)
+    momenta = s.j_w * motion.wheel_spin
+    if corrections.reflected_rotors:
+        momenta += s.n**2 * (s.j_m + s.j_g) * motion.encoder_speed
+    W = motion.encoder_speed.jacobian(s.q_dot)
+    W_dot = sp.zeros(*W.shape)
+    for coordinate, rate in zip(s.q, s.q_dot, strict=True):
+        W_dot += W.diff(coordinate) * rate
+    return (W_dot - (W * q_dot).jacobian(s.q)).T * momenta

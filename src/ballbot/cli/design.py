@@ -1,0 +1,75 @@
+"""`ballbot design`: a controller file for a robot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from ballbot.cli.output import matrix_text, standard_output, table
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.file import write_controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.robot import Robot
+
+
+def design(
+    robot: str,
+    /,
+    *,
+    q: str = ",".join(f"{weight:g}" for weight in STATE_WEIGHTS),
+    r: float = TORQUE_WEIGHT,
+    sample_time: float | None = None,
+    compensation: Compensation = "none",
+    out: Path,
+) -> None:
+    """Design a controller: sampled LQR on the exact model, with friction compensation.
+
+    Example: ballbot design alten --q 20,20,500,500,5,30,30,20,20,2 --r 30 --compensation full --out soft
+
+    Writes controller.toml and results.json (gain and closed-loop poles).
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file. Its friction is what is compensated; the gain is designed without it.
+    q
+        Weights of x y theta phi psi and of their rates, ten numbers with commas between them.
+    r
+        Weight of each wheel's torque.
+    sample_time
+        Time between two updates [s]; the robot's own where not given.
+    compensation
+        none; full (all friction); partial (only while friction works against the intended motion).
+    out
+        The folder to write into.
+    """
+    described = Robot.load(robot)
+    found = design_gain(described, state_weights=_weights(q), torque_weight=r, sample_time=sample_time)
+    controller = Controller(described, found.gain, sample_time=found.sample_time, compensation=compensation)
+    write_controller(controller, out / "controller.toml")
+    write_text(out / "results.json", json.dumps(_results(controller, found), indent=2) + "\n")
+    console = standard_output()
+    console.print(matrix_text("K", found.gain), markup=False, soft_wrap=True)
+    rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.poles]
+    console.print(table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=console.is_terminal))
+    console.print(str(out / "controller.toml"), soft_wrap=True)
+
+
+def _weights(text: str) -> list[float]:
+    try:
+        return [float(weight) for weight in text.split(",")]
+    except ValueError:
+        raise InputError(f"--q is {text!r}; it must be ten numbers with commas between them.") from None
+
+
+def _results(controller: Controller, found: LqrDesign) -> dict[str, object]:
+    return {
+        "robot": controller.robot.name,
+        "sample_time": controller.sample_time,
+        "compensation": controller.compensation,
+        "gain": controller.gain.tolist(),
+        "poles": [[pole.real, pole.imag] for pole in found.poles],
+    }

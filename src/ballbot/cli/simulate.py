@@ -1,0 +1,93 @@
+"""`ballbot simulate`: a closed-loop run of the model, as a log."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal
+
+from rich.progress import Progress
+
+from ballbot.cli.output import standard_output
+from ballbot.control.controller import Compensation
+from ballbot.control.file import read_controller
+from ballbot.control.nominal import nominal_controller
+from ballbot.control.references import named
+from ballbot.experiments.compare import SETTLE, score, settled
+from ballbot.files import write_text
+from ballbot.log import Log
+from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
+from ballbot.robot import Robot
+from ballbot.simulation.run import simulate as run
+
+
+def simulate(
+    robot: str,
+    /,
+    *,
+    reference: str = "square",
+    duration: float = 32.0,
+    controller: Path | None = None,
+    compensation: Compensation = "none",
+    formulation: Formulation = "exact",
+    format: Literal["csv", "parquet"] = "csv",
+    out: Path,
+) -> None:
+    """Simulate a robot in closed loop on its equations of motion, friction sticking where it sticks.
+
+    Example: ballbot simulate alten --reference square --duration 32 --out run1
+
+    Writes log.csv and results.json (position errors, torque, how the run ended).
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file, with its friction.
+    reference
+        Where the robot is asked to be: hold, square, change_pose, circle or figure_eight.
+    duration
+        How long [s].
+    controller
+        A controller file, in place of the nominal gain and the compensation.
+    compensation
+        What the nominal controller does about the robot's friction: none, full or partial.
+    formulation
+        exact, or thesis (Appendix II as printed).
+    format
+        Of the log.
+    out
+        The folder to write into.
+    """
+    described = Robot.load(robot)
+    path = named(reference)
+    chosen = (
+        read_controller(controller, described)
+        if controller
+        else nominal_controller(described, compensation=compensation)
+    )
+    console = standard_output()
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(f"simulating {duration:g} s", total=1.0)
+        log = run(
+            Model(described, formulation),
+            chosen,
+            path,
+            duration=duration,
+            progress=lambda share: bar.update(task, completed=share),
+        )
+    log.write(out / f"log.{format}")
+    write_text(out / "results.json", json.dumps(_results(log), indent=2) + "\n")
+    console.print(str(out / f"log.{format}"), soft_wrap=True)
+    if log.ended:
+        console.print(f"The run ended early: {log.ended}.", soft_wrap=True)
+
+
+def _results(log: Log) -> dict[str, object]:
+    results: dict[str, object] = {"rows": len(log), "sample_time": log.sample_time, "ended": log.ended}
+    if settled(log, SETTLE).any():
+        scores = asdict(score(log))
+        results |= {key: value for key, value in scores.items() if key != "ended" and math.isfinite(value)}
+    return results

@@ -1,0 +1,173 @@
+"""The controller as one object: LQR gain, heading frame, friction compensation and torque limit."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.control.law import ALLOWED, control_law, pack_law
+from ballbot.errors import InputError
+from ballbot.log.columns import STATE_NAMES
+from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
+
+Compensation = Literal["none", "full", "partial"]
+
+#: width of the band around zero speed, in encoder counts a sample; see `default_speed_band`
+BAND_COUNTS = 8.0
+
+
+def default_speed_band(robot: Robot, sample_time: float) -> float:
+    """Return the wheel speed [rad/s] below which the compensated friction's sign becomes a ramp.
+
+    Speeds are whole encoder counts over a sample time. At a standstill the count flickers by one, so a sign
+    taken from it would make the motors chatter at full friction; over `BAND_COUNTS` counts the flicker is worth
+    an eighth of the friction at most. Narrower chatters; wider leaves more friction uncompensated (on the twin's
+    square the peak error grows from 0.2 rad/s on, and torque gets rougher below it).
+    """
+    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+    return BAND_COUNTS * step / sample_time
+
+
+class Controller:
+    """u = K S(psi) (r - x) + friction compensation, limited; see `ballbot.control.law`. Not changed once made.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its friction is what is compensated; its geometry gives the wheel speeds.
+    gain : array_like (n, 10)
+        K, designed at psi = 0, as `ballbot.lqr` returns it.
+    sample_time : float, optional
+        [s]; the robot's own where not given.
+    compensation : {"none", "full", "partial"}
+        "full": each wheel's whole friction; "partial": only while it works against the intended motion
+        (thesis 5.2). Either carries the rolling friction by the wheels.
+    torque_limit : float, optional
+        [N m] for each wheel; the robot's own where not given.
+    speed_band : float, optional
+        Wheel speed [rad/s] below which the friction's sign is a linear ramp; `default_speed_band` where not given.
+
+    Raises
+    ------
+    InputError
+        Where a value is not one a controller can have.
+    """
+
+    robot: Robot
+    gain: NDArray[np.float64]
+    sample_time: float
+    compensation: Compensation
+    torque_limit: float
+    speed_band: float
+
+    def __init__(
+        self,
+        robot: Robot,
+        gain: ArrayLike,
+        *,
+        sample_time: float | None = None,
+        compensation: Compensation = "none",
+        torque_limit: float | None = None,
+        speed_band: float | None = None,
+    ) -> None:
+        self.robot = robot
+        self.gain = _checked_gain(gain, robot.wheel_count)
+        self.sample_time = _positive(
+            "sample time", robot.sensors.sample_time if sample_time is None else sample_time
+        )
+        if compensation not in get_args(Compensation):
+            raise InputError(f"The compensation is {compensation!r}; it must be 'none', 'full' or 'partial'.")
+        self.compensation = compensation
+        self.torque_limit = _positive(
+            "torque limit", robot.drive.torque_limit if torque_limit is None else torque_limit
+        )
+        band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
+        self.speed_band = _positive("speed band", band)
+
+    @cached_property
+    def packed(self) -> NDArray[np.float64]:
+        """The controller's numbers as compiled code reads them; see `ballbot.control.law.pack_law`."""
+        return pack_law(self)
+
+    def with_compensation(self, compensation: Compensation) -> Controller:
+        """Return a copy that compensates friction in another way."""
+        return Controller(
+            self.robot,
+            self.gain,
+            sample_time=self.sample_time,
+            compensation=compensation,
+            torque_limit=self.torque_limit,
+            speed_band=self.speed_band,
+        )
+
+    def reset(self) -> None:
+        """Forget the past; this controller has none."""
+
+    def update(
+        self,
+        t: float,  # noqa: ARG002
+        state: NDArray[np.float64],
+        reference: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return the wheel torques.
+
+        Parameters
+        ----------
+        t : float
+            [s]; the same at any time.
+        state : array (10,)
+            What was measured.
+        reference : array (10,)
+            x, y and psi may differ from zero.
+
+        Returns
+        -------
+        ndarray (n,)
+            [N m], within the torque limit. NaN where a measurement is NaN.
+
+        Raises
+        ------
+        InputError
+            Where the shapes are wrong, or the reference asks for a lean or a rate.
+        """
+        both = np.concatenate((state, reference), dtype=np.float64)
+        if both.shape != (20,) or len(state) != 10:
+            raise InputError(
+                f"The state and the reference have the shapes {np.shape(state)} and {np.shape(reference)}; "
+                "each must be ten numbers."
+            )
+        torques = np.empty(len(self.gain))
+        place = control_law(self.packed, both[:10], both[10:], torques)
+        if place != ALLOWED:
+            raise InputError(refusal(place, float(both[10 + place])))
+        return torques
+
+
+def refusal(place: int, value: float) -> str:
+    """Return why a reference with that value at that place of the state is refused."""
+    return (
+        f"The reference asks for {STATE_NAMES[place]} = {value:.6g}; it must be zero, because A r is then not 0 and "
+        "the closed loop e_dot = r_dot - A r + (A - B K) e cannot settle on it (only x, y and psi may be asked for)."
+    )
+
+
+def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
+    matrix = np.array(gain, dtype=np.float64)
+    if matrix.shape != (wheel_count, 10):
+        raise InputError(
+            f"The gain has the shape {matrix.shape}; this robot's is {wheel_count} x 10, wheels by states."
+        )
+    if not np.isfinite(matrix).all():
+        raise InputError("The gain holds a value that is not finite; every entry must be a number.")
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _positive(what: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0.0):
+        raise InputError(f"The controller's {what} is {value:g}; it must be positive.")
+    return float(value)

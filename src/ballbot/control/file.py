@@ -1,0 +1,179 @@
+"""Controller files: commented TOML with the gain, the sample time and the friction that is compensated.
+
+The geometry is not in it: a controller is read together with its robot.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeFloat,
+    PositiveFloat,
+    ValidationError,
+)
+from pydantic_core import ErrorDetails
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.robot import Friction, Robot
+
+_GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
+_WheelValues = Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=4)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class FrictionTable(_Table):
+    """[friction]: as in a robot file, in SI units."""
+
+    viscous: _WheelValues
+    coulomb: _WheelValues
+    stribeck: _WheelValues
+    stribeck_speed: PositiveFloat
+    stribeck_exponent: PositiveFloat
+    rolling: NonNegativeFloat
+
+
+class ControllerTable(_Table):
+    """A whole controller file."""
+
+    robot: str
+    sample_time: PositiveFloat
+    compensation: Compensation
+    torque_limit: PositiveFloat
+    speed_band: PositiveFloat
+    gain: Annotated[tuple[_GainRow, ...], Field(min_length=3, max_length=4)]
+    friction: FrictionTable
+
+
+def read_controller(path: str | Path, robot: Robot) -> Controller:
+    """Return the controller of a file, for a robot.
+
+    Parameters
+    ----------
+    path : str or Path
+    robot : Robot
+        Gives the geometry; the friction that is compensated is the file's.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or holds no controller, or its number of wheels is not the robot's.
+    """
+    path = Path(path)
+    try:
+        table = ControllerTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return _controller(table, robot)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file in UTF-8.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not valid TOML: {error}.") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {_sentence(error.errors()[0])}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_controller(controller: Controller, path: str | Path) -> None:
+    """Write a controller as a commented TOML file that reads back as the same numbers.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be written.
+    """
+    write_text(path, controller_text(controller))
+
+
+def controller_text(controller: Controller) -> str:
+    """Return the text that `write_controller` writes."""
+    friction = controller.robot.friction
+    rows = "\n".join(f"  {_row(row)}," for row in controller.gain.tolist())
+    return f"""\
+# A controller for Ballbot: u = K S(psi) (r - x) + friction compensation, within the torque limit.
+# S(psi) turns the error into the heading frame. Use it with: ballbot simulate ROBOT --controller FILE
+
+# the robot it was designed for
+robot = {json.dumps(controller.robot.name, ensure_ascii=False)}
+# [s] between two updates; torques are held
+sample_time = {controller.sample_time!r}
+# "none", "full" (all friction) or "partial" (only while it works against the intended motion)
+compensation = "{controller.compensation}"
+# [N m] for each wheel
+torque_limit = {controller.torque_limit!r}
+# [rad/s] wheel speed below which the compensated friction's sign is a ramp
+speed_band = {controller.speed_band!r}
+# K, a row for each wheel [N m per m, m, rad, rad, rad, and per each of their rates]
+gain = [
+{rows}
+]
+
+# The friction that is compensated: b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.
+[friction]
+# b [N m s/rad]
+viscous = {_row(friction.viscous)}
+# c [N m]
+coulomb = {_row(friction.coulomb)}
+# s [N m]
+stribeck = {_row(friction.stribeck)}
+# v_s [rad/s]
+stribeck_speed = {friction.stribeck_speed!r}
+# delta [-]
+stribeck_exponent = {friction.stribeck_exponent!r}
+# C_rr [-]
+rolling = {friction.rolling!r}
+"""
+
+
+def _row(values: Sequence[float]) -> str:
+    return f"[{', '.join(repr(float(value)) for value in values)}]"
+
+
+def _controller(table: ControllerTable, robot: Robot) -> Controller:
+    if len(table.gain) != robot.wheel_count:
+        raise InputError(
+            f"gain has {len(table.gain)} rows; the robot {robot.name!r} has {robot.wheel_count} wheels."
+        )
+    return Controller(
+        robot.replace(friction=Friction(**table.friction.model_dump())),
+        table.gain,
+        sample_time=table.sample_time,
+        compensation=table.compensation,
+        torque_limit=table.torque_limit,
+        speed_band=table.speed_band,
+    )
+
+
+def _sentence(error: ErrorDetails) -> str:
+    """Return what was wrong, where, and what would be right."""
+    place = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(
+        "."
+    )
+    match error["type"]:
+        case "missing":
+            return f"{place} is missing; a controller file needs it."
+        case "extra_forbidden":
+            return f"{place} is not a key of a controller file; remove it or correct its name."
+        case "too_short" | "too_long":
+            wanted = (
+                "ten numbers, one for each state"
+                if place.startswith("gain[")
+                else "one for each of 3 or 4 wheels"
+            )
+            return f"{place} has {len(error['input'])} entries; it must have {wanted}."
+        case _:
+            return f"{place} is {error['input']!r}; {error['msg'][0].lower()}{error['msg'][1:]}."

@@ -1,0 +1,27 @@
+"""The seam between a controller and everything that runs one: a measurement and a reference in, torques out."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Feedback(Protocol):
+    """A controller: `ballbot.Controller`, or a user's own."""
+
+    @property
+    def sample_time(self) -> float:
+        """Time between two updates, over which torques are held [s]."""
+        ...
+
+    def reset(self) -> None:
+        """Forget everything that happened so far; a run starts."""
+        ...
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the wheel torques (n,) [N m] for the measured state (10,) and the reference (10,) at time t [s]."""
+        ...

@@ -1,0 +1,207 @@
+"""The linear-quadratic regulator, continuous and sampled.
+
+State x (m,) and input u (n,) with x_dot = A x + B u; the gain of u = -K x that minimises
+
+    continuous   integral of  x' Q x + u' R u + 2 x' N u                                  (5.1), (5.2)
+    sampled      sum over samples of the same, with A and B held over each sample:
+                 x[k+1] = F x[k] + G u[k],  [F G; 0 I] = exp([A B; 0 0] T)
+
+The sampled sum takes Q, R and N as they are. (The other convention, which integrates the continuous cost over
+each sample, gives gains that differ from these in the fourth digit for our robots at 5 ms.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
+
+from ballbot.errors import InputError
+
+#: smallest eigenvalue, relative to the largest, that counts as not negative in a cost
+_ROUNDING = 1e-12
+#: smallest singular value of [A - s I, B], relative to the largest, at which a pole s counts as reached by u
+_REACHED = 1e-9
+
+
+@runtime_checkable
+class StateSpace(Protocol):
+    """Anything with A (m, m) and B (m, n): `LinearModel`, python-control's StateSpace."""
+
+    @property
+    def A(self) -> NDArray[np.float64]: ...
+
+    @property
+    def B(self) -> NDArray[np.float64]: ...
+
+
+class Linearizable(Protocol):
+    """Anything that gives such matrices: `ballbot.Model`."""
+
+    def linearize(self) -> StateSpace: ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LqrDesign:
+    """An optimal gain and what it promises."""
+
+    gain: NDArray[np.float64]  #: K (n, m) of u = -K x
+    poles: NDArray[
+        np.complex128
+    ]  #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
+    cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
+    sample_time: float | None  #: [s]; None where the gain is for continuous control
+
+
+def lqr(
+    model: Linearizable | StateSpace,
+    Q: ArrayLike,
+    R: ArrayLike,
+    sample_time: float | None = None,
+    N: ArrayLike | None = None,
+) -> LqrDesign:
+    """Return the gain that minimises the quadratic cost (thesis 5.1).
+
+    Parameters
+    ----------
+    model : Model or state space
+        Linearised about upright where it can be; a robot's states are ordered as everywhere, and psi = 0.
+    Q : array_like (m,) or (m, m)
+        Weight of the states, or its diagonal; positive semidefinite.
+    R : array_like (n,) or (n, n)
+        Weight of the inputs, or its diagonal; positive definite.
+    sample_time : float, optional
+        Time over which each input is held [s]; without it the control is continuous.
+    N : array_like (m, n), optional
+        Cross weight; zero where not given.
+
+    Returns
+    -------
+    LqrDesign
+
+    Raises
+    ------
+    InputError
+        Where a weight is not what it must be, an unstable pole is out of the inputs' reach, or no gain is both
+        stabilising and optimal because a pole on the border of stability costs nothing.
+    """
+    space = model if isinstance(model, StateSpace) else model.linearize()
+    A, B = np.asarray(space.A, float), np.asarray(space.B, float)
+    m, n = B.shape
+    Q, R = _weight("Q", Q, m), _weight("R", R, n)
+    N = np.zeros((m, n)) if N is None else _cross_weight(N, m, n)
+    _check_definite(Q, R, N)
+    _check_stabilisable(A, B)
+    if sample_time is None:
+        P = _riccati(lambda: solve_continuous_are(A, B, Q, R, s=N))
+        K = _solve(R, B.T @ P + N.T)
+        poles = np.linalg.eigvals(A - B @ K)
+    else:
+        F, G = held(A, B, sample_time)
+        P = _riccati(lambda: solve_discrete_are(F, G, Q, R, s=N))
+        K = _solve(R + G.T @ P @ G, G.T @ P @ F + N.T)
+        poles = np.log(np.linalg.eigvals(F - G @ K).astype(complex)) / sample_time
+    if not poles.real.max() < 0.0:
+        raise InputError(_NO_SOLUTION)
+    poles = poles.astype(complex)[np.argsort(-poles.real, kind="stable")]
+    return LqrDesign(gain=K, poles=poles, cost=P, sample_time=sample_time)
+
+
+def held(
+    A: NDArray[np.float64], B: NDArray[np.float64], sample_time: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return F (m, m) and G (m, n) of x[k+1] = F x[k] + G u[k], u held over each sample [s]; exact.
+
+    Raises
+    ------
+    InputError
+        Where the sample time is not positive.
+    """
+    if not (np.isfinite(sample_time) and sample_time > 0.0):
+        raise InputError(f"The sample time is {sample_time!r}; it must be a positive time in seconds.")
+    m, n = B.shape
+    both = np.asarray(expm(np.block([[A, B], [np.zeros((n, m + n))]]) * sample_time), dtype=np.float64)
+    return both[:m, :m], both[:m, m:]
+
+
+_NO_SOLUTION = (
+    "No gain is both optimal and stabilising for these weights: a state that does not settle by itself costs "
+    "nothing; give x, y and psi a positive weight in Q."
+)
+
+
+def _solve(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
+
+
+def _riccati(solve: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+    try:
+        P = solve()
+    except ValueError:  # LinAlgError, or a reordering that is too ill-conditioned
+        raise InputError(_NO_SOLUTION) from None
+    return 0.5 * (P + P.T)
+
+
+def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
+    """Return a weight as a symmetric matrix."""
+    matrix = _numbers(name, value)
+    if matrix.shape == (size,):
+        matrix = np.diag(matrix)
+    if matrix.shape != (size, size):
+        raise InputError(
+            f"{name} has the shape {matrix.shape}; it must be {size} numbers (its diagonal) or a "
+            f"{size} x {size} matrix."
+        )
+    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
+        raise InputError(f"{name} is not symmetric; a weight must be.")
+    return 0.5 * (matrix + matrix.T)
+
+
+def _cross_weight(value: ArrayLike, m: int, n: int) -> NDArray[np.float64]:
+    matrix = _numbers("N", value)
+    if matrix.shape != (m, n):
+        raise InputError(f"N has the shape {matrix.shape}; it must be {m} x {n}, states by inputs.")
+    return matrix
+
+
+def _numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        matrix = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is not an array of numbers.") from None
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{name} holds a value that is not finite; every weight must be a number.")
+    return matrix
+
+
+def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[np.float64]) -> None:
+    lowest_R, highest_R = np.linalg.eigvalsh(R)[[0, -1]]
+    if not lowest_R > _ROUNDING * highest_R:
+        raise InputError(
+            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input must cost something."
+        )
+    lowest_Q, highest_Q = np.linalg.eigvalsh(Q)[[0, -1]]
+    if lowest_Q < -_ROUNDING * abs(highest_Q):
+        raise InputError(f"Q is not positive semidefinite: an eigenvalue is {lowest_Q:.3g}, below zero.")
+    whole = np.linalg.eigvalsh(np.block([[Q, N], [N.T, R]]))
+    if whole[0] < -_ROUNDING * whole[-1]:
+        raise InputError(
+            f"Q, R and N together are not positive semidefinite (an eigenvalue of [Q N; N' R] is {whole[0]:.3g}); "
+            "a smaller N would be."
+        )
+
+
+def _check_stabilisable(A: NDArray[np.float64], B: NDArray[np.float64]) -> None:
+    """Hautus: s is out of reach where [A - s I, B] loses rank."""
+    for pole in np.linalg.eigvals(A):
+        if pole.real < -_REACHED * np.abs(A).max():
+            continue
+        singular = np.linalg.svd(np.hstack([A - pole * np.eye(len(A)), B]), compute_uv=False)
+        if singular[-1] < _REACHED * singular[0]:
+            raise InputError(
+                f"The robot cannot be stabilised: its pole at {pole.real:.3g} rad/s is out of the wheels' reach."
+            )

@@ -1,0 +1,62 @@
+"""Whether the floor still carries the robot: where it would have to pull, the model no longer holds.
+
+The centre of mass is at the height l cos(theta) cos(phi) above the ball's centre, so the floor pushes with
+
+    (m_b + m_r) g + m_r l d^2/dt^2 (cos theta cos phi)
+
+which falls to zero where the height's second derivative is -(m_b + m_r) g / (m_r l) (`lift_off`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ballbot.mechanics.compiled import compiled, inlined
+from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
+from ballbot.mechanics.evaluate import angle_accelerations
+from ballbot.mechanics.parameters import LANES, load
+from ballbot.mechanics.smooth import acceleration, known_sign, speeds_of_state
+from ballbot.mechanics.vector import each, each_pair
+from ballbot.robot import Robot
+
+
+def lift_off(robot: Robot) -> float:
+    """Return -d^2/dt^2 (cos theta cos phi) [1/s^2] at which the floor no longer pushes."""
+    body = robot.body
+    return (robot.ball.mass + body.mass) * robot.gravity / (body.mass * body.center_of_mass)
+
+
+@inlined
+def sinking(selected, P, state, u):
+    """Return -d^2/dt^2 (cos theta cos phi) [1/s^2] under wheel torques u and all friction of moving parts.
+
+    `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
+    """
+    a = attitude((state[2], state[3], state[4]))
+    v, w = (state[5], state[6]), (state[7], state[8], state[9])
+    signs = each_pair(known_sign, P.wheels, speeds_of_state(selected, P, state))
+    _, w_dot, _ = acceleration(selected, P, a, v, w, u, signs, P.rolling)
+    rates = rates_of_angles(selected, a, w)
+    theta, phi = rates[0], rates[1]
+    accelerations = angle_accelerations(selected, a, rates, w_dot)
+    st, ct, sp, cp = a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi
+    centripetal = ct * cp * (theta * theta + phi * phi) - 2.0 * st * sp * theta * phi
+    return centripetal + st * cp * accelerations[0] + ct * sp * accelerations[1]
+
+
+@compiled
+def sinking_of(selected, row, state, u):
+    """Return `sinking` of one packed robot at a state (10,) with Euler-angle rates, under wheel torques u (n,)."""
+    work = np.zeros(len(row) * LANES)
+    for i in range(len(row)):
+        work[i * LANES] = row[i]
+    P = load(selected, work, 0)
+    a = attitude((state[2], state[3], state[4]))
+    w = rates_from_angles(selected, a, (state[7], state[8], state[9]))
+    moving = (state[0], state[1], state[2], state[3], state[4], state[5], state[6], w[0], w[1], w[2])
+    return sinking(selected, P, moving, each(_torque_at, selected.wheels, u))
+
+
+@inlined
+def _torque_at(wheel, u):
+    return u[wheel]

@@ -1,0 +1,142 @@
+"""Running a plant with a controller: sample, decide, hold; the run becomes a `Log`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.interface import Feedback
+from ballbot.control.references import Reference
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.mechanics.model import Model
+from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.plant import Measurement, Plant
+
+#: the reference's columns in a log, and their places in the state
+_REFERENCES = (0, 1, 4)
+
+
+def simulate(
+    plant: Plant | Model,
+    controller: Feedback,
+    reference: Reference,
+    *,
+    duration: float,
+    initial_state: NDArray[np.float64] | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Log:
+    """Run a plant in closed loop from a start, sampled and held as the controller asks.
+
+    Parameters
+    ----------
+    plant : Plant or Model
+        A model is run with perfect sensors (`ModelPlant`).
+    controller : Feedback
+        A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`.
+    reference : callable
+        f(t) -> (10,), t in [s]; see `ballbot.control.references`.
+    duration : float
+        [s]; a whole number of samples is run.
+    initial_state : array (10,), optional
+        True state at the start; upright at rest at the origin where not given.
+    seed : int
+        All that is random in the plant follows from it.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1, from time to time.
+
+    Returns
+    -------
+    Log
+        A row for each sample: what was measured at t, the torques held from there on, the reference, and the true
+        state (`log.truth()`). Where the run ended early, as in a fall, the rows end before it and `log.ended`
+        says why.
+
+    Raises
+    ------
+    InputError
+        Where the duration or the initial state is none, or the controller returns what are not n finite torques.
+    """
+    samples = sample_count(duration, controller.sample_time)
+    active = ModelPlant(plant) if isinstance(plant, Model) else plant
+    table = np.empty((samples, len(_column_names(active.robot.wheel_count))))
+    controller.reset()
+    measured = active.reset(initial_state, seed=seed)
+    rows = 0
+    while rows < samples and measured.ended is None:
+        wanted = np.asarray(reference(measured.t), dtype=np.float64)
+        torques = _decide(controller, measured, wanted, active.robot.wheel_count)
+        table[rows] = _row(measured, torques, wanted)
+        measured = active.step(torques, controller.sample_time)
+        rows += 1
+        if progress and rows % 100 == 0:
+            progress(rows / samples)
+    if rows == 0:
+        raise InputError(f"The run ends before its first sample: {measured.ended}.")
+    names = _column_names(active.robot.wheel_count)
+    return Log(dict(zip(names, table[:rows].T, strict=True)), ended=measured.ended)
+
+
+def sample_count(duration: float, sample_time: float) -> int:
+    """Return how many samples a duration has.
+
+    Raises
+    ------
+    InputError
+        Where it is not at least one.
+    """
+    if not (np.isfinite(duration) and round(duration / sample_time) >= 1):
+        raise InputError(
+            f"The duration is {duration:g} s; it must be at least one sample of {sample_time:g} s."
+        )
+    return round(duration / sample_time)
+
+
+def _decide(
+    controller: Feedback, measured: Measurement, reference: NDArray[np.float64], wheel_count: int
+) -> NDArray[np.float64]:
+    torques = np.asarray(controller.update(measured.t, measured.state, reference), dtype=np.float64)
+    if torques.shape != (wheel_count,):
+        raise InputError(
+            f"The controller returned torques of the shape {torques.shape} at t = {measured.t:g} s; the robot has "
+            f"{wheel_count} wheels."
+        )
+    if not np.isfinite(torques).all():
+        raise InputError(
+            f"The controller returned torques {torques.tolist()} at t = {measured.t:g} s; all must be finite."
+        )
+    return torques
+
+
+def _column_names(wheel_count: int) -> list[str]:
+    return [
+        "t",
+        *torque_names(wheel_count),
+        *STATE_NAMES,
+        *wheel_angle_names(wheel_count),
+        *wheel_speed_names(wheel_count),
+        *(f"gyro_{axis}" for axis in "xyz"),
+        *(f"ref_{STATE_NAMES[place]}" for place in _REFERENCES),
+        *(TRUE_PREFIX + name for name in STATE_NAMES),
+    ]
+
+
+def _row(
+    measured: Measurement, torques: NDArray[np.float64], reference: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.concatenate(
+        [
+            [measured.t],
+            torques,
+            measured.state,
+            measured.wheel_angles,
+            measured.wheel_speeds,
+            measured.gyro,
+            reference[list(_REFERENCES)],
+            measured.truth,
+        ]
+    )

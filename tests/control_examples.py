@@ -1,0 +1,46 @@
+"""Robots and controllers that several tests use."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot import Robot
+from ballbot.robot import Friction
+
+#: of the size that the thesis's robot has
+FRICTION = Friction(
+    viscous=(0.014, 0.016, 0.013),
+    coulomb=(0.11, 0.09, 0.12),
+    stribeck=(0.05, 0.04, 0.06),
+    stribeck_speed=0.6,
+    stribeck_exponent=1.1,
+    rolling=0.007,
+)
+
+
+def alten(friction: Friction | None = None) -> Robot:
+    """Return the thesis's robot, without friction where none is given."""
+    return Robot.load("alten").replace(friction=friction or Friction.none(3))
+
+
+def four_wheeled(*, friction: bool) -> Robot:
+    """Return the thesis's robot on four wheels that are not evenly spread."""
+    robot = Robot.load("alten")
+    four = Friction(
+        viscous=(0.014, 0.016, 0.013, 0.015),
+        coulomb=(0.11, 0.09, 0.12, 0.1),
+        stribeck=(0.05, 0.04, 0.06, 0.05),
+        stribeck_speed=0.6,
+        stribeck_exponent=1.1,
+        rolling=0.007,
+    )
+    wheels = replace(robot.wheels, azimuths=(0.1, 1.5, 3.2, 4.9))
+    return robot.replace(wheels=wheels, friction=four if friction else Friction.none(4))
+
+
+def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
+    """Return a state (10,) at rest with that lean [rad]."""
+    state = np.zeros(10)
+    state[2:4] = theta, phi
+    return state

@@ -1,0 +1,82 @@
+"""Controller files: what is written reads back, and a wrong file ends in one sentence."""
+
+import numpy as np
+import pytest
+from control_examples import FRICTION, alten, four_wheeled
+
+from ballbot import InputError
+from ballbot.control.controller import Controller
+from ballbot.control.file import controller_text, read_controller, write_controller
+from ballbot.control.nominal import design_gain, nominal_controller
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
+    written = Controller(
+        robot, design_gain(robot).gain, compensation="partial", torque_limit=3.3, speed_band=0.1
+    )
+    path = tmp_path / "folder" / "controller.toml"
+    write_controller(written, path)
+    read = read_controller(path, robot)
+    np.testing.assert_array_equal(read.packed, written.packed)
+    assert read.sample_time == written.sample_time
+    assert read.compensation == "partial"
+
+
+def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
+    path = tmp_path / "controller.toml"
+    write_controller(nominal_controller(alten(FRICTION), compensation="full"), path)
+    assert read_controller(path, alten()).robot.friction == FRICTION
+
+
+GOOD = controller_text(nominal_controller(alten(FRICTION), compensation="full"))
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "sentence"),
+    [
+        ("sample_time = 0.005", "", "sample_time is missing"),
+        (
+            "sample_time = 0.005",
+            "sample_time = -0.005",
+            "sample_time is -0.005; input should be greater than 0",
+        ),
+        ("sample_time = 0.005", "sample_time = nan", "sample_time is nan"),
+        ("sample_time = 0.005", "sample_time = 0.005\ngains = 3", "gains is not a key of a controller file"),
+        ('compensation = "full"', 'compensation = "most"', "compensation is 'most'"),
+        ("gain = [\n  [", "gain = [\n  [1.0, ", r"gain\[1\] has 11 entries; it must have ten numbers"),
+        (
+            "gain = [\n",
+            "gain = [\n  [0, 0, 0, 0, 0, 0, 0, 0, 0, 0],\n",
+            "gain has 4 rows; .* has 3 wheels",
+        ),
+        ("gain = [\n", 'gain = [\n  ["much"],\n', r"gain\[1\]"),
+        ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[1\] is -0.014"),
+        ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
+        ("robot =", "robot ==", "not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_told_in_one_sentence(tmp_path, good, bad, sentence):
+    assert good in GOOD
+    path = tmp_path / "controller.toml"
+    path.write_text(GOOD.replace(good, bad, 1))
+    with pytest.raises(InputError, match=sentence) as caught:
+        read_controller(path, alten())
+    text = str(caught.value)
+    assert text.startswith(f"{path}")
+    assert "\n" not in text
+
+
+def test_a_file_that_is_none_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"cannot be read"):
+        read_controller(tmp_path / "nowhere.toml", alten())
+    (tmp_path / "picture").write_bytes(b"\xff\xd8\xff")
+    with pytest.raises(InputError, match="not a text file"):
+        read_controller(tmp_path / "picture", alten())
+
+
+def test_a_controller_of_another_number_of_wheels_is_told(tmp_path):
+    path = tmp_path / "controller.toml"
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match="4 wheels"):
+        read_controller(path, four_wheeled(friction=False))
