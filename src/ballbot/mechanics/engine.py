@@ -8,6 +8,7 @@ in which a sign may have changed take the convex step (`stick_slip`) instead, on
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -89,7 +90,9 @@ def smooth_block(selected, work, width):
     for lane in range(width):
         P = load(selected, work, lane)
         h = entry(work, STEP, lane)
-        end, margin = runge_kutta_step(selected, P, load_state(selected, work, lane), load_torques(selected, work, lane), h)
+        end, margin = runge_kutta_step(
+            selected, P, load_state(selected, work, lane), load_torques(selected, work, lane), h
+        )
         store_trial(work, lane, end)
         put(work, _MARGIN, lane, margin)
         # past the largest lean a lane takes steps of zero: it stays where it is
@@ -128,7 +131,13 @@ def stick_slip_step(selected, work, lane):
     start = in_order(v, w)
     limits = box_limits(selected, P, each(dry_friction, P.wheels, speeds))
     end = minimise(
-        mass_matrix(system), start + h * in_order(v_dot, w_dot), box_rows(selected, P, a), limits, P.rolling, h, start
+        mass_matrix(system),
+        start + h * in_order(v_dot, w_dot),
+        box_rows(selected, P, a),
+        limits,
+        P.rolling,
+        h,
+        start,
     )
 
     half = 0.5 * h
@@ -157,8 +166,9 @@ def take_steps(selected, work, width, steps):
 
 
 @inlined
-def start_lane(selected, work, lane, x):
-    """Set a lane's state from x (10,), or (11,) where the ball pivots, with Euler-angle rates."""
+def start_lane(selected, work, lane, x, h):
+    """Set a lane's state from x (10,), or (11,) where the ball pivots, with Euler-angle rates; and its step."""
+    put(work, STEP, lane, h)
     for i in range(len(x)):
         put(work, STATE + i, lane, x[i])
     w = rates_from_angles(selected, attitude((x[2], x[3], x[4])), (x[7], x[8], x[9]))
@@ -200,8 +210,7 @@ def run_block(
         row = parameters[parameter_of[first + lane]]
         for i in range(len(row)):
             work[i * LANES + lane] = row[i]
-        start_lane(selected, work, lane, initial[initial_of[first + lane]])
-        put(work, STEP, lane, h)
+        start_lane(selected, work, lane, initial[initial_of[first + lane]], h)
         ended[first + lane] = samples
     for sample in range(samples):
         for lane in range(width):
@@ -283,12 +292,17 @@ def simulate_lanes(
         arrays = (parameters, indices[0], initial, indices[1], torques, indices[2])
         run_block(selected, *arrays, first, width, sample_time / steps, steps, every, out, ended)
 
+    over_threads(run, lanes, threads)
+    return Batch(states=out, ended=ended)
+
+
+def over_threads(run: Callable[[int], None], lanes: int, threads: int | None) -> None:
+    """Call run(first lane) for each block of lanes, over so many threads; all cores where `threads` is None."""
     blocks = range(0, lanes, LANES)
     workers = min(threads or os.cpu_count() or 1, len(blocks))
     if workers <= 1:
         for first in blocks:
             run(first)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(run, blocks))
-    return Batch(states=out, ended=ended)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(run, blocks))

@@ -60,9 +60,13 @@ class Model:
         if not (np.isfinite(self.step) and self.step > 0):
             raise InputError(f"The model's step is {self.step!r}; it must be a positive time in seconds.")
         if self.pivoting is not None and not (np.isfinite(self.pivoting) and self.pivoting >= 0):
-            raise InputError(f"The pivoting friction is {self.pivoting!r}; it must be a torque in N m, not negative.")
+            raise InputError(
+                f"The pivoting friction is {self.pivoting!r}; it must be a torque in N m, not negative."
+            )
         row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0)
-        object.__setattr__(self, "_selected", selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots))
+        object.__setattr__(
+            self, "_selected", selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots)
+        )
         object.__setattr__(self, "_row", row)
 
     @property
@@ -103,7 +107,9 @@ class Model:
         u : array_like (..., n)
             Wheel torques [N m].
         """
-        (q, q_dot, u), shape = _rows([(q, 5, "q"), (q_dot, self.velocity_count, "q_dot"), (u, self.robot.wheel_count, "u")])
+        (q, q_dot, u), shape = _rows(
+            [(q, 5, "q"), (q_dot, self.velocity_count, "q_dot"), (u, self.robot.wheel_count, "u")]
+        )
         out = np.empty((len(q), self.velocity_count))
         evaluate_acceleration(self.selected, self.packed, q, q_dot, u, out)
         return out.reshape(*shape, self.velocity_count)
@@ -137,7 +143,9 @@ class Model:
             M q_ddot = m_r g l (0, 0, theta, phi, 0) + W^T (u - b W q_dot).
         """
         if self.pivots:
-            raise InputError("A ball that pivots sticks at rest; linearise the model without pivoting instead.")
+            raise InputError(
+                "A ball that pivots sticks at rest; linearise the model without pivoting instead."
+            )
         robot, origin = self.robot, np.zeros(5)
         M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
         tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass

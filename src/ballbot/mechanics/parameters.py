@@ -81,7 +81,9 @@ class Parameters(NamedTuple):
     wheels: tuple[Wheel, ...]
 
 
-def selector(formulation: Formulation, wheel_count: int, *, pivoting: bool = False) -> Exact | Thesis | Pivoting:
+def selector(
+    formulation: Formulation, wheel_count: int, *, pivoting: bool = False
+) -> Exact | Thesis | Pivoting:
     """Return the value that selects the compiled equations.
 
     Raises

@@ -4,8 +4,8 @@
 
 with C_i the row that gives wheel i's speed, g_i = c_i + s_i exp(..) at the step's start and rho = N C_rr. Where the
 ball may pivot, its spin is a sixth velocity and pivoting friction one more box (a row of C and its limit, after the
-wheels'). It is the implicit Euler step of set-valued friction (J. J. Moreau, Unilateral contact and dry friction in finite freedom
-dynamics, 1988). It dissipates always and needs no smoothing.
+wheels'). It is the implicit Euler step of set-valued friction (J. J. Moreau, Unilateral contact and dry friction in
+finite freedom dynamics, 1988). It dissipates always and needs no smoothing.
 
 The holding forces of full stick are tried first, and then rest is exactly zero. Otherwise projected Gauss-Seidel
 on the dual (the friction forces) finds which contacts stick, and Newton's method on that set ends in rounding error.

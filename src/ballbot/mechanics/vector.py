@@ -99,7 +99,9 @@ def each_with(function, items, shared) -> tuple:  # pragma: no cover
 
 @by_types_of(each_with)
 def _each_with(function, items, shared):
-    return written("function, items, shared", _tuple(f"function(items[{i}], shared)" for i in range(len(items))))
+    return written(
+        "function, items, shared", _tuple(f"function(items[{i}], shared)" for i in range(len(items)))
+    )
 
 
 def counted(function, like, *shared) -> tuple:  # pragma: no cover

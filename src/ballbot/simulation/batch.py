@@ -5,9 +5,7 @@ The numbers are those of `simulate` on a `Model`, to rounding.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,13 +19,13 @@ from ballbot.mechanics.compiled import compiled, inlined
 from ballbot.mechanics.engine import (
     LARGEST_LEAN,
     ROWS,
-    STATE,
     STEP,
     TORQUE,
     load_state,
     load_torques,
+    over_threads,
+    start_lane,
     take_steps,
-    to_body_rates,
     write_state,
 )
 from ballbot.mechanics.model import Model
@@ -126,7 +124,7 @@ def simulate_batch(
         out = (states, torques, ended, lifted)
         run_closed_loop_block(model.selected, *inputs, first, width, sample_time / steps, steps, every, *out)
 
-    _over_threads(run, lanes, threads)
+    over_threads(run, lanes, threads)
     return ClosedLoopBatch(
         t=np.arange(1.0, records + 1.0) * (every * sample_time),
         states=states,
@@ -160,7 +158,7 @@ def run_closed_loop_block(
     samples = len(references)
     for lane in range(width):
         _load_robot(work, lane, parameters[_row_of(parameters, first + lane)])
-        _place_lane(selected, work, lane, initial[_row_of(initial, first + lane)], h)
+        start_lane(selected, work, lane, initial[_row_of(initial, first + lane)], h)
         ended[first + lane] = samples
     for sample in range(samples):
         for lane in range(width):
@@ -194,17 +192,9 @@ def _load_robot(work, lane, row):
 
 
 @inlined
-def _place_lane(selected, work, lane, x, h):
-    for i in range(7):
-        work[(STATE + i) * LANES + lane] = x[i]
-    to_body_rates(selected, work, lane, (x[7], x[8], x[9]))
-    work[STEP * LANES + lane] = h
-
-
-@inlined
 def _end_where_due(selected, work, lane, limit, sample, ended, lifted, first):
     """Stop a lane that has fallen within the sample or would lift off at its end."""
-    state = load_state(work, STATE, lane)
+    state = load_state(selected, work, lane)
     fallen = work[STEP * LANES + lane] == 0.0 or not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN
     lifts = False
     if not fallen:
@@ -214,13 +204,6 @@ def _end_where_due(selected, work, lane, limit, sample, ended, lifted, first):
         ended[first + lane] = sample
         lifted[first + lane] = lifts
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
-
-
-def _over_threads(run: Callable[[int], None], lanes: int, threads: int | None) -> None:
-    blocks = range(0, lanes, LANES)
-    workers = min(threads or os.cpu_count() or 1, len(blocks))
-    with ThreadPoolExecutor(workers) as pool:
-        list(pool.map(run, blocks))
 
 
 def _lanes(*counts: int) -> int:

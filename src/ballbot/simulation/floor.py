@@ -12,11 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.mechanics.compiled import compiled, inlined
-from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
+from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles, wheel_speeds
 from ballbot.mechanics.evaluate import angle_accelerations
 from ballbot.mechanics.parameters import LANES, load
-from ballbot.mechanics.smooth import acceleration, known_sign, speeds_of_state
-from ballbot.mechanics.vector import each, each_pair
+from ballbot.mechanics.smooth import acceleration, ball_velocity, floor_friction, known_sign
+from ballbot.mechanics.vector import each, each_with
 from ballbot.robot import Robot
 
 
@@ -33,9 +33,10 @@ def sinking(selected, P, state, u):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a = attitude((state[2], state[3], state[4]))
-    v, w = (state[5], state[6]), (state[7], state[8], state[9])
-    signs = each_pair(known_sign, P.wheels, speeds_of_state(selected, P, state))
-    _, w_dot, _ = acceleration(selected, P, a, v, w, u, signs, P.rolling)
+    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    speeds = wheel_speeds(selected, P, a, v, w)
+    signs = each(known_sign, P.wheels, speeds)
+    _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
     accelerations = angle_accelerations(selected, a, rates, w_dot)
@@ -54,7 +55,7 @@ def sinking_of(selected, row, state, u):
     a = attitude((state[2], state[3], state[4]))
     w = rates_from_angles(selected, a, (state[7], state[8], state[9]))
     moving = (state[0], state[1], state[2], state[3], state[4], state[5], state[6], w[0], w[1], w[2])
-    return sinking(selected, P, moving, each(_torque_at, selected.wheels, u))
+    return sinking(selected, P, moving, each_with(_torque_at, selected.wheels, u))
 
 
 @inlined
