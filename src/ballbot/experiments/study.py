@@ -1,0 +1,271 @@
+"""The main job: a robot and its logs in; friction, validation, controller and what the controller gains out.
+
+    identify -> validate on what was held out -> design -> compare the compensations in closed loop
+
+The gain is designed with the weights of the nominal scenario (design section 11) on the exact model without
+friction, at the logs' sample time, whatever gain the logs were recorded with: so that studies of different robots
+can be compared. The logs' own gain is recovered for the closed-loop validation, and the report shows both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.nominal import design_gain
+from ballbot.control.references import square
+from ballbot.errors import InputError
+from ballbot.experiments.compare import Comparison, compare, start
+from ballbot.experiments.held_out import held_out_stretches, without
+from ballbot.identification import Bounds, Identification, identify
+from ballbot.identification.progress import Progress
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.simulation.plant import Plant
+from ballbot.simulation.run import simulate
+from ballbot.validation import Validation, join_validations, validate
+from ballbot.validation.windows import Interval
+
+PlantName = Literal["model", "twin"]
+
+COMPENSATIONS: tuple[Compensation, ...] = ("none", "full", "partial")
+
+#: told what is being done and the share of the whole that is done
+StudyProgress = Callable[[str, float], None]
+
+#: shares of the whole that are done when each stage ends, from timings on the logs of a square and a hold
+_IDENTIFIED, _VALIDATED = 0.75, 0.9
+#: share of the windows that identification keeps for its own verdict; the study's is on the stretches held out
+_OWN_HELD_OUT = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StudiedLog:
+    """A log of the study and the stretches of it that were kept from the fit."""
+
+    name: str
+    log: Log
+    held_out: tuple[Interval, ...]  #: (start, end) [s]
+
+    def wheel_speeds(self, robot: Robot) -> NDArray[np.float64]:
+        """Return the wheels' speeds (N, n) [rad/s]: measured, else from the states by kinematics."""
+        names = wheel_speed_names(robot.wheel_count)
+        if all(name in self.log and np.isfinite(self.log[name]).all() for name in names):
+            return self.log.wheel_speeds
+        states = self.log.states
+        return Model(robot).wheel_speed(states[:, :5], states[:, 5:])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Effort:
+    """How much work a study does; less is for tests."""
+
+    generations: int = 150  #: of the identification's evolution, at most
+    duration: float = 32.0  #: of each run of the comparison [s]
+    runs: int = 3  #: of each compensation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Study:
+    """Everything a study found."""
+
+    robot: Robot  #: as given
+    logs: tuple[StudiedLog, ...]
+    found: Identification
+    by_log: tuple[Validation, ...]  #: on what each log held out
+    validation: Validation  #: all of them together
+    design: LqrDesign
+    plant: PlantName
+    comparison: Comparison  #: by compensation: "none", "full", "partial"
+    runs: Mapping[str, Log]  #: the first run of each compensation
+    chosen: Controller  #: the nominal gain with the compensation that did best
+    effort: Effort
+    seed: int
+
+
+def study(
+    robot: Robot,
+    logs: Mapping[str, Log],
+    *,
+    plant: PlantName = "model",
+    bounds: Bounds | None = None,
+    seed: int = 0,
+    effort: Effort | None = None,
+    progress: StudyProgress | None = None,
+) -> Study:
+    """Find a robot's friction in its logs, judge it, and show what compensating it gains.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its own friction is not used.
+    logs : mapping of str to Log
+        By a name to call each; with torques and states, and with the reference for the closed-loop validation.
+    plant : {"model", "twin"}
+        What the compensations are compared on: the model with the friction found, or the nominal twin, whose friction
+        is its own.
+    bounds : Bounds, optional
+        Within which the friction is sought.
+    seed : int
+        Of all that is random.
+    effort : Effort, optional
+        How much work is done.
+    progress : callable, optional
+        Told the stage and the share of the whole that is done.
+
+    Raises
+    ------
+    InputError
+        Where a log lacks a column or is not of this robot, or there is nothing to find in the logs.
+    """
+    effort, tell = effort or Effort(), progress or _nobody
+    studied = tuple(
+        StudiedLog(name=name, log=log, held_out=held_out_stretches(log)) for name, log in logs.items()
+    )
+    check_logs(robot, studied)
+    make_plant = plant_factory(robot, plant)
+    found = _identify(robot, studied, bounds, seed, effort, tell)
+    by_log = _validate(found.robot, studied, seed, tell)
+    sample_time = studied[0].log.sample_time
+    design = design_gain(found.robot, sample_time=sample_time)
+    controllers: dict[str, Controller] = {
+        name: Controller(found.robot, design.gain, sample_time=sample_time, compensation=name)
+        for name in COMPENSATIONS
+    }
+    factory = make_plant or (lambda: Model(found.robot))
+    comparison, runs = _compare(factory, controllers, seed, effort, tell)
+    tell("done", 1.0)
+    return Study(
+        robot=robot,
+        logs=studied,
+        found=found,
+        by_log=by_log,
+        validation=join_validations(by_log),
+        design=design,
+        plant=plant,
+        comparison=comparison,
+        runs=runs,
+        chosen=controllers[best_compensation(comparison)],
+        effort=effort,
+        seed=seed,
+    )
+
+
+def check_logs(robot: Robot, logs: Sequence[StudiedLog]) -> None:
+    """Refuse what a study cannot work with before it works for minutes.
+
+    Raises
+    ------
+    InputError
+        Naming the log and what it lacks.
+    """
+    if not logs:
+        raise InputError("A study needs at least one log.")
+    for studied in logs:
+        try:
+            studied.log.require(*torque_names(robot.wheel_count), *STATE_NAMES)
+            more = torque_names(robot.wheel_count + 1)[-1]
+            if more in studied.log:
+                raise InputError(
+                    f"The log has a torque {more}, where the robot {robot.name} has {robot.wheel_count} wheels."
+                )
+        except InputError as error:
+            raise InputError(f"{studied.name}: {error}") from None
+
+
+def plant_factory(robot: Robot, plant: PlantName) -> Callable[[], Plant] | None:
+    """Return what makes the twin, or None for the model, which needs the friction first.
+
+    Raises
+    ------
+    InputError
+        Where there is no such plant, or the twin's engine is not installed.
+    """
+    if plant == "model":
+        return None
+    if plant != "twin":
+        raise InputError(f"The plant is {plant!r}; it must be 'model' or 'twin'.")
+    from ballbot.twin import Scenario, Twin
+
+    scenario = Scenario.nominal(robot)
+    return lambda: Twin(robot, scenario)
+
+
+def best_compensation(comparison: Comparison) -> Compensation:
+    """Return the compensation with the fewest falls and, among these, the smallest peak position error."""
+
+    def badness(name: Compensation) -> tuple[int, float]:
+        summary = comparison.summary(name)
+        return summary.falls, float(np.nan_to_num(summary.peak_position_error, nan=np.inf))
+
+    return min(COMPENSATIONS, key=badness)
+
+
+def _nobody(stage: str, share: float) -> None:
+    """Tell nobody."""
+
+
+def _identify(
+    robot: Robot,
+    logs: Sequence[StudiedLog],
+    bounds: Bounds | None,
+    seed: int,
+    effort: Effort,
+    tell: StudyProgress,
+) -> Identification:
+    def told(progress: Progress) -> None:
+        tell("identifying friction", _IDENTIFIED * progress.generation / progress.of)
+
+    return identify(
+        robot,
+        [without(studied.log, studied.held_out) for studied in logs],
+        bounds=bounds,
+        held_out=_OWN_HELD_OUT,
+        seed=seed,
+        generations=effort.generations,
+        progress=told,
+    )
+
+
+def _validate(
+    robot: Robot, logs: Sequence[StudiedLog], seed: int, tell: StudyProgress
+) -> tuple[Validation, ...]:
+    validations = []
+    for number, studied in enumerate(logs):
+        tell(f"validating on {studied.name}", _IDENTIFIED + (_VALIDATED - _IDENTIFIED) * number / len(logs))
+        validations.append(validate(robot, studied.log, held_out=studied.held_out, seed=seed))
+    return tuple(validations)
+
+
+def _compare(
+    factory: Callable[[], Plant | Model],
+    controllers: Mapping[str, Controller],
+    seed: int,
+    effort: Effort,
+    tell: StudyProgress,
+) -> tuple[Comparison, dict[str, Log]]:
+    """Compare on the 0.5 m square, and run the first seed of each once more to keep its log."""
+    reference, seeds = square(), tuple(range(seed, seed + effort.runs))
+
+    def told(share: float) -> None:
+        tell("comparing compensations", _VALIDATED + 0.8 * (1.0 - _VALIDATED) * share)
+
+    comparison = compare(
+        factory, controllers, reference, duration=effort.duration, seeds=seeds, progress=told
+    )
+    plant = factory()
+    runs = {
+        name: simulate(
+            plant, controller, reference, duration=effort.duration, initial_state=start(seed), seed=seed
+        )
+        for name, controller in controllers.items()
+    }
+    return comparison, runs

@@ -1,0 +1,1 @@
+"""What people and programs read of a result: report.html, results.json, and the words and figures in them."""

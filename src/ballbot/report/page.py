@@ -1,0 +1,25 @@
+"""Rendering a page: the templates of this package, everything escaped but the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+
+def render(template: str, values: Mapping[str, object]) -> str:
+    """Return the page of a template of this package as HTML; a name that the template lacks is an error."""
+    environment = Environment(
+        loader=PackageLoader("ballbot.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(f"{template}.html.j2").render(values)
+
+
+def figure_markup(svg: str) -> Markup:
+    """Return a figure as what a template puts into the page unescaped."""
+    return Markup(svg)

@@ -1,0 +1,43 @@
+"""The four files that a study leaves: report.html, results.json, robot.toml and controller.toml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ballbot.control.file import write_controller
+from ballbot.errors import InputError
+from ballbot.experiments.study import Study
+from ballbot.files import write_text
+from ballbot.report.provenance import Provenance
+from ballbot.report.results import as_json, study_results
+from ballbot.report.study_page import study_report
+from ballbot.robot.file import write_robot
+
+
+def write_study(study: Study, out: str | Path, *, made: Provenance) -> Path:
+    """Write a study into a folder, each file whole or not at all, and return the report's path."""
+    folder = Path(out)
+    write_robot(study.found.robot, folder / "robot.toml")
+    write_controller(study.chosen, folder / "controller.toml")
+    write_text(folder / "results.json", as_json(study_results(study, made)))
+    report = folder / "report.html"
+    write_text(report, study_report(study, made))
+    return report
+
+
+def check_folder(out: str | Path) -> Path:
+    """Return the folder, made where there was none, before work begins that would be lost without it.
+
+    Raises
+    ------
+    InputError
+        Where it is a file or cannot be made.
+    """
+    folder = Path(out)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; --out needs a folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {folder} cannot be made: {error.strerror or error}.") from None
+    return folder

@@ -1,0 +1,167 @@
+"""A study's report.html: one page that opens anywhere, needs no network and no script, and prints."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from ballbot.experiments.compare import SETTLE
+from ballbot.experiments.study import Study
+from ballbot.log import STATE_NAMES
+from ballbot.mechanics.model import Model
+from ballbot.report.comparison_figures import paths_figure, poles_figure, position_error_figure
+from ballbot.report.friction_figures import friction_figure, logs_figure
+from ballbot.report.page import figure_markup, render
+from ballbot.report.provenance import Provenance
+from ballbot.report.style import drawn
+from ballbot.report.summary import doubts_sentence, summary
+from ballbot.report.tables import compensation_rows, digits, parameter_rows, state_mark, with_symbols
+from ballbot.report.validation_figures import correlation_figure
+from ballbot.report.validation_page import validation_values
+from ballbot.robot import Friction, Robot
+from ballbot.robot.figure import robot_figure
+
+_CONTENTS = (
+    ("robot", "Robot"),
+    ("logs", "Logs"),
+    ("friction", "Friction"),
+    ("doubts", "What the data cannot tell"),
+    ("validation", "Validation"),
+    ("controller", "Controller"),
+    ("compensation", "Compensation"),
+    ("provenance", "Provenance"),
+)
+
+
+def study_report(study: Study, made: Provenance) -> str:
+    """Return the report of a study as HTML."""
+    values: dict[str, object] = {
+        "title": f"{study.robot.name}: friction, model and controller",
+        "lead": _lead(study),
+        "summary": [(heading, with_symbols(words)) for heading, words in summary(study)],
+        "contents": _CONTENTS,
+        "made": made,
+        "wheel_count": study.robot.wheel_count,
+        "robot_words": robot_words(study.robot),
+        "log_words": _log_words(study),
+        "parameters": parameter_rows(study.found),
+        "warnings": [with_symbols(warning) for warning in study.found.warnings],
+        "doubts": with_symbols(doubts_sentence(study)),
+        "validation_words": _validation_words(study),
+        "v": validation_values(study.validation, example_of=study.logs[0].name),
+        "controller_words": _controller_words(study),
+        "states": [state_mark(name) for name in STATE_NAMES],
+        "gain": [[f"{value + 0.0:.3f}" for value in row] for row in np.round(study.design.gain, 3)],
+        "poles_words": _poles_words(study),
+        "comparison_words": _comparison_words(study),
+        "compensations": compensation_rows(study),
+    }
+    return render("study", values | _figures(study))
+
+
+def robot_words(robot: Robot) -> str:
+    """Return the robot in a sentence or two."""
+    body, ball, wheels = robot.body, robot.ball, robot.wheels
+    pole = float(Model(robot).linearize().poles()[0].real)
+    return (
+        f"{robot.name} has {robot.wheel_count} omni-wheels of {1e3 * wheels.radius:.0f} mm radius on a ball of "
+        f"{1e3 * ball.radius:.0f} mm radius and {digits(ball.mass)} kg; its body weighs {digits(body.mass)} kg with "
+        f"the centre of mass {1e3 * body.center_of_mass:.0f} mm above the ball's centre. Left alone it falls at "
+        f"{pole:.2f} rad/s, twice as far every {1e3 * np.log(2.0) / pole:.0f} ms."
+    )
+
+
+def _figures(study: Study) -> dict[str, object]:
+    found, runs = study.found, study.runs
+    frictionless = study.robot.replace(friction=Friction.none(study.robot.wheel_count))
+    open_loop_poles = Model(frictionless).linearize().poles()
+    draw = {
+        "robot_figure": partial(robot_figure, study.robot),
+        "logs_figure": partial(logs_figure, study.logs),
+        "friction_figure": partial(friction_figure, found, study.logs),
+        "parameter_correlation_figure": partial(
+            correlation_figure, _parameter_symbols(found.labels), found.correlation
+        ),
+        "poles_figure": partial(poles_figure, open_loop_poles, study.design.poles),
+        "paths_figure": partial(paths_figure, runs),
+        "position_error_figure": partial(position_error_figure, runs),
+    }
+    return {name: figure_markup(drawn(make, name=name.replace("_", "-"))) for name, make in draw.items()}
+
+
+def _parameter_symbols(labels: tuple[str, ...]) -> list[str]:
+    special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
+    return [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in labels]
+
+
+def _lead(study: Study) -> str:
+    names = ", ".join(one.name for one in study.logs)
+    seconds = sum(float(one.log.t[-1] - one.log.t[0]) for one in study.logs)
+    return f"A study of {seconds:.0f} s of balancing in {_count(len(study.logs), 'log')}: {names}."
+
+
+def _log_words(study: Study) -> str:
+    rate = 1.0 / study.logs[0].log.sample_time
+    held = sum(end - start for one in study.logs for start, end in one.held_out)
+    seconds = sum(float(one.log.t[-1] - one.log.t[0]) for one in study.logs)
+    return (
+        f"{_count(len(study.logs), 'log').capitalize()} of {seconds:.0f} s in all at {rate:.0f} Hz. The friction was "
+        f"fitted to {seconds - held:.0f} s of them; the {held:.0f} s that are shaded were kept from the fit and judge "
+        "it below."
+    )
+
+
+def _validation_words(study: Study) -> str:
+    return (
+        f"The model is held against the {study.validation.duration:.0f} s that it was not fitted to, with the friction "
+        "found and without any, so that every difference between the two is the friction's. In closed loop without "
+        "restarts the whole logs are compared."
+    )
+
+
+def _controller_words(study: Study) -> str:
+    words = (
+        f"The gain is the linear-quadratic regulator of the exact model without friction, sampled at "
+        f"{1e3 * study.chosen.sample_time:g} ms, with the weights of the nominal scenario: Q = diag(20, 20, 500, 500, "
+        "5, 30, 30, 20, 20, 2), R = 30."
+    )
+    recovered = study.validation.recovered
+    if recovered is not None:
+        scale = np.abs(study.design.gain).max()
+        far = float(np.abs(recovered.gain - study.design.gain).max() / scale)
+        same = (
+            "the same"
+            if far < 0.01
+            else f"another: entries differ by up to {100 * far:.0f} % of this one's largest"
+        )
+        words += f" The gain that {study.logs[0].name} was recorded with is {same}."
+    return words
+
+
+def _poles_words(study: Study) -> str:
+    slowest = float(-study.design.poles[0].real)
+    return (
+        f"Poles of the model without friction, by itself and with this gain. The slowest pole, "
+        f"{slowest:.2f} rad/s, makes the robot settle in about {4.0 / slowest:.0f} s."
+    )
+
+
+def _comparison_words(study: Study) -> str:
+    where = (
+        "the model with the friction found, which the compensation therefore knows exactly, with perfect sensors: what "
+        "compensation can gain at best"
+        if study.plant == "model"
+        else "the physics-engine twin of the nominal scenario, with its own friction, rollers, play and sensors"
+    )
+    return (
+        f"The controller drives {where}. It goes around a square of 0.5 m by steps, {study.effort.duration:.0f} s, "
+        f"{_count(study.effort.runs, 'run')} of each compensation from different small leans. Full compensation adds "
+        "each wheel's whole friction; partial adds it only while it works against the intended motion. Errors count "
+        f"from {SETTLE:.0f} s after a step on."
+    )
+
+
+def _count(number: int, what: str) -> str:
+    words = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+    return f"{words.get(number, str(number))} {what}{'' if number == 1 else 's'}"

@@ -1,0 +1,140 @@
+"""How the report's figures look, and how they become part of the page.
+
+Every line is told apart by its dash or its weight as well as by its colour, so that a page printed in grey reads the
+same; the colours are a pair (blue, orange) that colour-blind readers tell apart.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TypedDict
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.typing import RcKeyType
+from numpy.typing import NDArray
+
+from ballbot.log import STATE_NAMES
+
+INK = "#22303c"
+MUTED = "#6b7883"
+GRID = "#e3e7ea"
+SHADE = "#eef1f3"
+BLUE = "#1f5f9e"
+ORANGE = "#d9822b"
+GREEN = "#3a7d5c"
+
+
+class Line(TypedDict):
+    """How a line is drawn."""
+
+    color: str
+    linestyle: str
+    linewidth: float
+
+
+MEASURED: Line = {"color": INK, "linestyle": "-", "linewidth": 1.6}
+WITH_FRICTION: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
+WITHOUT_FRICTION: Line = {"color": ORANGE, "linestyle": "--", "linewidth": 1.1}
+NOISE: Line = {"color": MUTED, "linestyle": ":", "linewidth": 1.2}
+REFERENCE: Line = {"color": "#9aa5ae", "linestyle": "-", "linewidth": 2.4}
+
+#: the symbols of the states as the thesis prints them, and their units
+STATE_SYMBOLS: Mapping[str, str] = MappingProxyType(
+    dict(
+        zip(
+            STATE_NAMES,
+            (
+                "$x$",
+                "$y$",
+                r"$\theta$",
+                r"$\varphi$",
+                r"$\psi$",
+                r"$\dot{x}$",
+                r"$\dot{y}$",
+                r"$\dot{\theta}$",
+                r"$\dot{\varphi}$",
+                r"$\dot{\psi}$",
+            ),
+            strict=True,
+        )
+    )
+)
+STATE_UNITS: Mapping[str, str] = MappingProxyType(
+    dict(
+        zip(
+            STATE_NAMES, ("m", "m", "rad", "rad", "rad", "m/s", "m/s", "rad/s", "rad/s", "rad/s"), strict=True
+        )
+    )
+)
+
+#: a figure of 7.4 inches is as wide as the page's text, 46 rem
+_POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
+
+#: most points of a line: more than a page's width in printed dots says nothing and weighs much
+_MOST_POINTS = 900
+
+_RC: dict[RcKeyType, object] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.edgecolor": "#9aa5ae",
+    "axes.labelcolor": INK,
+    "axes.titlesize": 9,
+    "axes.titlecolor": INK,
+    "axes.titlelocation": "left",
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": GRID,
+    "grid.linewidth": 0.7,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.solid_capstyle": "round",
+    "mathtext.fontset": "dejavusans",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "ballbot",
+    "path.simplify_threshold": 0.3,
+}
+
+
+def drawn(draw: Callable[[], Figure], *, name: str) -> str:
+    """Draw a figure in the report's style and return it as an SVG element to stand within a page.
+
+    Parameters
+    ----------
+    draw : function
+        Makes the figure; it belongs to no window.
+    name : str
+        Different for each figure of a page; it keeps the figures' inner names apart.
+    """
+    with mpl.rc_context(_RC):
+        buffer = io.StringIO()
+        draw().savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r'\b(id=")', rf"\g<1>{name}-", svg)
+    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
+    # the width in the page's own measure; the view box keeps the proportions
+    svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
+    return re.sub(r"\s*\n\s*", "\n", svg)
+
+
+def _width_on_page(size: re.Match[str]) -> str:
+    return f' style="width:{float(size[1]) * _POINTS_ON_PAGE:.0f}pt"'
+
+
+def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return every k-th row of the columns, so that a line has at most `_MOST_POINTS` points."""
+    step = max(1, -(-len(columns[0]) // _MOST_POINTS))
+    return tuple(column[::step] for column in columns)

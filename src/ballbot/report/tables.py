@@ -1,0 +1,169 @@
+"""The rows of the report's tables, as texts."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballbot.experiments.study import Study
+from ballbot.identification.result import Identification
+from ballbot.log import STATE_NAMES
+from ballbot.validation import ErrorPair
+
+#: what a friction parameter is, by its symbol: name in words and unit
+_MEANINGS = {
+    "b": ("viscous", "N m s/rad"),
+    "c": ("Coulomb (dry, at speed)", "N m"),
+    "s": ("Stribeck (break-away above Coulomb)", "N m"),
+    "v_s": ("Stribeck speed", "rad/s"),
+    "delta": ("Stribeck exponent", "1"),
+    "C_rr": ("rolling, ball on floor", "1"),
+}
+SYMBOL_MARKS = {"v_s": "v<sub>s</sub>", "delta": "δ", "C_rr": "C<sub>rr</sub>"}
+
+_STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
+
+STATE_MARKS = {
+    "x": "x",
+    "y": "y",
+    "theta": "θ",
+    "phi": "φ",
+    "psi": "ψ",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """A line of the table of friction parameters."""
+
+    symbol: str  #: HTML
+    meaning: str
+    unit: str
+    values: tuple[str, ...]  #: one, or one for each wheel
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorRow:
+    """A line of Table 4.1 or 4.2, with what they lack."""
+
+    state: str
+    unit: str
+    with_friction: str  #: 1000 times (4.1)
+    without_friction: str
+    ratio: str
+    interval: str
+    rmse_with: str
+    rmse_without: str
+    better: bool  #: friction lowers the error
+    sure: bool  #: and the interval lies on one side of one
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompensationRow:
+    """A line of the comparison."""
+
+    name: str
+    peak: str
+    worst: str
+    rms: str
+    torque: str
+    roughness: str
+    falls: str
+    gain: str  #: peak without compensation over this one's
+
+
+def parameter_rows(found: Identification) -> list[ParameterRow]:
+    """Return the friction parameters with their standard errors."""
+    rows = []
+    for symbol, value in found.parameters.items():
+        meaning, unit = _MEANINGS[symbol]
+        values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
+        texts = tuple(with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True))
+        rows.append(
+            ParameterRow(symbol=SYMBOL_MARKS.get(symbol, symbol), meaning=meaning, unit=unit, values=texts)
+        )
+    return rows
+
+
+def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
+    """Return the errors of each state: (4.1), its ratio with a 95 % interval, and RMSE."""
+    lower, upper = pair.ratio_interval()
+    rows = []
+    for i, name in enumerate(STATE_NAMES):
+        ratio = float(pair.ratio[i])
+        known = bool(np.isfinite(lower[i]))
+        rows.append(
+            ErrorRow(
+                state=state_mark(name),
+                unit=units[name],
+                with_friction=digits(1e3 * pair.with_friction.error[i]),
+                without_friction=digits(1e3 * pair.without_friction.error[i]),
+                ratio=f"{ratio:.2f}",
+                interval=f"{lower[i]:.2f} – {upper[i]:.2f}" if known else "too few runs",
+                rmse_with=digits(pair.with_friction.rmse[i]),
+                rmse_without=digits(pair.without_friction.rmse[i]),
+                better=ratio > 1.0,
+                sure=known and bool(lower[i] > 1.0 or upper[i] < 1.0),
+            )
+        )
+    return rows
+
+
+def compensation_rows(study: Study) -> list[CompensationRow]:
+    """Return the scores of each compensation."""
+    rows = []
+    bare = study.comparison.summary("none").peak_position_error
+    for name in study.comparison.scores:
+        summary = study.comparison.summary(name)
+        rows.append(
+            CompensationRow(
+                name=name,
+                peak=digits(summary.peak_position_error),
+                worst=digits(summary.worst_position_error),
+                rms=digits(summary.rms_position_error),
+                torque=digits(summary.rms_torque),
+                roughness=digits(summary.rms_torque_change),
+                falls=f"{summary.falls} of {summary.runs}",
+                gain="–" if name == "none" else f"{bare / summary.peak_position_error:.1f} ×",
+            )
+        )
+    return rows
+
+
+def digits(value: float, count: int = 3) -> str:
+    """Return a number with that many significant digits and no exponent; a dash where it is none."""
+    if not np.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    leading = int(np.floor(np.log10(abs(value))))
+    places = max(0, count - 1 - leading)
+    return f"{round(value, count - 1 - leading):.{places}f}"
+
+
+def with_error(value: float, error: float) -> str:
+    """Return a value and its standard error, both to the error's second digit."""
+    if not np.isfinite(value):
+        return "not told by these logs"
+    if not (np.isfinite(error) and error > 0.0):
+        return f"{digits(value)} (no standard error)"
+    places = max(0, 1 - int(np.floor(np.log10(error))))
+    return f"{value:.{places}f} ± {error:.{places}f}"
+
+
+def with_symbols(words: str) -> str:
+    """Return a sentence with the log's names of states (theta_dot, e_x) as the thesis's symbols."""
+    return _STATE_NAME.sub(_symbol, words)
+
+
+def _symbol(match: re.Match[str]) -> str:
+    mark = state_mark(match["state"])
+    return f"ε({mark})" if match["residual"] else mark
+
+
+def state_mark(name: str) -> str:
+    """Return a state as the thesis prints it, in Unicode: a rate has a dot above."""
+    base = name.removesuffix("_dot")
+    return STATE_MARKS[base] + ("\u0307" if name.endswith("_dot") else "")

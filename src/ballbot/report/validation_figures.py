@@ -1,0 +1,165 @@
+"""Figures of a validation, in the manner of the thesis's Figures 4.1 to 4.3, and of the error against the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+from ballbot.log import STATE_NAMES
+from ballbot.report.style import (
+    BLUE,
+    INK,
+    MEASURED,
+    MUTED,
+    NOISE,
+    ORANGE,
+    STATE_SYMBOLS,
+    STATE_UNITS,
+    WITH_FRICTION,
+    WITHOUT_FRICTION,
+    thinned,
+)
+from ballbot.validation.closed_loop import ClosedLoop
+from ballbot.validation.horizon import HorizonErrors
+from ballbot.validation.open_loop import OpenLoop
+from ballbot.validation.state_errors import ErrorPair
+from ballbot.validation.trajectories import Trajectories
+
+#: the states that a figure of trajectories shows
+_SUBSET = ("x", "y", "theta", "phi", "psi", "psi_dot")
+
+
+def trajectories_figure(trajectories: Trajectories, states: Sequence[str] = _SUBSET) -> Figure:
+    """Return the measured states beside those of both models over time (Figures 4.1 and 4.2)."""
+    rows = -(-len(states) // 2)
+    figure = Figure(figsize=(7.4, 0.5 + 1.35 * rows), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
+    for axes, name in zip(panels.flat, states, strict=False):
+        _draw_state(axes, trajectories, name)
+    for axes in panels[-1]:
+        axes.set_xlabel("time of the log [s]")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw_state(axes: Axes, trajectories: Trajectories, name: str) -> None:
+    index = STATE_NAMES.index(name)
+    columns = (trajectories.measured, trajectories.with_friction, trajectories.without_friction)
+    t, measured, with_friction, without_friction = thinned(trajectories.t, *(c[:, index] for c in columns))
+    axes.plot(t, measured, label="measured", **MEASURED)
+    axes.plot(t, with_friction, label="model with friction", **WITH_FRICTION)
+    axes.plot(t, without_friction, label="model without friction", **WITHOUT_FRICTION)
+    axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
+    axes.margins(x=0.01)
+
+
+def ratio_figure(open_loop: OpenLoop, closed_loop: ClosedLoop | None) -> Figure:
+    """Return the error without friction over the one with it, state by state, with bootstrap intervals."""
+    figure = Figure(figsize=(7.4, 2.7), layout="constrained")
+    axes = figure.subplots()
+    places = np.arange(len(STATE_NAMES), dtype=np.float64)
+    _draw_ratios(axes, places - 0.14, open_loop.errors, color=BLUE, marker="o", label="open loop")
+    if closed_loop is not None:
+        label = f"closed loop, restarted every {closed_loop.restart_every:.2g} s"
+        _draw_ratios(axes, places + 0.14, closed_loop.restarted, color=ORANGE, marker="s", label=label)
+    axes.axhline(1.0, color=INK, linewidth=0.9)
+    axes.set_yscale("log")
+    axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
+    axes.set_ylabel("error without friction\nover error with friction")
+    _plain_log_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100))
+    axes.annotate("friction helps above this line", (places[-1] + 0.5, 1.0), (0, 2), textcoords="offset points",
+                  ha="right", fontsize=7, color=MUTED)  # fmt: skip
+    axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
+    figure.legend(loc="outside upper center", ncols=2)
+    axes.grid(axis="x", visible=False)
+    return figure
+
+
+def _draw_ratios(
+    axes: Axes, places: NDArray[np.float64], errors: ErrorPair, *, color: str, marker: str, label: str
+) -> None:
+    lower, upper = errors.ratio_interval()
+    ratio = errors.ratio
+    beside = np.abs(np.nan_to_num(np.array([ratio - lower, upper - ratio])))
+    axes.errorbar(
+        places, ratio, yerr=beside, fmt=marker, color=color, markersize=5, linewidth=1.2, label=label
+    )
+
+
+def _plain_log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
+    lower, upper = axes.get_ylim()
+    lower, upper = min(lower, 0.8), max(upper, 2.0)
+    shown = [tick for tick in ticks if lower <= tick <= upper]
+    axes.set_yticks(shown, [f"{tick:g}" for tick in shown])
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(lower, upper)
+
+
+def horizon_figure(errors: HorizonErrors) -> Figure:
+    """Return the forecast's RMSE against how far it looks ahead, a panel for each state."""
+    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
+    panels = figure.subplots(2, 5, sharex=True)
+    ahead = 1e3 * errors.horizons
+    for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
+        axes.loglog(ahead, errors.with_friction[:, index], label="with friction", **WITH_FRICTION)
+        axes.loglog(ahead, errors.without_friction[:, index], label="without friction", **WITHOUT_FRICTION)
+        axes.loglog(ahead, errors.noise_floor[:, index], label="noise of the start alone", **NOISE)
+        axes.set_title(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
+        axes.set_xticks([10, 100, 500], ["10", "100", "500"])
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.tick_params(labelsize=7)
+    for axes in panels[-1]:
+        axes.set_xlabel("ahead [ms]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("RMSE")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+def correlation_figure(
+    labels: Sequence[str], correlation: NDArray[np.float64], *, inches: float = 5.6
+) -> Figure:
+    """Return a correlation matrix as a map with its numbers (Figure 4.3); NaN cells stay blank."""
+    figure = Figure(figsize=(inches, 0.92 * inches), layout="constrained")
+    axes = figure.subplots()
+    image = axes.pcolormesh(
+        correlation[::-1], cmap="PuOr_r", vmin=-1.0, vmax=1.0, edgecolor="white", linewidth=0.6
+    )
+    places = np.arange(len(labels)) + 0.5
+    axes.set_xticks(places, labels, rotation=90)
+    axes.set_yticks(places, labels[::-1])
+    axes.grid(visible=False)
+    axes.tick_params(length=0, labelsize=7.5, labelcolor=INK)
+    axes.set_aspect("equal")
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    for (row, column), value in np.ndenumerate(correlation[::-1]):
+        if np.isfinite(value) and abs(value) >= 0.095:
+            strong = abs(value) > 0.6
+            axes.text(column + 0.5, row + 0.5, _two_digits(value), ha="center", va="center", fontsize=6.3,
+                      color="white" if strong else INK)  # fmt: skip
+    bar = figure.colorbar(image, ax=axes, shrink=0.6, ticks=[-1, -0.5, 0, 0.5, 1])
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    bar.ax.tick_params(labelsize=7)
+    return figure
+
+
+def _two_digits(value: float) -> str:
+    text = f"{value:.2f}".replace("0.", ".")
+    return {"1.00": "1", "-1.00": "-1"}.get(text, text)
+
+
+def symbols(labels: Sequence[str]) -> list[str]:
+    """Return labels such as e_theta_dot or u1 as the thesis's symbols."""
+    return [
+        rf"$\varepsilon$({STATE_SYMBOLS[label[2:]]})" if label.startswith("e_") else rf"$u_{{{label[1:]}}}$"
+        for label in labels
+    ]

@@ -1,0 +1,133 @@
+"""Open-loop validation: both models under the measured torques, from many starts, until the lean is past recovery.
+
+The robot is unstable, so that every forecast ends in a fall; what counts is how long it stays near what was
+measured. The run of each start is cut where the first of the two models leans further than any torque could
+recover, so that both are compared over the same samples (thesis 4.2). Beside the errors stands what the noise of the
+measured start alone would cause in a perfect model: no model's error can be expected below that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.validation.forecast import ModelPair, forecast, recoverable_lean
+from ballbot.validation.state_errors import ErrorPair, StateErrors, join_pairs
+from ballbot.validation.trajectories import Trajectories
+from ballbot.validation.windows import rows_after, window_starts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenLoop:
+    """Errors of open-loop runs from many starts, and one of the runs to look at."""
+
+    errors: ErrorPair
+    noise_floor: NDArray[np.float64]  #: (10,) RMSE that the noise of the measured start alone would cause
+    longest: float  #: no run was longer than this [s]
+    past_recovery: float  #: share of the runs that ended by the lean
+    recoverable_lean: float  #: [rad]
+    example: Trajectories  #: the run whose errors are the median ones
+
+
+def open_loop(
+    models: ModelPair,
+    log: Log,
+    parts: Sequence[range],
+    *,
+    start_covariance: NDArray[np.float64],
+    longest: float = 2.0,
+    spacing: float = 1.0,
+    seed: int = 0,
+) -> OpenLoop:
+    """Compare both models with the log in open loop, from starts `spacing` apart.
+
+    Parameters
+    ----------
+    models : ModelPair
+    log : Log
+    parts : sequence of range
+        Rows that count, from `ballbot.validation.windows.stretches`.
+    start_covariance : array (10, 10)
+        Covariance of a measured state's noise, for `OpenLoop.noise_floor`.
+    longest : float
+        Longest run [s]; where no stretch is that long, the longest that fits.
+    spacing : float
+        Between starts [s]. The lean ends most runs within a second, so that they seldom overlap.
+    seed : int
+        Of the noise drawn for the noise floor.
+
+    Raises
+    ------
+    InputError
+        Where no run of ten samples fits.
+    """
+    samples = min(round(longest / log.sample_time), max(len(part) for part in parts) - 1)
+    starts = window_starts(parts, samples=samples, every=max(1, round(spacing / log.sample_time)))
+    limit = recoverable_lean(models.without_friction)
+    starts = starts[_largest_lean(log.states[starts]) < limit]
+    if samples < 10 or len(starts) == 0:
+        raise InputError("The log has no stretch of ten samples with a lean that can be recovered from.")
+    states = forecast(models.both, log, starts, samples)
+    measured = log.states[rows_after(starts, samples)]
+    lengths = np.array([_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)])
+    with_friction, without_friction = (
+        StateErrors.of_runs([m[:n] - s[:n] for m, s, n in zip(measured, of_model, lengths, strict=True)])
+        for of_model in states
+    )
+    shifted = _noisy(log.states[starts], start_covariance, seed)
+    noisy = forecast([models.with_friction], log, starts, samples, initial=shifted)[0]
+    floor = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
+    errors = ErrorPair(with_friction=with_friction, without_friction=without_friction)
+    middle = _median_run(errors)
+    return OpenLoop(
+        errors=errors,
+        noise_floor=floor.rmse,
+        longest=samples * log.sample_time,
+        past_recovery=float(np.mean(lengths < samples)),
+        recoverable_lean=limit,
+        example=Trajectories.beside(log, int(starts[middle]), states[:, middle, : lengths[middle]]),
+    )
+
+
+def join_open_loops(parts: Sequence[OpenLoop]) -> OpenLoop:
+    """Return the runs of all `parts` as one; the example is that of the first."""
+    errors = join_pairs([part.errors for part in parts])
+    weights = np.array([part.errors.with_friction.samples.sum() for part in parts], dtype=float)
+    runs = np.array([part.errors.runs for part in parts], dtype=float)
+    floors = np.array([part.noise_floor for part in parts])
+    return OpenLoop(
+        errors=errors,
+        noise_floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
+        longest=max(part.longest for part in parts),
+        past_recovery=float(np.average([part.past_recovery for part in parts], weights=runs)),
+        recoverable_lean=parts[0].recoverable_lean,
+        example=parts[0].example,
+    )
+
+
+def _largest_lean(states: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.abs(states[..., 2:4]).max(axis=-1)
+
+
+def _samples_upright(runs: NDArray[np.float64], limit: float) -> int:
+    """Return for how many samples, one at least, every one of `runs` (models, samples, 10) leans less than `limit`."""
+    fallen = np.flatnonzero(np.any(~(_largest_lean(runs) < limit), axis=0))
+    return max(1, int(fallen[0])) if fallen.size else runs.shape[1]
+
+
+def _noisy(states: NDArray[np.float64], covariance: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
+    random = np.random.default_rng(seed)
+    noise = random.multivariate_normal(np.zeros(len(covariance)), covariance, size=len(states), method="eigh")
+    return states + noise
+
+
+def _median_run(errors: ErrorPair) -> int:
+    """Return the run whose errors with friction, each relative to its mean, sum to the median of the runs."""
+    by_run = errors.with_friction.by_run
+    scale = np.where(by_run.mean(axis=0) > 0.0, by_run.mean(axis=0), 1.0)
+    return int(np.argsort((by_run / scale).sum(axis=1), kind="stable")[len(by_run) // 2])

@@ -1,0 +1,153 @@
+"""The three validations of the thesis's chapter 4 on one log: closed loop, open loop and prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballbot.control.controller import Controller
+from ballbot.control.interface import Feedback
+from ballbot.errors import InputError
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
+from ballbot.robot import Robot
+from ballbot.validation.closed_loop import ClosedLoop, closed_loop, join_closed_loops
+from ballbot.validation.dither import Dither, find_dither
+from ballbot.validation.feedback import RecoveredGain, delay_of, recover_gain
+from ballbot.validation.forecast import ModelPair, check_wheels
+from ballbot.validation.horizon import HorizonErrors, horizon_errors, join_horizons
+from ballbot.validation.open_loop import OpenLoop, join_open_loops, open_loop
+from ballbot.validation.prediction import Prediction, join_predictions, predict
+from ballbot.validation.windows import Interval, stretches
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Validation:
+    """How well a robot's model foretells a log, with its friction and without any."""
+
+    robot: Robot
+    open_loop: OpenLoop
+    closed_loop: ClosedLoop | None  #: None where the log does not allow it; `no_closed_loop` says why
+    no_closed_loop: str | None
+    prediction: Prediction
+    horizon: HorizonErrors
+    recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
+    dither: Dither | None  #: None where the log lacks wheel speeds
+    duration: float  #: of the stretches compared [s]
+    sample_time: float  #: of the log [s]
+
+
+def validate(
+    robot: Robot,
+    log: Log,
+    *,
+    controller: Feedback | None = None,
+    held_out: Sequence[Interval] | None = None,
+    formulation: Formulation = "exact",
+    restart_every: float = 4.0,
+    longest: float = 2.0,
+    seed: int = 0,
+) -> Validation:
+    """Hold a robot's model, with its friction and without, against a log in three ways.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the friction to be judged; beside it goes the same robot without any.
+    log : Log
+        With torques and states; ref_x, ref_y, ref_psi for the closed loop.
+    controller : Feedback, optional
+        The one that recorded the log. Without it, the gain of u = K S(psi) (r - x) is recovered from the log, and
+        where that fails there is no closed-loop validation.
+    held_out : sequence of (start, end), optional
+        Times [s] of the log that the friction was not fitted to; only these count. Without it, the whole log does.
+    formulation : {"exact", "thesis"}
+        Of the model.
+    restart_every : float
+        Time from restart to restart in closed loop [s].
+    longest : float
+        Longest open-loop run [s].
+    seed : int
+        Of the noise drawn for the noise floors.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    InputError
+        Where the log lacks a column, is not of this robot, or was recorded by another controller than the one given.
+    """
+    for name, value in (("restart_every", restart_every), ("longest", longest)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} is {value:g} s; it must be a positive time in seconds.")
+    models = ModelPair.of(Model(robot, formulation=formulation))
+    log.require(*STATE_NAMES)
+    # a heading kept within one turn would jump
+    log = log.with_columns({"psi": np.unwrap(log["psi"])})
+    check_wheels(models.with_friction, log)
+    parts = stretches(log, held_out)
+    prediction = predict(models, log, parts)
+    covariance = prediction.start_covariance
+    recovered, closed, refusal = _closed_loop(models, log, parts, controller, restart_every)
+    return Validation(
+        robot=robot,
+        open_loop=open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=seed),
+        closed_loop=closed,
+        no_closed_loop=refusal,
+        prediction=prediction,
+        horizon=horizon_errors(models, log, parts, start_covariance=covariance, seed=seed),
+        recovered=recovered,
+        dither=find_dither(models.without_friction, log),
+        duration=sum(len(part) for part in parts) * log.sample_time,
+        sample_time=log.sample_time,
+    )
+
+
+def join_validations(parts: Sequence[Validation]) -> Validation:
+    """Return the validations of several logs as one, over the runs of all.
+
+    Examples, the recovered gain and the dither are those of the first log that has them.
+    """
+    closed = [part.closed_loop for part in parts if part.closed_loop is not None]
+    return Validation(
+        robot=parts[0].robot,
+        open_loop=join_open_loops([part.open_loop for part in parts]),
+        closed_loop=join_closed_loops(closed) if closed else None,
+        no_closed_loop=None if closed else parts[0].no_closed_loop,
+        prediction=join_predictions([part.prediction for part in parts]),
+        horizon=join_horizons([part.horizon for part in parts]),
+        recovered=next((part.recovered for part in parts if part.recovered), None),
+        dither=next((part.dither for part in parts if part.dither), None),
+        duration=sum(part.duration for part in parts),
+        sample_time=parts[0].sample_time,
+    )
+
+
+def _closed_loop(
+    models: ModelPair, log: Log, parts: Sequence[range], controller: Feedback | None, restart_every: float
+) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
+    """Return the recovered gain, the closed-loop validation and why there is none, each where there is one."""
+    if controller is not None:
+        delay = delay_of(controller, log)
+        return (
+            None,
+            closed_loop(models, log, parts, controller, delay=delay, restart_every=restart_every),
+            None,
+        )
+    try:
+        recovered = recover_gain(log)
+    except InputError as error:
+        return None, None, str(error)
+    own = Controller(
+        models.with_friction.robot,
+        recovered.gain,
+        sample_time=log.sample_time,
+        torque_limit=recovered.torque_limit,
+    )
+    closed = closed_loop(models, log, parts, own, delay=recovered.delay, restart_every=restart_every)
+    return recovered, closed, None

@@ -1,0 +1,218 @@
+"""The study from end to end, small: a simulated log whose friction is known."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from validation_examples import FRICTION, noisy_log
+
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
+from ballbot.errors import InputError
+from ballbot.experiments.held_out import held_out_stretches, without
+from ballbot.experiments.study import COMPENSATIONS, Effort, Study, study
+from ballbot.log import STATE_NAMES, Log
+from ballbot.report.provenance import provenance
+from ballbot.report.study_files import write_study
+from ballbot.robot import Robot
+
+SMALL = Effort(generations=12, duration=8.0, runs=1)
+
+
+@pytest.fixture(scope="module")
+def small() -> Study:
+    return study(Robot.load("alten"), {"walk": noisy_log()}, effort=SMALL, seed=3)
+
+
+@pytest.fixture(scope="module")
+def folder(small: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("study") / "made" / "deep"
+    source = tmp_path_factory.mktemp("logs") / "walk.csv"
+    noisy_log().write(source)
+    made = provenance(command="ballbot study alten walk.csv --out made", files=[source], seed=3)
+    assert write_study(small, out, made=made) == out / "report.html"
+    return out
+
+
+# --- what is held out ---
+
+
+@given(st.floats(1.0, 400.0), st.floats(-50.0, 50.0))
+def test_about_a_quarter_of_a_log_is_held_out_in_pieces_that_do_not_touch(duration, first):
+    log = Log({"t": first + np.linspace(0.0, duration, 500)})
+    stretches = held_out_stretches(log)
+    share = sum(end - start for start, end in stretches) / duration
+    assert 0.15 < share < 0.4
+    edges = [edge for stretch in stretches for edge in stretch]
+    assert edges == sorted(edges)
+    assert edges[0] > first
+    assert edges[-1] <= first + duration + 1e-9
+    assert all(end - start <= 8.0 + 1e-9 for start, end in stretches)
+
+
+def test_the_fit_cannot_see_what_is_held_out():
+    log = noisy_log()
+    hidden = without(log, [(3.0, 5.0)])
+    inside = (log.t >= 3.0) & (log.t < 5.0)
+    for name in STATE_NAMES:
+        assert np.isnan(hidden[name][inside]).all()
+        np.testing.assert_array_equal(hidden[name][~inside], log[name][~inside])
+
+
+# --- end to end ---
+
+
+def test_the_friction_found_is_near_the_truth(small: Study):
+    found = small.found.robot.friction
+    # a short log and a small effort: the sum that a slow wheel feels is told best
+    sums = np.array(found.coulomb) + np.array(found.stribeck)
+    np.testing.assert_allclose(sums, np.array(FRICTION.coulomb) + np.array(FRICTION.stribeck), rtol=0.35)
+    assert np.all(small.validation.open_loop.errors.ratio > 1.0)
+    assert (
+        small.comparison.summary("full").peak_position_error
+        < small.comparison.summary("none").peak_position_error
+    )
+
+
+def test_results_keep_their_keys(folder: Path):
+    results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    for key in ("parameters", "standard_errors"):
+        table = results[key]
+        assert set(table) == {"b", "c", "s", "v_s", "delta", "C_rr"}
+        assert [len(table[name]) for name in "bcs"] == [3, 3, 3]
+    for loop in ("closed_loop", "open_loop"):
+        for which in ("with_friction", "without_friction"):
+            errors = results["validation"][loop][which]
+            assert tuple(errors) == STATE_NAMES
+            assert all(error > 0.0 for error in errors.values())
+    prediction = results["validation"]["prediction"]
+    assert len(prediction["labels"]) == 13
+    assert np.shape(prediction["correlation"]) == (13, 13)
+    for name in COMPENSATIONS:
+        scores = results["comparison"][name]
+        assert 0.0 < scores["rms_position_error"] <= scores["peak_position_error"]
+    made = results["provenance"]
+    assert made["seed"] == 3
+    assert re.fullmatch(r"[0-9a-f]{64}", made["files"][0]["sha256"])
+
+
+def test_the_files_read_back(folder: Path, small: Study):
+    robot = Robot.load(folder / "robot.toml")
+    assert robot.friction == small.found.robot.friction
+    controller = read_controller(folder / "controller.toml", robot)
+    np.testing.assert_array_equal(controller.gain, small.design.gain)
+    assert controller.compensation == small.chosen.compensation
+    assert {path.name for path in folder.iterdir()} == {
+        "report.html",
+        "results.json",
+        "robot.toml",
+        "controller.toml",
+    }
+
+
+def test_the_report_needs_nothing_but_itself(folder: Path):
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!#|data:)""", page)
+    assert "@import" not in page
+    assert "<script" not in page
+    assert not re.search(r"url\((?!#)", page)
+    figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert len(figures) >= 12
+    assert max(len(figure) for figure in figures) < 300_000
+    ids = re.findall(r'\bid="([^"]+)"', page)
+    assert len(ids) == len(set(ids))
+    for anchor in re.findall(r'href="#([^"]+)"', page):
+        assert anchor in ids
+    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\b(nan|None|inf)\b", text)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_study(small: Study):
+    again = study(Robot.load("alten"), {"walk": noisy_log()}, effort=SMALL, seed=3)
+    assert again.found.parameters == small.found.parameters
+    assert again.comparison == small.comparison
+    np.testing.assert_array_equal(
+        again.validation.open_loop.noise_floor, small.validation.open_loop.noise_floor
+    )
+
+
+@pytest.mark.slow
+def test_the_measured_logs_are_foretold_better_with_friction(shared_data: Path, tmp_path: Path, capsys):
+    logs = [str(shared_data / "bbr" / f"{name}.csv") for name in ("square_soft", "hold_soft")]
+    assert main(["study", "alten", *logs, "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.rstrip().endswith(str(tmp_path / "out" / "report.html"))
+    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    open_loop = results["validation"]["open_loop"]
+    assert all(open_loop["with_friction"][name] < open_loop["without_friction"][name] for name in STATE_NAMES)
+
+
+# --- the commands ---
+
+
+def test_validate_writes_tables_and_results(folder: Path, tmp_path: Path, capsys):
+    log = tmp_path / "walk.csv"
+    noisy_log().write(log)
+    assert main(["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "checked")]) == 0
+    printed = capsys.readouterr().out
+    assert "open loop" in printed
+    assert "closed loop" in printed
+    results = json.loads((tmp_path / "checked" / "results.json").read_text(encoding="utf-8"))
+    assert set(results["validation"]["by_log"]) == {"walk"}
+    assert (tmp_path / "checked" / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize("command", ["study", "validate"])
+def test_bad_input_ends_in_one_sentence_and_exit_code_2(command, folder: Path, tmp_path: Path, capsys):
+    good, robot = tmp_path / "good.csv", str(folder / "robot.toml")
+    noisy_log().write(good)
+    broken = tmp_path / "broken.csv"
+    log = noisy_log()
+    Log({name: values for name, values in log.columns.items() if name != "phi_dot"}).write(broken)
+    a_file = tmp_path / "a_file"
+    a_file.write_text("")
+    out = str(tmp_path / "out")
+    cases = {
+        "no log": [robot, "--out", out],
+        "a log that is not there": [robot, str(tmp_path / "none.csv"), "--out", out],
+        "a log without a column": [robot, str(broken), "--out", out],
+        "no such robot": ["nobody", str(good), "--out", out],
+        "out is a file": [robot, str(good), "--out", str(a_file)],
+        "no such mapping": [robot, str(good), "--out", out, "--mapping", str(tmp_path / "none.toml")],
+    }
+    for what, words in cases.items():
+        assert main([command, *words]) == 2, what
+        said = capsys.readouterr().err
+        assert said.startswith("ballbot: "), what
+        assert said.count("\n") == 1, what
+        assert "Traceback" not in said
+
+
+def test_validate_refuses_what_is_not_the_logs_controller(folder: Path, tmp_path: Path, capsys):
+    log = tmp_path / "walk.csv"
+    noisy_log().write(log)
+    broken = tmp_path / "controller.toml"
+    broken.write_text("gain = 3")
+    words = ["validate", str(folder / "robot.toml"), str(log), "--out", str(tmp_path / "out")]
+    assert main([*words, "--controller", str(broken)]) == 2
+    assert capsys.readouterr().err.startswith("ballbot: ")
+    assert main(["validate", "alten", str(log), "--out", str(tmp_path / "out")]) == 2
+    assert "no friction" in capsys.readouterr().err
+
+
+def test_a_study_refuses_before_it_works():
+    robot, log = Robot.load("alten"), noisy_log()
+    with pytest.raises(InputError, match="at least one log"):
+        study(robot, {})
+    with pytest.raises(InputError, match=r"walk: .*u3"):
+        study(robot, {"walk": Log({name: v for name, v in log.columns.items() if name != "u3"})})
+    with pytest.raises(InputError, match=r"walk: .*u4"):
+        study(robot, {"walk": log.with_columns({"u4": log["u3"]})})
+    with pytest.raises(InputError, match=r"model.*twin"):
+        study(robot, {"walk": log}, plant="moon")  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,62 @@
+"""A balancing robot whose friction is known, and logs of it, for the tests of validation, study and report."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from ballbot.control.controller import Controller
+from ballbot.control.nominal import design_gain
+from ballbot.control.references import square
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.run import simulate
+
+FRICTION = Friction(
+    viscous=(0.014, 0.016, 0.013),
+    coulomb=(0.11, 0.09, 0.12),
+    stribeck=(0.05, 0.04, 0.06),
+    stribeck_speed=0.6,
+    stribeck_exponent=1.1,
+    rolling=0.007,
+)
+
+#: standard deviations of the sensors' noise, in the order of the states
+NOISE = np.array([1e-4, 1e-4, 6e-4, 6e-4, 1e-3, 2e-3, 2e-3, 4e-3, 4e-3, 4e-3])
+
+
+@cache
+def true_robot() -> Robot:
+    """Return the preset with the known friction."""
+    return Robot.load("alten").replace(friction=FRICTION)
+
+
+@cache
+def gain() -> np.ndarray:
+    """Return the gain that the logs are recorded with."""
+    return design_gain(true_robot()).gain
+
+
+@cache
+def perfect_log(duration: float = 24.0) -> Log:
+    """Return a log of the robot on a square whose sensors are perfect; no true_ columns."""
+    start = np.zeros(10)
+    start[2:5] = 0.01, -0.015, 0.05
+    log = simulate(
+        Model(true_robot()),
+        Controller(true_robot(), gain()),
+        square(period=16.0),
+        duration=duration,
+        initial_state=start,
+    )
+    return log.without_truth()
+
+
+@cache
+def noisy_log(duration: float = 24.0) -> Log:
+    """Return the same log seen through white noise of the standard deviations `NOISE`."""
+    log = perfect_log(duration)
+    noise = np.random.default_rng(7).normal(size=(len(log), 10)) * NOISE
+    return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
