@@ -1,0 +1,30 @@
+"""The command that regenerates docs/published_models.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cyclopts import run
+from rich.progress import Progress
+
+from ballbot.experiments.published.page import write_published_page
+
+
+def main(*, out: Path = Path("docs/published_models.md")) -> None:
+    """Compute the page on published models.
+
+    Example: python -m ballbot.experiments.published --out docs/published_models.md
+
+    Parameters
+    ----------
+    out
+        The Markdown file to write.
+    """
+    with Progress(transient=True) as bar:
+        task = bar.add_task("published models", total=1.0)
+        write_published_page(out, progress=lambda share: bar.update(task, completed=share))
+    print(out)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,106 @@
+"""Rezero's printed matrices and gains: what comes out, with which convention, and what does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.experiments.published import rezero
+from ballbot.experiments.published.linear import mixture_model
+from ballbot.mechanics.model import Model
+from ballbot.mechanics.symbolic import corrections_of
+from ballbot.robot import Robot
+
+REZERO = Robot.load("rezero")
+ENTRIES = {entry.name: entry for entry in rezero.entries(REZERO)}
+
+
+@pytest.mark.parametrize("wheel", [1, 2, 3])
+def test_heading_comes_out_to_its_last_digit_with_the_absolute_wheel_rotation(wheel: int) -> None:
+    entry = ENTRIES[f"theta_z dd/T{wheel}"]
+    assert entry.comes_out
+    assert entry.right == pytest.approx(-12.47, abs=5e-3)
+
+
+def test_heading_comes_out_with_nothing_less_than_the_whole_convention() -> None:
+    printed = -10.76
+    right = Model(REZERO).linearize()
+    rotors_apart = mixture_model(REZERO, replace(corrections_of("exact"), locked_wheels_once=False))
+    wheels_once = mixture_model(
+        rezero.as_modelled(REZERO), replace(corrections_of("exact"), reflected_rotors=False)
+    )
+    assert all(abs(model.B[9, 0] / printed - 1.0) > 0.03 for model in (right, rotors_apart, wheels_once))
+
+
+def test_lean_comes_within_the_published_percent() -> None:
+    """published_numbers.md: 37.49, -72.21, 3.983, -13.32 from a planar reduction, within 1.2 % of print."""
+    expected = {
+        "theta_x dd/theta_x": 37.49,
+        "phi_x dd/theta_x": -72.21,
+        "theta_x dd/T1": 3.983,
+        "phi_x dd/T1": -13.32,
+    }
+    for name, value in expected.items():
+        assert ENTRIES[name].reproduced == pytest.approx(value, rel=4e-4)  # half of a last digit
+    assert max(abs(entry.difference) for entry in ENTRIES.values()) < 0.012
+
+
+def test_printed_matrices_fit_each_other_and_the_parameters_gravity() -> None:
+    """Only if the torques act relative to the body: the missing counter-torque would show here."""
+    body = REZERO.body
+    tipping = body.mass * REZERO.gravity * body.center_of_mass
+    # the entries' rounding, 0.005 of 4.02, allows 0.13 %
+    assert rezero.printed_tipping(REZERO) == pytest.approx(tipping, rel=1.3e-3)
+
+
+def test_three_dimensional_gain_follows_from_the_printed_matrices() -> None:
+    gain = rezero.balance_lqr(rezero.printed_model()).gain
+    # the source cuts after two digits (0.01), and A and B are rounded themselves (0.001 in the gain)
+    assert gain[0] == pytest.approx(np.array(rezero.PRINTED_GAIN), abs=0.011)
+
+
+def test_the_figure_misprints_a_sign() -> None:
+    gain = rezero.balance_lqr(rezero.printed_model(misprinted=True)).gain
+    assert abs(gain[0, 0] - rezero.PRINTED_GAIN[0]) > 3.0
+    assert abs(gain[0, 2]) > 3.0  # where the printed gain is zero
+
+
+def test_planar_gain_follows_from_the_printed_matrices() -> None:
+    planar = rezero.Planar()
+    # four decimals are printed, of A, B and K alike; 1.5e-4 was seen
+    assert rezero.planar_lqr(planar).gain[0] == pytest.approx(np.array(planar.gain), abs=2e-4)
+
+
+def test_planar_matrices_do_not_follow_from_the_sources_own_table() -> None:
+    planar = rezero.Planar()
+    tipping = rezero.implied_tipping(
+        lean_by_lean=planar.lean_by_lean,
+        ball_by_lean=planar.ball_by_lean,
+        lean_by_torque=planar.lean_by_torque,
+        ratio=REZERO.ball.radius / REZERO.wheels.radius,
+    )
+    assert tipping / rezero.tipping_of_table(REZERO, planar) == pytest.approx(0.967, abs=1e-3)
+
+
+def test_implied_tipping_finds_what_a_planar_model_was_made_with() -> None:
+    M, tipping, ratio = np.array([[0.3, 0.5], [0.5, 2.1]]), 41.0, 2.1
+    by_lean, by_torque = np.linalg.solve(M, [0.0, tipping]), np.linalg.solve(M, [ratio, -ratio])
+    found = rezero.implied_tipping(
+        lean_by_lean=by_lean[1], ball_by_lean=by_lean[0], lean_by_torque=by_torque[1], ratio=ratio
+    )
+    assert found == pytest.approx(tipping)
+
+
+def test_source_state_turns_the_ball_as_it_rolls() -> None:
+    """Rolling towards +y turns the ball about -x, towards +x about +y: the poles stay what they are."""
+    model = Model(REZERO).linearize()
+    source = rezero.in_source_state(model, REZERO)
+    assert np.sort(np.linalg.eigvals(source.A).real) == pytest.approx(np.sort(model.poles().real), abs=1e-6)
+    assert source.B[7] == pytest.approx(-model.B[6] / REZERO.ball.radius)
+    assert source.B[9] == pytest.approx(model.B[5] / REZERO.ball.radius)
+
+
+def test_wheel_and_rotor_make_the_sources_theta_w() -> None:
+    assert rezero.as_modelled(REZERO).wheels.inertia == pytest.approx(0.00315, abs=5e-6)  # as printed
