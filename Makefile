@@ -5,7 +5,9 @@ BIN := .venv/bin
 .PHONY: demo test bench evidence format types clean
 
 demo: .venv/.demo  ## record a balancing robot on the twin, then study its logs
-	$(BIN)/python examples/demo.py --out demo
+	$(BIN)/ballbot record nominal --reference square --duration 48 --seed 1 --out demo/square
+	$(BIN)/ballbot record nominal --reference figure_eight --duration 48 --seed 2 --out demo/figure_eight
+	$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
 
 test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not slow" -n auto

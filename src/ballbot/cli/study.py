@@ -83,22 +83,21 @@ def study(
 
 
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
-    """Return the logs by their files' stems, numbered where these recur.
+    """Return the logs by their files' stems, with their folders before them where stems recur.
 
     Raises
     ------
     InputError
-        Where there is none or one cannot be read.
+        Where there is none, one is named twice or cannot be read.
     """
     if not paths:
         raise InputError("No log was given; name one or more files after the robot.")
-    logs: dict[str, Log] = {}
-    for path in paths:
-        name, number = path.stem, 2
-        while name in logs:
-            name, number = f"{path.stem} ({number})", number + 1
-        logs[name] = Log.read(path, mapping=mapping)
-    return logs
+    stems = [path.stem for path in paths]
+    names = stems if len(set(stems)) == len(stems) else [str(path.with_suffix("")) for path in paths]
+    for path, name in zip(paths, names, strict=True):
+        if names.count(name) > 1:
+            raise InputError(f"The log {path} was given twice; name each file once.")
+    return {name: Log.read(path, mapping=mapping) for path, name in zip(paths, names, strict=True)}
 
 
 def _robot_file(robot: str) -> list[Path]:

@@ -1,0 +1,1 @@
+"""Timings against peers (`make bench`) and long campaigns (`make evidence`)."""

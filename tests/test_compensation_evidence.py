@@ -1,0 +1,16 @@
+"""A small sample of the campaign in benchmarks/compensation.py; `make evidence` runs the whole."""
+
+import pytest
+
+from ballbot import Robot
+from benchmarks.compensation import compare_compensations, halvings, identified_robot
+
+pytest.importorskip("mujoco")
+
+
+@pytest.mark.slow
+def test_identified_compensation_halves_the_twins_position_error():
+    comparison = compare_compensations(identified_robot(Robot.load("alten")), seeds=(100, 101))
+    best = min(("full", "partial"), key=lambda name: comparison.summary(name).peak_position_error)
+    assert halvings(comparison, best) == [True, True]
+    assert all(comparison.summary(name).falls == 0 for name in ("none", "full", "partial"))

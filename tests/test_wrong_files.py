@@ -1,0 +1,158 @@
+"""Every kind of wrong file ends in one clear sentence on standard error and exit code 2, never a traceback."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ballbot.cli.main import main
+
+GOOD_LOG = "t,u1,u2,u3,theta\n" + "".join(f"{k * 0.005:g},0.1,0,0,{0.001 * k:g}\n" for k in range(50))
+
+
+def sentence_of(capsys, *arguments: str) -> str:
+    """Run the command, check its exit code, and return what it said on standard error."""
+    assert main(list(arguments)) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith("ballbot: ")
+    assert len(said.splitlines()) == 1
+    assert "Traceback" not in said
+    return said
+
+
+@pytest.fixture
+def robot_file(tmp_path, capsys) -> Path:
+    assert main(["new", "mine", "--from", "alten", "--out", str(tmp_path / "mine.toml")]) == 0
+    capsys.readouterr()
+    return tmp_path / "mine.toml"
+
+
+def replaced(path: Path, old: str, new: str) -> Path:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "ball"),
+        ("ball = [", "TOML"),
+        ("[ball]\nradius = 3\n", "missing"),
+        ("\x00\x01", ""),
+    ],
+)
+def test_a_file_that_is_no_robot(tmp_path, capsys, content, words):
+    path = tmp_path / "robot.toml"
+    path.write_text(content)
+    said = sentence_of(capsys, "check", str(path))
+    assert "robot.toml" in said
+    assert words in said
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("mass", "-17.076", "body.mass"),
+        ("center_of_mass", "39.3", "body.center_of_mass"),
+    ],
+)
+def test_a_robot_of_nonsense(robot_file, capsys, key, value, words):
+    lines = robot_file.read_text().splitlines()
+    start = lines.index("[body]")
+    place = next(i for i in range(start, len(lines)) if lines[i].startswith(f"{key} "))
+    lines[place] = f'{key} = {{ value = {value}, unit = "{"kg" if key == "mass" else "m"}", source = "measured" }}'
+    robot_file.write_text("\n".join(lines))
+    assert words in sentence_of(capsys, "check", str(robot_file))
+
+
+def test_a_robot_that_is_not_there(capsys):
+    assert "nowhere.toml" in sentence_of(capsys, "check", "nowhere.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "empty"),
+        ("t,u1\n0,1\n1\n", "line 3"),
+        ("t,u1\n0,a\n", "line 2"),
+        ("u1,u2\n0,1\n", "t"),
+        ("t,u1\n0,1\n1,1\n0.5,1\n", "t"),
+    ],
+)
+@pytest.mark.parametrize("command", ["check-log", "study", "identify", "validate"])
+def test_a_file_that_is_no_log(tmp_path, capsys, command, content, words):
+    path = tmp_path / "log.csv"
+    path.write_text(content)
+    before = {"check-log": [], "validate": ["rezero"]}.get(command, ["alten"])
+    after = [] if command == "check-log" else ["--out", str(tmp_path / "out")]
+    said = sentence_of(capsys, command, *before, str(path), *after)
+    assert "log.csv" in said
+    assert words in said
+    assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
+
+
+def test_a_log_without_what_a_study_needs(tmp_path, capsys):
+    path = tmp_path / "log.csv"
+    path.write_text(GOOD_LOG)
+    assert "phi" in sentence_of(capsys, "study", "alten", str(path), "--out", str(tmp_path / "out"))
+
+
+@pytest.mark.parametrize("content", ["", "[columns", 'columns = "u1"\n', "[colums]\nt = 'time'\n"])
+def test_a_file_that_is_no_mapping(tmp_path, capsys, content):
+    log, mapping = tmp_path / "log.csv", tmp_path / "mapping.toml"
+    log.write_text(GOOD_LOG)
+    mapping.write_text(content)
+    assert "mapping.toml" in sentence_of(capsys, "check-log", str(log), "--mapping", str(mapping))
+
+
+@pytest.mark.parametrize("content", ["", "gain = [", "gain = [[1, 2], [3]]\n", 'gain = "soft"\n'])
+def test_a_file_that_is_no_controller(tmp_path, capsys, content):
+    path = tmp_path / "controller.toml"
+    path.write_text(content)
+    out = ["--out", str(tmp_path / "out")]
+    for command in (["simulate", "alten"], ["record", "nominal"]):
+        said = sentence_of(capsys, *command, "--controller", str(path), *out)
+        assert "controller.toml" in said
+    assert "controller.toml" in sentence_of(capsys, "compare", "alten", str(path), *out)
+
+
+def test_a_folder_that_is_a_file(tmp_path, capsys):
+    path = tmp_path / "out"
+    path.write_text("in the way")
+    log = tmp_path / "log.csv"
+    log.write_text(GOOD_LOG)
+    assert "out" in sentence_of(capsys, "study", "alten", str(log), "--out", str(path))
+
+
+@given(st.binary(max_size=400))
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_bytes_at_all(tmp_path, capsys, content):
+    """No content of a file makes a traceback, as robot, as log or as mapping."""
+    log = tmp_path / "good.csv"
+    log.write_text(GOOD_LOG)
+    for name, arguments in {
+        "any.toml": ["check"],
+        "any.csv": ["check-log"],
+        "map.toml": ["check-log", str(log), "--mapping"],
+    }.items():
+        path = tmp_path / name
+        path.write_bytes(content)
+        code = main([*arguments, str(path)])
+        said = capsys.readouterr().err.strip()
+        assert code in (0, 2)
+        assert (code == 0) == (not said)
+
+
+def test_nothing_is_left_half_written(tmp_path, robot_file, capsys):
+    """A refused command leaves no file behind, and an existing one as it was."""
+    assert shutil.copy(robot_file, tmp_path / "kept.toml")
+    before = (tmp_path / "kept.toml").read_bytes()
+    said = sentence_of(capsys, "new", "kept", "--from", "alten", "--out", str(tmp_path / "kept.toml"))
+    assert "kept.toml" in said
+    assert (tmp_path / "kept.toml").read_bytes() == before
+    assert np.all([not p.name.startswith(".") for p in tmp_path.iterdir()])
