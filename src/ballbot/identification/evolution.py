@@ -1,0 +1,70 @@
+"""The search for the basin: an evolution strategy, whose every generation is one batch.
+
+CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from cmaes import CMA
+from numpy.typing import NDArray
+
+#: the search ends early where this many generations together gain less than `LEAST_GAIN`; a polish follows
+PATIENCE = 25
+LEAST_GAIN = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evolved:
+    """What a search found."""
+
+    best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
+    history: tuple[float, ...]  #: best cost after each generation
+
+
+def evolve(
+    cost_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    size: int,
+    generations: int,
+    population: int,
+    seed: int,
+    report: Callable[[int, float], None],
+) -> Evolved:
+    """Minimise a cost over the unit cube.
+
+    Parameters
+    ----------
+    cost_of : callable
+        From a population (population, p) to its costs (population,).
+    size : int
+        Number of coordinates, p.
+    generations, population : int
+    seed : int
+        The same seed gives the same search, bit for bit.
+    report : callable
+        Told the number of generations done and the best cost after each.
+    """
+    strategy = CMA(
+        mean=np.full(size, 0.5),
+        sigma=0.3,
+        bounds=np.tile([0.0, 1.0], (size, 1)),
+        population_size=population,
+        seed=seed,
+    )
+    best, least, history = np.full(size, 0.5), np.inf, []
+    for generation in range(1, generations + 1):
+        candidates = np.array([strategy.ask() for _ in range(population)])
+        costs = cost_of(candidates)
+        strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
+        if costs.min() < least:
+            best, least = candidates[costs.argmin()], float(costs.min())
+        history.append(least)
+        report(generation, least)
+        waited = len(history) > PATIENCE and history[-PATIENCE - 1] - least < LEAST_GAIN
+        if waited or strategy.should_stop():
+            break
+    return Evolved(best=best, history=tuple(history))

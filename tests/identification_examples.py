@@ -1,0 +1,38 @@
+"""Logs with a known friction, for tests of identification."""
+
+from functools import cache
+
+import numpy as np
+from control_examples import FRICTION, alten
+
+from ballbot import Controller, Log, Model, lqr, simulate
+from ballbot.control import references
+from ballbot.log import STATE_NAMES
+from ballbot.robot import Friction
+
+#: the friction behind `balancing_log`, in the order of `ballbot.identification.coordinates`
+TRUTH = np.array([*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6, 1.1, 0.007])
+
+#: standard deviations of good sensors' noise, for x y theta phi psi and their rates
+NOISE = np.array([1e-4, 1e-4, 5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 7e-4, 7e-4, 7e-4])
+
+
+@cache
+def balancing_log(
+    *, friction: Friction = FRICTION, formulation: str = "exact", duration: float = 25.0
+) -> Log:
+    """Return a log without noise of the thesis's robot on a square, balanced by a gain that lets it wander."""
+    assert formulation in ("exact", "thesis")
+    weights = np.diag([20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0])
+    gain = lqr(Model(alten(), formulation=formulation), weights, 30.0 * np.eye(3), sample_time=0.005).gain
+    plant = Model(alten(friction), formulation=formulation)
+    controller = Controller(alten(), gain, sample_time=0.005)
+    log = simulate(plant, controller, references.square(side=0.5, period=16.0), duration=duration)
+    return log.without_truth()
+
+
+def noisy(log: Log, *, seed: int) -> Log:
+    """Return the log with `NOISE` in its states."""
+    random = np.random.default_rng(seed)
+    noise = NOISE * random.standard_normal((len(log), 10))
+    return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})

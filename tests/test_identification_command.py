@@ -1,0 +1,58 @@
+"""`ballbot identify`: files, tables and exit codes."""
+
+import json
+
+import pytest
+from identification_examples import balancing_log, noisy
+
+from ballbot import Robot
+from ballbot.cli.main import main
+
+
+@pytest.fixture
+def log_file(tmp_path):
+    path = tmp_path / "log.csv"
+    noisy(balancing_log(), seed=6).between(6.0, 10.0).write(path)
+    return path
+
+
+def test_files_tables_and_exit_code(tmp_path, log_file, capsys):
+    bounds = tmp_path / "bounds.toml"
+    bounds.write_text("rolling = [0.007, 0.007]\n")
+    options = ["--bounds", str(bounds), "--window", "0.1"]
+    command = ["identify", "alten", str(log_file), "--out", str(tmp_path / "out"), *options]
+    assert main(command) == 0
+
+    def refuse(word: str) -> float:
+        raise AssertionError(f"{word} is not JSON")
+
+    results = json.loads((tmp_path / "out" / "results.json").read_text(), parse_constant=refuse)
+    assert list(results["parameters"]) == ["b", "c", "s", "v_s", "delta", "C_rr"]
+    assert len(results["standard_errors"]["c"]) == 3
+    assert len(results["correlation"]["matrix"]) == len(results["correlation"]["labels"]) == 12
+    assert results["held_out"]["with_friction"]["phi"] < results["held_out"]["without_friction"]["phi"]
+    assert results["parameters"]["C_rr"] == 0.007  # held by its bounds
+    assert results["standard_errors"]["C_rr"] is None
+    robot = Robot.load(tmp_path / "out" / "robot.toml")
+    assert list(robot.friction.coulomb) == results["parameters"]["c"]
+    shown = capsys.readouterr().out
+    assert "standard error" in shown
+    assert "held out" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["nowhere.csv"], "nowhere.csv"),
+        ([], "No log was given"),
+        (["{log}", "--bounds", "{log}"], "is not valid TOML"),
+        (["{log}", "--window", "1"], "windows of 1 s"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, log_file, capsys, words, sentence):
+    command = ["identify", "alten", *words, "--out", str(tmp_path / "out")]
+    assert main([word.format(log=log_file) for word in command]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("ballbot: ")
+    assert sentence in told
+    assert told.count("\n") == 1
