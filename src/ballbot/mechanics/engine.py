@@ -28,11 +28,11 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.parameters import LANES, Exact, Pivoting, Thesis, entries, entry, load
+from ballbot.mechanics.parameters import LANES, Exact, Pivoting, Thesis, entry, entry_after, load
 from ballbot.mechanics.rows import box_limits, box_rows, in_order, mass_matrix
 from ballbot.mechanics.smooth import ball_velocity, runge_kutta_step
 from ballbot.mechanics.stick_slip import minimise
-from ballbot.mechanics.vector import add, counted, each, written
+from ballbot.mechanics.vector import add, each, loaded, written
 
 #: beyond this lean, theta or phi [rad], a simulation ends: no wheel touches the ball any more
 LARGEST_LEAN = 1.2
@@ -56,8 +56,8 @@ def load_state(selected, work, lane) -> tuple:  # pragma: no cover (compiled for
 @by_types_of(load_state)
 def _load_state(selected, work, lane):
     if selected.instance_class is Pivoting:
-        return lambda selected, work, lane: counted(entries, _ELEVEN, work, STATE, lane)
-    return lambda selected, work, lane: counted(entries, _TEN, work, STATE, lane)
+        return lambda selected, work, lane: loaded(entry_after, _ELEVEN, work, STATE, lane)
+    return lambda selected, work, lane: loaded(entry_after, _TEN, work, STATE, lane)
 
 
 def store_trial(work, lane, state) -> tuple:  # pragma: no cover
@@ -74,14 +74,14 @@ def _store_trial(work, lane, state):
 @inlined
 def put(work, row, lane, value):
     """Store a number at that row and lane."""
-    work[row * LANES + lane] = value
+    work[np.uint64(row * LANES + lane)] = value
     return 0
 
 
 @inlined
 def load_torques(selected, work, lane):
     """Return the wheel torques of one lane."""
-    return counted(entries, selected.wheels, work, TORQUE, lane)
+    return loaded(entry_after, selected.wheels, work, TORQUE, lane)
 
 
 @inlined

@@ -37,11 +37,6 @@ def _nothing(value):
     return 0.0
 
 
-@inlined
-def _no_sign(wheel):
-    return 2.0
-
-
 def velocity_of(selected, q_dot) -> tuple:  # pragma: no cover (compiled form below)
     """Return v: (x_dot, y_dot), and the spin where the ball pivots."""
     raise NotImplementedError("compiled code only")
@@ -74,7 +69,7 @@ def evaluate_acceleration(selected, row, q, q_dot, u, out):
         v, w = velocity_of(selected, q_dot[lane]), rates_from_angles(selected, a, rates)
         torques = each_with(_value_at, selected.wheels, u[lane])
         speeds = wheel_speeds(selected, P, a, v, w)
-        signs = each(_no_sign, P.wheels)
+        signs = each(_nothing, speeds)
         v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, signs, each(_nothing, v))
         out[lane] = in_order(v_dot, angle_accelerations(selected, a, rates, w_dot))
 

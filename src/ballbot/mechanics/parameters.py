@@ -13,7 +13,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.compiled import inlined
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.vector import counted
+from ballbot.mechanics.vector import loaded
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
@@ -172,18 +172,20 @@ def _symmetric(S: NDArray[np.float64]) -> list[float]:
 @inlined
 def entry(work, row, lane):
     """Return the number of that row and lane."""
-    return work[row * LANES + lane]
+    return work[
+        np.uint64(row * LANES + lane)
+    ]  # unsigned: no test for an index from the end, which keeps a loop scalar
 
 
 @inlined
-def entries(i, work, first, lane):
-    """Return the i-th number from row `first` on; for `vector.counted`."""
-    return entry(work, first + i, lane)
+def entry_after(work, row, i, lane):
+    """Return the number i rows after `row`."""
+    return entry(work, row + i, lane)
 
 
 @inlined
-def _load_wheel(wheel, work, lane):
-    first = RIGID_SIZE + WHEEL_SIZE * wheel
+def _load_wheel(work, row, wheel, lane):
+    first = row + WHEEL_SIZE * wheel
     return Wheel(
         (entry(work, first, lane), entry(work, first + 1, lane), entry(work, first + 2, lane)),
         entry(work, first + 3, lane),
@@ -210,7 +212,7 @@ def load(selected, work, lane):
         entry(work, 11, lane),
         entry(work, 12, lane),
         entry(work, PLACE_PIVOTING, lane),
-        counted(entries, _SIX, work, 14, lane),
-        counted(entries, _SIX, work, 20, lane),
-        counted(_load_wheel, selected.wheels, work, lane),
+        loaded(entry_after, _SIX, work, 14, lane),
+        loaded(entry_after, _SIX, work, 20, lane),
+        loaded(_load_wheel, selected.wheels, work, RIGID_SIZE, lane),
     )

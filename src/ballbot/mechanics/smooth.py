@@ -49,28 +49,21 @@ def _assembled(v, angle_rates, v_dot, w_dot):
 
 
 @inlined
-def known_sign(wheel, speed):
-    """Return the sign of a wheel's speed, or 2 where it has no dry friction and signs do not matter."""
-    return sign(speed) if wheel.c + wheel.s > 0.0 else 2.0
+def speed_margin(wheel, sign_at_start, speed):
+    """Return what stays positive while a wheel's speed keeps its sign, or has no dry friction for which that matters."""
+    return max(sign_at_start * speed, 1.0 if wheel.c + wheel.s == 0.0 else -1.0)
 
 
 @inlined
-def _keeps_sign(sign_at_start, speed):
-    """Return what stays positive while the speed keeps its sign."""
-    return 1.0 if sign_at_start == 2.0 else sign_at_start * speed
-
-
-@inlined
-def smallest_kept(signs, speeds):
-    """Return what is positive while every speed has its sign of the start."""
-    return smallest(each(_keeps_sign, signs, speeds))
+def smallest_margin(P, signs, speeds):
+    """Return what is positive while every wheel's speed has its sign of the start."""
+    return smallest(each(speed_margin, P.wheels, signs, speeds))
 
 
 @inlined
 def _wheel_torque(wheel, u, speed, sign_at_start):
     """Return u - tau(w) of one wheel."""
-    direction = 0.0 if sign_at_start == 2.0 else sign_at_start
-    return u - wheel.b * speed - direction * dry_friction(wheel, speed)
+    return u - wheel.b * speed - sign_at_start * dry_friction(wheel, speed)
 
 
 def floor_friction(P, v) -> tuple:  # pragma: no cover (compiled form below)
@@ -174,7 +167,7 @@ def runge_kutta_step(selected, P, state, u, h):
     margin : float
         Positive where no friction changed its sign within the step, so that the step counts.
     """
-    signs = each(known_sign, P.wheels, speeds_of_state(selected, P, state))
+    signs = each(sign, speeds_of_state(selected, P, state))
     k1, speeds1 = derivative(selected, P, state, u, signs)
     second = moved(state, k1, 0.5 * h)
     k2, speeds2 = derivative(selected, P, second, u, signs)
@@ -185,8 +178,8 @@ def runge_kutta_step(selected, P, state, u, h):
     end = moved(state, each(_weighted, k1, k2, k3, k4), h)
 
     wheels = min(
-        min(smallest_kept(signs, speeds1), smallest_kept(signs, speeds2)),
-        min(smallest_kept(signs, speeds3), smallest_kept(signs, speeds4)),
+        min(smallest_margin(P, signs, speeds1), smallest_margin(P, signs, speeds2)),
+        min(smallest_margin(P, signs, speeds3), smallest_margin(P, signs, speeds4)),
     )
     floor = min(
         min(floor_margin(P, state, state), floor_margin(P, state, second)),

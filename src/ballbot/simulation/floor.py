@@ -14,8 +14,9 @@ import numpy as np
 from ballbot.mechanics.compiled import compiled, inlined
 from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles, wheel_speeds
 from ballbot.mechanics.evaluate import angle_accelerations
+from ballbot.mechanics.friction import sign
 from ballbot.mechanics.parameters import LANES, load
-from ballbot.mechanics.smooth import acceleration, ball_velocity, floor_friction, known_sign
+from ballbot.mechanics.smooth import acceleration, ball_velocity, floor_friction
 from ballbot.mechanics.vector import each, each_with
 from ballbot.robot import Robot
 
@@ -35,7 +36,7 @@ def sinking(selected, P, state, u):
     a = attitude((state[2], state[3], state[4]))
     v, w = ball_velocity(state), (state[7], state[8], state[9])
     speeds = wheel_speeds(selected, P, a, v, w)
-    signs = each(known_sign, P.wheels, speeds)
+    signs = each(sign, speeds)
     _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
