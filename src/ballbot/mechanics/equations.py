@@ -369,26 +369,32 @@ def solve_symmetric(S, right):
     return scale(symmetric_times((c_xx, c_yy, c_zz, c_xy, c_xz, c_yz), right), inverse)
 
 
-def solve(system, force_v, force_w) -> tuple:  # pragma: no cover (compiled form below)
-    """Return M^-1 (force_v, force_w) as (v_dot, w_dot)."""
+def solve(system, force_v, force_w, holding=0.0) -> tuple:  # pragma: no cover (compiled form below)
+    """Return M^-1 (force_v, force_w) as (v_dot, w_dot), where at most `holding` [N m] holds a spin that there is."""
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(solve)
-def _solve(system, force_v, force_w):
+def _solve(system, force_v, force_w, holding=0.0):
     if system.instance_class is SpinTerms:
-        return lambda system, force_v, force_w: solve_with_spin(system, force_v, force_w)
-    return lambda system, force_v, force_w: solve_rolling(system, force_v, force_w)
+        return lambda system, force_v, force_w, holding=0.0: solve_with_spin(
+            system, force_v, force_w, holding
+        )
+    return lambda system, force_v, force_w, holding=0.0: solve_rolling(system, force_v, force_w)
 
 
 @inlined
-def solve_with_spin(system, force_v, force_w):
-    """Return M^-1 (force_v, force_w) of six velocities: the spin is eliminated last."""
+def solve_with_spin(system, force_v, force_w, holding):
+    """Return M^-1 (force_v, force_w) of six velocities: the spin is eliminated last.
+
+    A torque of at most `holding` opposes the spin's acceleration; where it suffices, that is exactly zero.
+    """
     v, w = solve_rolling(system.rolling, (force_v[0], force_v[1]), force_w)
     dv, dw = solve_rolling(system.rolling, system.M_sv, system.M_sw)
     coupling = system.M_sv[0] * v[0] + system.M_sv[1] * v[1] + dot(system.M_sw, w)
     stiffness = system.M_ss - system.M_sv[0] * dv[0] - system.M_sv[1] * dv[1] - dot(system.M_sw, dw)
-    spin = (force_v[2] - coupling) / stiffness
+    torque = force_v[2] - coupling
+    spin = (torque - min(max(torque, -holding), holding)) / stiffness
     return (v[0] - spin * dv[0], v[1] - spin * dv[1], spin), subtract(w, scale(dw, spin))
 
 

@@ -10,7 +10,7 @@ from ballbot.mechanics.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.equations import angle_rates, attitude, rates_from_angles, terms, wheel_speeds
 from ballbot.mechanics.parameters import LANES, Pivoting, Thesis, load
 from ballbot.mechanics.rows import in_order, mass_matrix, wheel_rows
-from ballbot.mechanics.smooth import acceleration
+from ballbot.mechanics.smooth import FloorFriction, acceleration
 from ballbot.mechanics.vector import each, each_with, subtract
 
 
@@ -70,7 +70,8 @@ def evaluate_acceleration(selected, row, q, q_dot, u, out):
         torques = each_with(_value_at, selected.wheels, u[lane])
         speeds = wheel_speeds(selected, P, a, v, w)
         signs = each(_nothing, speeds)
-        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, signs, each(_nothing, v))
+        no_friction = FloorFriction(each(_nothing, v), 0.0)
+        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, signs, no_friction)
         out[lane] = in_order(v_dot, angle_accelerations(selected, a, rates, w_dot))
 
 

@@ -2,8 +2,11 @@
 
 A trial step is taken with the signs of its start. It counts only if no speed whose friction matters has
 crossed zero at any stage; otherwise `ballbot.mechanics.stick_slip` takes the step. (A sign that changes between
-the last stage and the end, which differ by h^5, is found by the next step.)
+the last stage and the end, which differ by h^5, is found by the next step.) A ball that does not spin stays so
+while pivoting friction can hold it, and that is smooth as well.
 """
+
+from typing import NamedTuple
 
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.equations import (
@@ -50,7 +53,7 @@ def _assembled(v, angle_rates, v_dot, w_dot):
 
 @inlined
 def speed_margin(wheel, sign_at_start, speed):
-    """Return what stays positive while a wheel's speed keeps its sign, or has no dry friction for which that matters."""
+    """Return what stays positive while a wheel's speed keeps its sign, or has no dry friction for it."""
     return max(sign_at_start * speed, 1.0 if wheel.c + wheel.s == 0.0 else -1.0)
 
 
@@ -66,19 +69,27 @@ def _wheel_torque(wheel, u, speed, sign_at_start):
     return u - wheel.b * speed - sign_at_start * dry_friction(wheel, speed)
 
 
-def floor_friction(P, v) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the floor's friction on v: rolling, -N C_rr v/|v|, and pivoting, against the spin."""
+class FloorFriction(NamedTuple):
+    """The floor's friction on the ball."""
+
+    force: tuple  #: on v: rolling, -N C_rr v/|v|, and pivoting, against the spin
+    holding: float  #: largest torque that keeps a ball without spin so [N m]; zero where it spins
+
+
+def floor_friction(P, v) -> FloorFriction:  # pragma: no cover (compiled form below)
+    """Return the floor's friction at a velocity v."""
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(floor_friction)
 def _floor_friction(P, v):
     if len(v) == 2:
-        return lambda P, v: _rolling_friction(P, v)
+        return lambda P, v: FloorFriction(_rolling_friction(P, v), 0.0)
 
     def with_pivoting(P, v):
         F = _rolling_friction(P, v)
-        return (F[0], F[1], -P.pivoting * sign(v[2]))
+        holding = P.pivoting if v[2] == 0.0 else 0.0
+        return FloorFriction((F[0], F[1], -P.pivoting * sign(v[2])), holding)
 
     return with_pivoting
 
@@ -101,7 +112,7 @@ def acceleration(selected, P, a, v, w, u, speeds, signs, floor):
     T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs))
     F, L = wheel_force(selected, P, a, T)
     f_v, f_w = free_forces(system)
-    return solve(system, each(_sum, f_v, F, floor), add(f_w, L))
+    return solve(system, each(_sum, f_v, F, floor.force), add(f_w, L), floor.holding)
 
 
 @inlined
@@ -148,8 +159,14 @@ def _floor_margin(P, start, state):
     if len(start) == 10:
         return lambda P, start, state: _rolling_margin(P, start, state)
     return lambda P, start, state: min(
-        _rolling_margin(P, start, state), start[10] * state[10] if P.pivoting > 0.0 else 1.0
+        _rolling_margin(P, start, state), _spin_margin(start[10], state[10]) if P.pivoting > 0.0 else 1.0
     )
+
+
+@inlined
+def _spin_margin(start, spin):
+    """Return what is positive while the spin keeps its sign, or stays zero."""
+    return start * spin if start != 0.0 or spin != 0.0 else 1.0
 
 
 @inlined

@@ -219,6 +219,8 @@ def _newton_on_active_set(nu, forces, M, free, C, limits, rolling, h):
             step, largest = max(step, abs(right[j])), max(largest, abs(nu[j]))
         if disc_sticks:
             nu[0] = nu[1] = 0.0
+        if velocities == 6 and limits[n - 1] > 0.0 and abs(forces[n - 1]) < limits[n - 1]:
+            nu[5] = 0.0  # the spin's row holds nothing else: to the bit, so that RK4 sees a ball at rest
         if not step < np.inf:
             return False
         if step <= 1e-14 * largest or not disc_slides:

@@ -73,7 +73,8 @@ def simulate_batch(
     Parameters
     ----------
     model : Model
-        Gives the formulation and the inner step, and the robot where `robots` does not.
+        Gives the formulation, the inner step and the pivoting friction, and the robot where `robots` does not.
+        A ball that pivots starts without spin.
     controller : Controller or sequence of Controller
         One for all lanes or one for each; of one sample time.
     reference : callable
@@ -111,7 +112,7 @@ def simulate_batch(
     states, torques = np.empty((lanes, records, 10)), np.empty((lanes, records, n))
     ended, lifted = np.empty(lanes, np.int64), np.zeros(lanes, np.bool_)
     inputs = (
-        np.stack([pack(robot, model.formulation) for robot in bodies]),
+        np.stack([pack(robot, model.formulation, pivoting=model.pivoting or 0.0) for robot in bodies]),
         np.array([lift_off(robot) for robot in bodies]),
         np.stack([one.packed for one in controllers]),
         initial,

@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.mechanics.compiled import compiled, inlined
-from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles, wheel_speeds
+from ballbot.mechanics.engine import ROWS, load_state, start_lane
+from ballbot.mechanics.equations import attitude, rates_of_angles, wheel_speeds
 from ballbot.mechanics.evaluate import angle_accelerations
 from ballbot.mechanics.friction import sign
 from ballbot.mechanics.parameters import LANES, load
@@ -48,15 +49,16 @@ def sinking(selected, P, state, u):
 
 @compiled
 def sinking_of(selected, row, state, u):
-    """Return `sinking` of one packed robot at a state (10,) with Euler-angle rates, under wheel torques u (n,)."""
-    work = np.zeros(len(row) * LANES)
+    """Return `sinking` of one packed robot, under wheel torques u (n,).
+
+    `state` is (10,), or (11,) with the spin where the ball pivots; its rates are the Euler angles'.
+    """
+    work = np.zeros(ROWS * LANES)
     for i in range(len(row)):
         work[i * LANES] = row[i]
-    P = load(selected, work, 0)
-    a = attitude((state[2], state[3], state[4]))
-    w = rates_from_angles(selected, a, (state[7], state[8], state[9]))
-    moving = (state[0], state[1], state[2], state[3], state[4], state[5], state[6], w[0], w[1], w[2])
-    return sinking(selected, P, moving, each_with(_torque_at, selected.wheels, u))
+    start_lane(selected, work, 0, state, 0.0)
+    moving = load_state(selected, work, 0)
+    return sinking(selected, load(selected, work, 0), moving, each_with(_torque_at, selected.wheels, u))
 
 
 @inlined

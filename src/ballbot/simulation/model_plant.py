@@ -23,13 +23,16 @@ class ModelPlant:
 
     A run ends where theta or phi passes 1.2 rad, or where, at the end of a sample, the floor would have to pull
     the robot down. Wheel angles are the integral of the formulation's wheel speeds (trapezoids over samples).
+
+    Where the model's ball pivots, its spin is carried along: it starts at zero, no measurement shows it but the
+    wheels', and state and truth stay the ten numbers.
     """
 
     def __init__(self, model: Model) -> None:
         self.model = model
         self._lift_off = lift_off(model.robot)
         self._t = 0.0
-        self._state = np.zeros(10)
+        self._state = np.zeros(5 + model.velocity_count)
         self._wheel_angles = np.zeros(model.robot.wheel_count)
         self._wheel_speeds = np.zeros(model.robot.wheel_count)
 
@@ -37,6 +40,11 @@ class ModelPlant:
     def robot(self) -> Robot:
         """The model's robot."""
         return self.model.robot
+
+    @property
+    def spin(self) -> float:
+        """The ball's spin about the vertical [rad/s]; zero where the model's ball does not pivot."""
+        return float(self._state[10]) if self.model.pivots else 0.0
 
     def reset(self, initial_state: NDArray[np.float64] | None = None, *, seed: int = 0) -> Measurement:  # noqa: ARG002
         """Start at t = 0 from a state (10,), or upright at rest at the origin; nothing here is random.
@@ -46,7 +54,9 @@ class ModelPlant:
         InputError
             Where the state is not ten finite numbers with a lean of at most 1.2 rad.
         """
-        self._state = checked_states(np.zeros(10) if initial_state is None else initial_state)[0]
+        self._state = np.zeros(5 + self.model.velocity_count)
+        if initial_state is not None:
+            self._state[:10] = checked_states(initial_state)[0]
         self._t = 0.0
         self._wheel_angles = np.zeros(self.robot.wheel_count)
         self._wheel_speeds = self._speeds()
@@ -83,7 +93,7 @@ class ModelPlant:
         return None
 
     def _measure(self, ended: str | None) -> Measurement:
-        state = self._state.copy()
+        state = self._state[:10].copy()
         return Measurement(
             t=self._t,
             state=state,
