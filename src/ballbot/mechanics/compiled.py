@@ -49,6 +49,8 @@ def compiled(function: Callable) -> Callable:
 @cache
 def _sources_stamp(package: str) -> str:
     folders = _PACKAGES[: _PACKAGES.index(package) + 1]
-    files = [file for folder in folders for file in sorted((Path(__file__).parents[1] / folder).glob("*.py"))]
+    files = [
+        file for folder in folders for file in sorted((Path(__file__).parents[1] / folder).rglob("*.py"))
+    ]
     sources = (file.read_bytes() for file in files)
     return sha256(b"".join(text for text in sources if b"ballbot.mechanics.compiled" in text)).hexdigest()

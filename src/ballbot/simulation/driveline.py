@@ -1,0 +1,306 @@
+"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), under any friction law (thesis 3.1 to 3.4).
+
+Many drivelines run at once, each with its own inertia, friction, speed limit and torques. Torques are held over a
+sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it stands, for comparison:
+it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.errors import InputError
+from ballbot.mechanics.engine import over_threads
+from ballbot.mechanics.friction_laws.classical import Classical
+from ballbot.mechanics.friction_laws.inertia import UNLIMITED, Inertia
+from ballbot.mechanics.friction_laws.interface import FrictionLaw
+from ballbot.mechanics.friction_laws.smoothed import Smoothed
+from ballbot.mechanics.parameters import LANES
+from ballbot.robot.derived import reflected_rotor_inertia
+from ballbot.robot.robot import Robot
+from ballbot.simulation.driveline_lanes import run_classical_block, run_lane
+
+_LARGEST_RATE_STEP = 0.5  # explicit steps are at most this part of the driveline's fastest time constant
+_MOST_STEPS = 100_000  # a sample
+
+
+def speed_clamp(speed: ArrayLike, limit: float) -> NDArray[np.float64]:
+    """Return max(min(x_2, l), -l), the thesis's (3.2) as printed.
+
+    With the text's l = -27.7 rad/s it is +27.7 at every speed; l = 27.7 is what is meant.
+    """
+    return np.maximum(np.minimum(np.asarray(speed, dtype=float), limit), -limit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedClamp:
+    """The thesis's limit (3.2): friction and sensors see the speed within it, the integrated speed runs on."""
+
+    limit: float  #: l [rad/s]
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.limit < np.inf:
+            raise InputError(
+                f"The speed clamp's limit is {self.limit:g} rad/s; it must be above zero (with the thesis's "
+                "negative one, (3.2) gives the same speed whatever the wheel does)."
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueSpeedCurve:
+    """What a supply lets through: T from -T_stall (1 + w/w_0) to T_stall (1 - w/w_0)."""
+
+    no_load_speed: float  #: w_0 [rad/s]
+    stall_torque: float  #: T_stall [N m] at full supply, whatever the driver's own limit
+
+    def __post_init__(self) -> None:
+        for name, value in (("no-load speed", self.no_load_speed), ("stall torque", self.stall_torque)):
+            if not 0.0 < value < np.inf:
+                raise InputError(f"The torque-speed curve's {name} is {value:g}; it must be above zero.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driveline:
+    """Motor, gearbox and wheel, free to turn.
+
+    Raises
+    ------
+    InputError
+        Where the inertia is not above zero, or the thesis's clamp meets a friction law that has a state or a dead
+        zone.
+    """
+
+    inertia: float  #: j_w + j_r [kg m^2]
+    friction: FrictionLaw
+    speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.inertia < np.inf:
+            raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
+        if isinstance(self.speed_limit, SpeedClamp) and not isinstance(self.friction, Classical | Smoothed):
+            raise InputError(
+                f"The thesis's speed clamp goes with the classical law, not with {type(self.friction).__name__}; "
+                "give a torque-speed curve instead."
+            )
+
+    @staticmethod
+    def of_wheel(
+        robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | SpeedClamp | None = None
+    ) -> Driveline:
+        """Return the driveline of a robot's wheel (0 for the first) with the robot's friction.
+
+        Raises
+        ------
+        InputError
+            Where the robot has no such wheel.
+        """
+        if not 0 <= wheel < robot.wheel_count:
+            raise InputError(
+                f"{robot.name} has no wheel {wheel}; its wheels are 0 to {robot.wheel_count - 1}."
+            )
+        drive, friction = robot.drive, robot.friction
+        rotor = reflected_rotor_inertia(
+            gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+        )
+        law = Classical(
+            viscous=friction.viscous[wheel],
+            coulomb=friction.coulomb[wheel],
+            stribeck=friction.stribeck[wheel],
+            stribeck_speed=friction.stribeck_speed,
+            stribeck_exponent=friction.stribeck_exponent,
+        )
+        return Driveline(inertia=robot.wheels.inertia + rotor, friction=law, speed_limit=speed_limit)
+
+    def fastest_rate(self) -> float:
+        """Return the fastest rate [1/s] that an explicit step has to resolve."""
+        slope = self.friction.explicit_slope()
+        if isinstance(self.speed_limit, TorqueSpeedCurve):
+            slope += self.speed_limit.stall_torque / self.speed_limit.no_load_speed
+        return slope / self.inertia
+
+    def numbers(self) -> Inertia:
+        """Return inertia and speed limit as compiled code reads them."""
+        limit = self.speed_limit
+        curve = limit if isinstance(limit, TorqueSpeedCurve) else None
+        return Inertia(
+            inv_J=1.0 / self.inertia,
+            clamp=limit.limit if isinstance(limit, SpeedClamp) else UNLIMITED,
+            stall=curve.stall_torque if curve else UNLIMITED,
+            inv_no_load=1.0 / curve.no_load_speed if curve else 0.0,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivelineMotion:
+    """What `simulate_drivelines` returns: a row for each lane, a column after every recorded sample."""
+
+    t: NDArray[np.float64]  #: (records,) [s]
+    speeds: NDArray[np.float64]  #: (lanes, records) what an encoder sees, the thesis's x_1_dot [rad/s]
+    angles: NDArray[np.float64]  #: (lanes, records) [rad], 0 at the start
+    integrated_speeds: NDArray[np.float64]  #: (lanes, records) x_2, which (3.2) lets run on [rad/s]
+
+
+def simulate_drivelines(
+    drivelines: Driveline | Sequence[Driveline],
+    torques: ArrayLike,
+    *,
+    sample_time: float,
+    step: float = 1e-3,
+    initial_speeds: ArrayLike = 0.0,
+    torque_of: Sequence[int] | NDArray[np.int64] | None = None,
+    every: int = 1,
+    threads: int | None = None,
+) -> DrivelineMotion:
+    """Turn many drivelines by torques held over each sample.
+
+    Parameters
+    ----------
+    drivelines : Driveline or sequence of Driveline
+        One for each lane, or one for all; their friction laws are of one kind.
+    torques : array_like (samples,) or (inputs, samples)
+        u [N m].
+    sample_time : float
+        [s]
+    step : float
+        Longest inner step [s]; a lane takes shorter ones where its fastest rate asks for that.
+    initial_speeds : array_like () or (lanes,)
+        [rad/s]; the friction starts as after a long rest.
+    torque_of : sequence of int, optional
+        The row of `torques` that each lane takes; without it lane i takes row i, or the only one.
+    every : int
+        Record every so many samples.
+    threads : int, optional
+        All cores by default. The result does not depend on it.
+
+    Raises
+    ------
+    InputError
+        Where numbers of lanes disagree, laws are of different kinds, or a value makes no step.
+    """
+    lines = [drivelines] if isinstance(drivelines, Driveline) else list(drivelines)
+    inputs = np.ascontiguousarray(np.atleast_2d(np.asarray(torques, dtype=float)))
+    starts = np.atleast_1d(np.asarray(initial_speeds, dtype=float))
+    _check(lines, inputs, starts, sample_time, step, every)
+    rows = np.arange(len(inputs)) if torque_of is None else np.atleast_1d(np.asarray(torque_of, np.int64))
+    if not (len(rows) and rows.min() >= 0 and rows.max() < len(inputs)):
+        raise InputError(f"torque_of must name rows of torques, which has {len(inputs)}, for each lane.")
+    lanes = _lane_count(len(lines), len(starts), len(rows))
+    batch = _Batch(
+        lines=lines * (lanes // len(lines)),
+        starts=np.broadcast_to(starts, lanes),
+        torques=inputs,
+        torque_of=np.ascontiguousarray(np.broadcast_to(rows, lanes)),
+        sample_time=sample_time,
+        every=every,
+        out=np.empty((3, lanes, inputs.shape[1] // every)),
+    )
+    steps = np.array([_steps(line, sample_time, step) for line in batch.lines])
+    run = _run_classical if isinstance(lines[0].friction, Classical) else _run_one_by_one
+    run(batch, steps, threads)
+    speeds, angles, integrated = batch.out
+    t = np.arange(1.0, speeds.shape[1] + 1.0) * (every * sample_time)
+    return DrivelineMotion(t=t, speeds=speeds, angles=angles, integrated_speeds=integrated)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Batch:
+    """What the lanes are run on, checked and filled up."""
+
+    lines: list[Driveline]
+    starts: NDArray[np.float64]
+    torques: NDArray[np.float64]
+    torque_of: NDArray[np.int64]
+    sample_time: float
+    every: int
+    out: NDArray[np.float64]
+
+
+def _run_classical(batch: _Batch, steps: NDArray[np.int64], threads: int | None) -> None:
+    """Run lanes of equal inner steps in blocks."""
+    laws = np.array([line.friction.numbers() for line in batch.lines])
+    inertias = np.array([line.numbers() for line in batch.lines])
+    for count in np.unique(steps):
+        alike = np.flatnonzero(steps == count)
+
+        def run(first: int, alike: NDArray[np.intp] = alike, count: int = count) -> None:
+            lanes = alike[first : first + LANES]
+            part = np.empty((3, len(lanes), batch.out.shape[2]))
+            inputs = (batch.starts[lanes], batch.torques, batch.torque_of[lanes])
+            run_classical_block(
+                laws[lanes], inertias[lanes], *inputs, batch.sample_time, count, batch.every, part
+            )
+            batch.out[:, lanes] = part
+
+        over_threads(run, len(alike), threads)
+
+
+def _run_one_by_one(batch: _Batch, steps: NDArray[np.int64], threads: int | None) -> None:
+    def run(first: int) -> None:
+        for lane in range(first, min(first + LANES, len(batch.lines))):
+            line, count = batch.lines[lane], steps[lane]
+            law, inertia = line.friction.numbers(), line.numbers()
+            run_lane(
+                law,
+                inertia,
+                line.friction.initial_state(batch.sample_time / count),
+                batch.starts[lane],
+                batch.torques[batch.torque_of[lane]],
+                batch.sample_time,
+                count,
+                batch.every,
+                batch.out[:, lane],
+            )
+
+    over_threads(run, len(batch.lines), threads)
+
+
+def _steps(line: Driveline, sample_time: float, step: float) -> int:
+    """Return the inner steps in a sample: none longer than `step`, nor than the fastest rate allows."""
+    wanted = max(sample_time / step, sample_time * line.fastest_rate() / _LARGEST_RATE_STEP)
+    if wanted > _MOST_STEPS:
+        raise InputError(
+            f"A sample of {sample_time:g} s would take {wanted:.0f} inner steps, for a driveline whose fastest rate "
+            f"is {line.fastest_rate():.3g}/s; its inertia of {line.inertia:g} kg m^2 is too small for its friction, "
+            f"or the step of {step:g} s too short."
+        )
+    return math.ceil(wanted * (1.0 - 1e-9))
+
+
+def _check(
+    lines: Sequence[Driveline],
+    inputs: NDArray[np.float64],
+    starts: NDArray[np.float64],
+    sample_time: float,
+    step: float,
+    every: int,
+) -> None:
+    kinds = sorted({type(line.friction).__name__ for line in lines})
+    if len(kinds) != 1:
+        raise InputError(f"The drivelines' friction laws are {kinds}; one call takes a single kind.")
+    if inputs.ndim != 2 or inputs.size == 0 or not np.isfinite(inputs).all():
+        raise InputError(
+            f"The torques have the shape {inputs.shape}; they must be rows of finite numbers, one row for each input."
+        )
+    if starts.ndim != 1 or not np.isfinite(starts).all():
+        raise InputError("The initial speeds must be one finite number, or one for each lane.")
+    for name, value in (("sample time", sample_time), ("step", step)):
+        if not 0.0 < value < np.inf:
+            raise InputError(f"The {name} is {value:g} s; it must be above zero.")
+    if every < 1:
+        raise InputError(f"Every {every} samples cannot be recorded; it must be 1 or more.")
+
+
+def _lane_count(*counts: int) -> int:
+    lanes = max(counts)
+    if any(count not in (1, lanes) for count in counts):
+        lines, starts, inputs = counts
+        raise InputError(
+            f"There are {lines} drivelines, {starts} initial speeds and {inputs} rows of torques; each must be one, "
+            "or as many as there are lanes."
+        )
+    return lanes
