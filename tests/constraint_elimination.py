@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 
 from ballbot.robot import Robot
 
+#: the row of G that keeps the ball from pivoting
+NO_PIVOT = 3
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Freed:
@@ -66,10 +69,20 @@ def constraints(robot: Robot, motion: Motion) -> tuple[NDArray[np.float64], NDAr
     return G, G_dot_nu
 
 
-def constrained(robot: Robot, motion: Motion, freed: Freed, torques: NDArray[np.float64]) -> Solution:
-    """Return the accelerations and the floor's force under wheel torques (N, n) and viscous friction."""
+def constrained(
+    robot: Robot,
+    motion: Motion,
+    freed: Freed,
+    torques: NDArray[np.float64],
+    *,
+    released: tuple[int, ...] = (),
+) -> Solution:
+    """Return the accelerations and the floor's force under wheel torques (N, n) and viscous friction.
+
+    `released` are rows of G that do not hold: (NO_PIVOT,) lets the ball pivot.
+    """
     size = motion.velocities.shape[1]
-    G, G_dot_nu = constraints(robot, motion)
+    G, G_dot_nu = (np.delete(part, released, axis=1) for part in constraints(robot, motion))
     tau = np.zeros_like(freed.bias)
     tau[:, 12:] = torques - np.array(robot.friction.viscous) * motion.velocities[:, 12:]
     matrix = np.zeros((len(motion), size + G.shape[1], size + G.shape[1]))
@@ -87,7 +100,7 @@ def robot_acceleration(
 
     The axis of phi turns with theta's rate; that of psi with theta's and phi's.
     """
-    axes, rates = euler_axes(q), q_dot[:, 2:, None]
+    axes, rates = euler_axes(q), q_dot[:, 2:5, None]
     about_theta = rates[:, 0] * axes[:, 0]
     about_phi = rates[:, 1] * axes[:, 1]
     turning = np.cross(about_theta, about_phi) + np.cross(about_theta + about_phi, rates[:, 2] * axes[:, 2])

@@ -127,13 +127,15 @@ def euler_axes(q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rolling_motion(robot: Robot, q: NDArray[np.float64], q_dot: NDArray[np.float64], seed: int) -> Motion:
-    """Return the motion of a robot whose ball rolls and does not pivot and whose wheels follow it.
+    """Return the motion of a robot whose ball rolls and whose wheels follow it.
 
     Parameters
     ----------
     robot
-    q, q_dot : ndarray (N, 5)
-        x, y, theta, phi, psi and their rates.
+    q : ndarray (N, 5)
+        x, y, theta, phi, psi.
+    q_dot : ndarray (N, 5) or (N, 6)
+        Their rates, and the ball's spin about the vertical; a ball without one does not pivot.
     seed
         Of what must not matter: the ball's orientation and the wheels' angles.
     """
@@ -141,8 +143,8 @@ def rolling_motion(robot: Robot, q: NDArray[np.float64], q_dot: NDArray[np.float
     body, r_b = Rotation.from_euler("XYZ", q[:, 2:]), robot.ball.radius
     zero = np.zeros(len(q))
     v = np.stack([q_dot[:, 0], q_dot[:, 1], zero], axis=1)
-    Omega = np.cross(Z, v) / r_b
-    w = np.einsum("ki,kij->kj", q_dot[:, 2:], euler_axes(q))
+    Omega = np.cross(Z, v) / r_b + q_dot[:, 5:].sum(axis=1, keepdims=True) * Z
+    w = np.einsum("ki,kij->kj", q_dot[:, 2:5], euler_axes(q))
     rates = [
         np.einsum("ki,ki->k", np.cross(Omega - w, r_b * body.apply(place.contact)), body.apply(place.rolling))
         / robot.wheels.radius

@@ -29,7 +29,7 @@ def by_types_of(stub: Callable) -> Callable:
 
 
 #: packages with compiled sources, each using those before it
-_PACKAGES = ("mechanics", "control", "simulation")
+_PACKAGES = ("mechanics", "control", "estimation", "simulation")
 
 
 def compiled(function: Callable) -> Callable:

@@ -1,0 +1,71 @@
+"""Long campaigns, each a section of docs/evidence.md.
+
+.venv/bin/python -m benchmarks.evidence                 all of them (make evidence)
+.venv/bin/python -m benchmarks.evidence convex_step     these only; the other sections stay as they are
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+
+import numba
+import numpy as np
+import scipy
+
+from ballbot.files import write_text
+
+PAGE = Path(__file__).parents[1] / "docs" / "evidence.md"
+
+#: sections in the page's order, and the module whose `campaign()` returns each
+CAMPAIGNS = {
+    "convex_step": "benchmarks.convex_step",
+    "convergence": "benchmarks.convergence",
+    "one_wheel": "benchmarks.sticking",
+}
+
+_HEAD = """# Evidence
+
+What the tests sample, at length. `make evidence` writes this page; the command under a section writes that one alone.
+
+"""
+
+
+def main(names: Sequence[str]) -> None:
+    """Run the campaigns of those names, or all, and write their sections."""
+    unknown = sorted(set(names) - set(CAMPAIGNS))
+    if unknown:
+        raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
+    sections = written_sections()
+    for name in names or CAMPAIGNS:
+        started = perf_counter()
+        section = import_module(CAMPAIGNS[name]).campaign().markdown()
+        sections[name] = f"{section}\n{_origin(name, perf_counter() - started)}\n"
+        print(section)
+        parts = [f"<!-- {known} -->\n{sections[known]}" for known in CAMPAIGNS if known in sections]
+        write_text(PAGE, _HEAD + "\n".join(parts))
+
+
+def written_sections() -> dict[str, str]:
+    """Return the sections that the page has, by name."""
+    if not PAGE.exists():
+        return {}
+    parts = re.split(r"^<!-- (\w+) -->\n", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return {name: text.rstrip("\n") + "\n" for name, text in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def _origin(name: str, seconds: float) -> str:
+    versions = f"NumPy {np.__version__}, SciPy {scipy.__version__}, Numba {numba.__version__}"
+    return (
+        f"`python -m benchmarks.evidence {name}`, {seconds:.0f} s on {platform.machine()} {platform.system()}, "
+        f"Python {platform.python_version()}, {versions}."
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
