@@ -2,7 +2,7 @@
 
 Robots are stepped in blocks of `LANES`, side by side, in loops that become vector instructions; a single robot is a
 block of one. Each step is first tried as RK4 with known signs of friction (`smooth`), for the whole block; robots
-in which a sign may have changed take the convex step (`stick_slip`) instead, one by one.
+in which a sign may have changed take the convex step instead (`proximal`, and `stick_slip` where that does not settle).
 """
 
 from __future__ import annotations
@@ -16,23 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.mechanics.compiled import by_types_of, compiled, inlined
-from ballbot.mechanics.equations import (
-    attitude,
-    ball_torque,
-    free_forces,
-    rates_from_angles,
-    rates_of_angles,
-    solve,
-    terms,
-    wheel_force,
-    wheel_speeds,
-)
-from ballbot.mechanics.friction import dry_friction
+from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles, solve
+from ballbot.mechanics.free_motion import finished, free_motion
 from ballbot.mechanics.parameters import LANES, Exact, Pivoting, Thesis, entry, entry_after, load
-from ballbot.mechanics.rows import box_limits, box_rows, in_order, mass_matrix
-from ballbot.mechanics.smooth import ball_velocity, runge_kutta_step
+from ballbot.mechanics.proximal import convex_step
+from ballbot.mechanics.rows import box_rows, in_order, mass_matrix
+from ballbot.mechanics.smooth import runge_kutta_step
 from ballbot.mechanics.stick_slip import minimise
-from ballbot.mechanics.vector import add, each, loaded, written
+from ballbot.mechanics.vector import each, each_with, loaded, written
 
 #: beyond this lean, theta or phi [rad], a simulation ends: no wheel touches the ball any more
 LARGEST_LEAN = 1.2
@@ -44,6 +35,7 @@ TORQUE = _TRIAL + 11
 STEP = TORQUE + 4
 _MARGIN = STEP + 1
 ROWS = _MARGIN + 1
+_FEW = 3  # so many lanes take the convex step one by one; more, and the whole block does, side by side
 _TEN = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 _ELEVEN = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
 
@@ -69,6 +61,12 @@ def store_trial(work, lane, state) -> tuple:  # pragma: no cover
 def _store_trial(work, lane, state):
     stored = ", ".join(f"put(work, {_TRIAL + i}, lane, state[{i}])" for i in range(len(state)))
     return written("work, lane, state", f"({stored})", put=put)
+
+
+@inlined
+def load_trial(selected, work, lane):
+    """Return a lane's trial state."""
+    return loaded(entry_after, load_state(selected, work, lane), work, _TRIAL, lane)
 
 
 @inlined
@@ -100,57 +98,67 @@ def smooth_block(selected, work, width):
 
 
 @inlined
-def _free_torque(wheel, u, speed):
-    return u - wheel.b * speed
+def convex_block(selected, work, width):
+    """Take the convex step of every lane whose trial does not count; its margin then says whether it settled."""
+    for lane in range(width):
+        P = load(selected, work, lane)
+        state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
+        end, settled = convex_step(selected, P, state, u, entry(work, STEP, lane))
+        counts = entry(work, _MARGIN, lane) > 0.0
+        store_trial(
+            work, lane, each_with(_chosen, each(_pair, load_trial(selected, work, lane), end), counts)
+        )
+        put(work, _MARGIN, lane, 1.0 if counts else settled)
 
 
 @inlined
-def _sum(a, b):
-    return a + b
+def _pair(a, b):
+    return (a, b)
+
+
+@inlined
+def _chosen(pair, first):
+    return pair[0] if first else pair[1]
 
 
 @compiled
-def stick_slip_step(selected, work, lane):
-    """Take one step of one lane by the convex minimisation; the state goes to its trial rows.
-
-    Velocities: nu+ of `minimise`, with M, the viscous friction and the limits at the step's start. Positions: the
-    mean of old and new velocities over the step, the angles by the midpoint rule; so rest stays rest to the bit.
-    """
+def convex_lane(selected, work, lane):
+    """Take the convex step of one lane; its margin then says whether it settled."""
     P = load(selected, work, lane)
-    state = load_state(selected, work, lane)
-    h = entry(work, STEP, lane)
-    v, w = ball_velocity(state), (state[7], state[8], state[9])
-    a = attitude((state[2], state[3], state[4]))
-    system = terms(selected, P, a, v, w)
-    speeds = wheel_speeds(selected, P, a, v, w)
-    u = each(_free_torque, P.wheels, load_torques(selected, work, lane), speeds)
-    F, L = wheel_force(selected, P, a, ball_torque(P, u))
-    f_v, f_w = free_forces(system)
-    v_dot, w_dot = solve(system, each(_sum, f_v, F), add(f_w, L))
+    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
+    end, settled = convex_step(selected, P, state, u, entry(work, STEP, lane))
+    store_trial(work, lane, end)
+    put(work, _MARGIN, lane, settled)
 
-    start = in_order(v, w)
-    limits = box_limits(selected, P, each(dry_friction, P.wheels, speeds))
+
+@compiled
+def robust_lane(selected, work, lane):
+    """Take the convex step of one lane by `stick_slip.minimise`, which always finds the minimiser."""
+    P = load(selected, work, lane)
+    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
+    h = entry(work, STEP, lane)
+    free = free_motion(selected, P, state, u)
+    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
+    start = in_order(free.v, free.w)
+    C, limits = box_rows(selected, P, free.a), np.array(free.limits)
     end = minimise(
-        mass_matrix(system),
-        start + h * in_order(v_dot, w_dot),
-        box_rows(selected, P, a),
-        limits,
-        P.rolling,
-        h,
-        start,
+        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling, h, start
+    )
+    store_trial(
+        work, lane, finished(selected, state, free, velocity_in(free.v, end), (end[2], end[3], end[4]), h)
     )
 
-    half = 0.5 * h
-    middle = (0.5 * (w[0] + end[2]), 0.5 * (w[1] + end[3]), 0.5 * (w[2] + end[4]))
-    rates = rates_of_angles(selected, a, middle)
-    a = attitude((state[2] + half * rates[0], state[3] + half * rates[1], state[4] + half * rates[2]))
-    rates = rates_of_angles(selected, a, middle)
-    put(work, _TRIAL, lane, state[0] + half * (v[0] + end[0]))
-    put(work, _TRIAL + 1, lane, state[1] + half * (v[1] + end[1]))
-    for axis in range(3):
-        put(work, _TRIAL + 2 + axis, lane, state[2 + axis] + h * rates[axis])
-    for i in range(len(end)):
-        put(work, _TRIAL + 5 + i, lane, end[i])
+
+def velocity_in(like, nu) -> tuple:  # pragma: no cover (compiled form below)
+    """Return v out of velocities in the order of `rows`."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(velocity_in)
+def _velocity_in(like, nu):
+    if len(like) == 2:
+        return lambda like, nu: (nu[0], nu[1])
+    return lambda like, nu: (nu[0], nu[1], nu[5])
 
 
 @inlined
@@ -158,11 +166,27 @@ def take_steps(selected, work, width, steps):
     """Advance every lane of a block by `steps` steps with torques held."""
     for _ in range(steps):
         smooth_block(selected, work, width)
+        open_lanes = 0
         for lane in range(width):
-            if not work[_MARGIN * LANES + lane] > 0.0 and work[STEP * LANES + lane] > 0.0:
-                stick_slip_step(selected, work, lane)
+            open_lanes += 1 if _is_open(work, lane) else 0
+        if open_lanes > _FEW:
+            convex_block(selected, work, width)
+        elif open_lanes > 0:
+            for lane in range(width):
+                if _is_open(work, lane):
+                    convex_lane(selected, work, lane)
+        if open_lanes > 0:
+            for lane in range(width):
+                if _is_open(work, lane):
+                    robust_lane(selected, work, lane)
         for index in range(11 * LANES):
             work[STATE * LANES + index] = work[_TRIAL * LANES + index]
+
+
+@inlined
+def _is_open(work, lane):
+    """Return whether a moving lane's step still has to be taken."""
+    return not work[_MARGIN * LANES + lane] > 0.0 and work[STEP * LANES + lane] > 0.0
 
 
 @inlined

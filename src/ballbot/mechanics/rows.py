@@ -92,15 +92,3 @@ def _box_rows(selected, P, a):
 
         return with_spin
     return lambda selected, P, a: wheel_rows(selected, P, a)
-
-
-def box_limits(selected, P, dry) -> np.ndarray:  # pragma: no cover
-    """Return the limits of the dry friction that belong to `box_rows`."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(box_limits)
-def _box_limits(selected, P, dry):
-    if selected.instance_class is Pivoting:
-        return lambda selected, P, dry: np.array(dry + (P.pivoting,))
-    return lambda selected, P, dry: np.array(dry)

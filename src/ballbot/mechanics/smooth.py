@@ -20,7 +20,7 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.friction import dry_friction, sign
-from ballbot.mechanics.vector import add, each, smallest, written
+from ballbot.mechanics.vector import add, advanced, each, smallest
 
 # A state here is the tuple (x, y, theta, phi, psi, v_x, v_y, w_1, w_2, w_3), and the ball's spin where it pivots.
 
@@ -132,18 +132,6 @@ def speeds_of_state(selected, P, state):
     return wheel_speeds(selected, P, a, ball_velocity(state), (state[7], state[8], state[9]))
 
 
-def moved(state, rate, h) -> tuple:  # pragma: no cover (compiled form below)
-    """Return state + h rate."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(moved)
-def _moved(state, rate, h):
-    return written(
-        "state, rate, h", "(" + ", ".join(f"state[{i}] + h * rate[{i}]" for i in range(len(state))) + ",)"
-    )
-
-
 @inlined
 def _weighted(k1, k2, k3, k4):
     return (k1 + 2.0 * (k2 + k3) + k4) * (1.0 / 6.0)
@@ -186,13 +174,13 @@ def runge_kutta_step(selected, P, state, u, h):
     """
     signs = each(sign, speeds_of_state(selected, P, state))
     k1, speeds1 = derivative(selected, P, state, u, signs)
-    second = moved(state, k1, 0.5 * h)
+    second = advanced(state, k1, 0.5 * h)
     k2, speeds2 = derivative(selected, P, second, u, signs)
-    third = moved(state, k2, 0.5 * h)
+    third = advanced(state, k2, 0.5 * h)
     k3, speeds3 = derivative(selected, P, third, u, signs)
-    fourth = moved(state, k3, h)
+    fourth = advanced(state, k3, h)
     k4, speeds4 = derivative(selected, P, fourth, u, signs)
-    end = moved(state, each(_weighted, k1, k2, k3, k4), h)
+    end = advanced(state, each(_weighted, k1, k2, k3, k4), h)
 
     wheels = min(
         min(smallest_margin(P, signs, speeds1), smallest_margin(P, signs, speeds2)),

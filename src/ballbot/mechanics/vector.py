@@ -92,6 +92,16 @@ def _each(function, *tuples):
     return written("function, *tuples", _tuple(f"function({items})" for items in calls))
 
 
+def advanced(a, rate, h) -> tuple:  # pragma: no cover
+    """Return a + h rate."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(advanced)
+def _advanced(a, rate, h):
+    return written("a, rate, h", _tuple(f"a[{i}] + h * rate[{i}]" for i in range(len(a))))
+
+
 def each_with(function, items, shared) -> tuple:  # pragma: no cover
     """Return the tuple of function(item, shared)."""
     raise NotImplementedError("compiled code only")
@@ -143,13 +153,36 @@ def _smallest(numbers):
     return written("numbers", least)
 
 
-def written(signature: str, value: str, **names: Callable) -> Callable:
+def solve_dense(K, right) -> tuple:  # pragma: no cover (compiled form below)
+    """Return K^-1 right by elimination without pivoting, for K given by its rows."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(solve_dense)
+def _solve_dense(K, right):
+    n = len(right)
+    lines = [f"k{i}_{j} = K[{i}][{j}]" for i in range(n) for j in range(n)]
+    lines += [f"x{i} = right[{i}]" for i in range(n)]
+    for pivot in range(n):
+        lines.append(f"p{pivot} = 1.0 / k{pivot}_{pivot}")
+        for i in range(pivot + 1, n):
+            lines.append(f"f{i}_{pivot} = k{i}_{pivot} * p{pivot}")
+            lines += [f"k{i}_{j} = k{i}_{j} - f{i}_{pivot} * k{pivot}_{j}" for j in range(pivot + 1, n)]
+            lines.append(f"x{i} = x{i} - f{i}_{pivot} * x{pivot}")
+    for i in reversed(range(n)):
+        rest = "".join(f" - k{i}_{j} * x{j}" for j in range(i + 1, n))
+        lines.append(f"x{i} = (x{i}{rest}) * p{i}")
+    return written("K, right", _tuple(f"x{i}" for i in range(n)), *lines)
+
+
+def written(signature: str, value: str, *lines: str, **names: Callable) -> Callable:
     """Return a function of that signature and value, for Numba to compile: a loop over a tuple, written out.
 
-    `names` are the functions that the value calls.
+    `lines` come before the value is returned; `names` are the functions that are called.
     """
     scope = dict(names)
-    exec(f"def form({signature}):\n    return {value}", scope)
+    body = "".join(f"    {line}\n" for line in lines)
+    exec(f"def form({signature}):\n{body}    return {value}", scope)
     return scope["form"]
 
 

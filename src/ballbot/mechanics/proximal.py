@@ -1,0 +1,228 @@
+"""The convex step of `stick_slip` for many robots side by side: the same minimiser, found without branches.
+
+The unknowns are the friction forces lambda: one in each box (wheels, and the spin where the ball pivots) and the two
+of the disc. With G = C M^-1 C^T, b = C nu_free and any kappa > 0 the optimality conditions are
+
+    lambda = P(s),   s = lambda + kappa (b - h G lambda),   P the projection on boxes and disc,
+
+solved by a semi-smooth Newton method (L. Qi and J. Sun, A nonsmooth version of Newton's method, 1993): with T the
+derivative of P, each round solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. It begins with T = I, full
+stick. Four rounds follow, a fixed number, so that a loop over robots is vector code. They do not suffice in some steps
+of a thousand, nor with four wheels, where G is singular: then `stick_slip.minimise` takes the step.
+"""
+
+from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.mechanics.contacts import contact_forces, contact_matrix, contact_speeds
+from ballbot.mechanics.equations import solve
+from ballbot.mechanics.free_motion import finished, free_motion
+from ballbot.mechanics.vector import advanced, each, each_with, solve_dense, written
+
+_DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
+
+
+@inlined
+def _box_derivative(s, limit):
+    """Return T of a box: 1 inside, where the contact sticks."""
+    return 1.0 if abs(s) < limit else 0.0
+
+
+@inlined
+def _box_projection(s, limit):
+    return min(max(s, -limit), limit)
+
+
+@inlined
+def _disc_derivative(s_x, s_y, limit):
+    """Return T of the disc (xx, yy, xy): the unit matrix inside, else limit/|s| (1 - s s^T/|s|^2)."""
+    size2 = s_x * s_x + s_y * s_y
+    inside = size2 < limit * limit
+    inverse = 1.0 / max(size2, 1e-300)
+    share = limit * inverse**0.5
+    n_xx, n_yy, n_xy = s_x * s_x * inverse, s_y * s_y * inverse, s_x * s_y * inverse
+    return (
+        1.0 if inside else share * (1.0 - n_xx),
+        1.0 if inside else share * (1.0 - n_yy),
+        0.0 if inside else -share * n_xy,
+    )
+
+
+@inlined
+def _disc_projection(s_x, s_y, limit):
+    size2 = s_x * s_x + s_y * s_y
+    share = 1.0 if size2 < limit * limit else limit / max(size2, 1e-300) ** 0.5
+    return s_x * share, s_y * share
+
+
+def newton_round(forces, G, b, limits, rolling) -> tuple:  # pragma: no cover
+    """Return (forces, settled): one round, and what is positive where it changed no contact's state.
+
+    G and b are those of the module's head, each row multiplied by kappa h and kappa.
+    """
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(newton_round)
+def _newton_round(forces, G, b, limits, rolling):
+    k, m = len(limits), len(forces)
+    x, y = k, k + 1
+    lines = [_probe(i, "forces", m) for i in range(m)]
+    lines += [f"t{i} = box_derivative(s{i}, limits[{i}])" for i in range(k)]
+    lines += [f"t_xx, t_yy, t_xy = disc_derivative(s{x}, s{y}, rolling)"]
+    lines += [f"p{i} = box_projection(s{i}, limits[{i}])" for i in range(k)]
+    lines += [f"p{x}, p{y} = disc_projection(s{x}, s{y}, rolling)"]
+    rows, right = [], []
+    for i in range(k):
+        row = [f"t{i} * G[{i}][{j}]" + (f" + 1.0 - t{i}" if i == j else "") for j in range(m)]
+        rows.append(f"({', '.join(row)},)")
+        right.append(f"t{i} * (b[{i}] - s{i}) + p{i}")
+    disc = ((x, "t_xx", y, "t_xy"), (y, "t_yy", x, "t_xy"))
+    for i, own, other_i, other in disc:
+        row = [f"{own} * G[{i}][{j}] + {other} * G[{other_i}][{j}]" for j in range(m)]
+        row[i] += f" + 1.0 - {own}"
+        row[other_i] += f" - {other}"
+        rows.append(f"({', '.join(row)},)")
+        right.append(f"{own} * (b[{i}] - s{i}) + {other} * (b[{other_i}] - s{other_i}) + p{i}")
+    lines.append(f"found = solve_dense(({', '.join(rows)},), ({', '.join(right)},))")
+    # the next probe, to see whether every contact is in the state that this round assumed
+    lines += [_probe(i, "found", m, name="n") for i in range(m)]
+    same = " * ".join(f"agrees(s{i}, n{i}, limits[{i}])" for i in range(k))
+    lines.append(f"same = {same} * disc_agrees(s{x}, s{y}, n{x}, n{y}, found[{x}], found[{y}], rolling)")
+    return written(
+        "forces, G, b, limits, rolling",
+        "found, same",
+        *lines,
+        box_derivative=_box_derivative,
+        box_projection=_box_projection,
+        disc_derivative=_disc_derivative,
+        disc_projection=_disc_projection,
+        solve_dense=solve_dense,
+        agrees=_agrees,
+        disc_agrees=_disc_agrees,
+    )
+
+
+@inlined
+def _agrees(s, after, limit):
+    """Return 1 where a box's contact is in the same state before and after a round, else 0."""
+    inside = abs(s) < limit
+    return 1.0 if (abs(after) < limit) == inside and (inside or s * after > 0.0 or limit == 0.0) else 0.0
+
+
+@inlined
+def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
+    """Return 1 where the disc's state is the same and its force is the projection to rounding, else 0."""
+    p_x, p_y = _disc_projection(after_x, after_y, limit)
+    error = abs(p_x - r_x) + abs(p_y - r_y)
+    same = (s_x * s_x + s_y * s_y < limit * limit) == (after_x * after_x + after_y * after_y < limit * limit)
+    return 1.0 if same and error <= _DISC_TOLERANCE * limit else 0.0
+
+
+def scaled_problem(G, b, h) -> tuple:  # pragma: no cover
+    """Return (kappa h G, kappa b) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(scaled_problem)
+def _scaled_problem(G, b, h):
+    m = len(b)
+    disc = f"1.0 / max(G[{m - 2}][{m - 2}], G[{m - 1}][{m - 1}])"
+    lines = [f"c{i} = 1.0 / G[{i}][{i}]" for i in range(m - 2)] + [
+        f"c{m - 2} = {disc}",
+        f"c{m - 1} = c{m - 2}",
+    ]
+    rows = ", ".join("(" + ", ".join(f"c{i} * G[{i}][{j}]" for j in range(m)) + ",)" for i in range(m))
+    right = ", ".join(f"c{i} * b[{i}] / h" for i in range(m))
+    return written("G, b, h", f"({rows},), ({right},)", *lines)
+
+
+def all_stick(forces, limits, rolling) -> float:  # pragma: no cover
+    """Return 1 where the forces are inside every limit: the whole robot is held, else 0."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(all_stick)
+def _all_stick(forces, limits, rolling):
+    k = len(limits)
+    boxes = " and ".join(f"abs(forces[{i}]) <= limits[{i}]" for i in range(k))
+    disc = f"forces[{k}] * forces[{k}] + forces[{k + 1}] * forces[{k + 1}] <= rolling * rolling"
+    return written("forces, limits, rolling", f"1.0 if {boxes} and {disc} else 0.0")
+
+
+def still_where_held(v, forces, G, b, limits, rolling) -> tuple:  # pragma: no cover (compiled form below)
+    """Return v with zero, to the bit, where the floor holds the ball's path or its spin."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(still_where_held)
+def _still_where_held(v, forces, G, b, limits, rolling):
+    m, x = len(forces), len(limits)
+    # the probe s, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond
+    lines = [_probe(i, "forces", m) for i in range(x - 1, m)]
+    lines.append(f"path = 0.0 if s{x} * s{x} + s{x + 1} * s{x + 1} < rolling * rolling else 1.0")
+    values = ["v[0] * path", "v[1] * path"]
+    if len(v) == 3:
+        lines.append(f"turns = 0.0 if abs(s{x - 1}) < limits[{x - 1}] else 1.0")
+        values.append("v[2] * turns")
+    return written("v, forces, G, b, limits, rolling", f"({', '.join(values)},)", *lines)
+
+
+def _probe(i: int, forces: str, m: int, name: str = "s") -> str:
+    """Return the line that computes s_i = lambda_i + b_i - G_i lambda."""
+    return (
+        f"{name}{i} = {forces}[{i}] + b[{i}] - ("
+        + " + ".join(f"G[{i}][{j}] * {forces}[{j}]" for j in range(m))
+        + ")"
+    )
+
+
+def convex_step(selected, P, state, u, h) -> tuple:  # pragma: no cover (compiled form below)
+    """Take one step in which friction may stick.
+
+    Returns
+    -------
+    state : tuple of 10 or 11
+    settled : float
+        Positive where the minimiser was found.
+    """
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(convex_step)
+def _convex_step(selected, P, state, u, h):
+    if len(selected.types[0]) == 4:  # four wheels can strain against each other: G is singular
+        return lambda selected, P, state, u, h: (state, 0.0)
+    return lambda selected, P, state, u, h: _three_wheeled_step(selected, P, state, u, h)
+
+
+@inlined
+def _three_wheeled_step(selected, P, state, u, h):
+    free = free_motion(selected, P, state, u)
+    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
+    ahead = contact_speeds(selected, P, free.a, advanced(free.v, v_dot, h), advanced(free.w, w_dot, h))
+    G, b = scaled_problem(contact_matrix(selected, P, free.a, free.system, ahead), ahead, h)
+    forces = solve_dense(G, b)
+    rests = all_stick(forces, free.limits, P.rolling)
+    forces, _ = newton_round(forces, G, b, free.limits, P.rolling)
+    forces, _ = newton_round(forces, G, b, free.limits, P.rolling)
+    forces, _ = newton_round(forces, G, b, free.limits, P.rolling)
+    forces, settled = newton_round(forces, G, b, free.limits, P.rolling)
+
+    held_v, held_w = contact_forces(selected, P, free.a, forces)
+    v_dot, w_dot = solve(
+        free.system, each(_difference, free.f_v, held_v), each(_difference, free.f_w, held_w)
+    )
+    moves = 1.0 - rests  # rest is exactly zero
+    v_after = each_with(_product, advanced(free.v, v_dot, h), moves)
+    v_after = still_where_held(v_after, forces, G, b, free.limits, P.rolling)
+    w_after = each_with(_product, advanced(free.w, w_dot, h), moves)
+    return finished(selected, state, free, v_after, w_after, h), max(settled, rests)
+
+
+@inlined
+def _difference(a, b):
+    return a - b
+
+
+@inlined
+def _product(a, factor):
+    return a * factor
