@@ -45,9 +45,15 @@ def float_of(typing_context, value):
 
 
 @inlined_in_order
+def nearest_integer(x):
+    """Return x rounded to an integer, as a float, for |x| < 2^51; a GPU's compiler knows no rint."""
+    return (x + _SHIFT) - _SHIFT
+
+
+@inlined_in_order
 def sine_cosine(angle):
     """Return sin and cos of an angle [rad] (see the module for the range)."""
-    k = np.rint(angle * 0.6366197723675814)
+    k = nearest_integer(angle * 0.6366197723675814)
     r = ((angle - k * _HALF_PI_1) - k * _HALF_PI_2) - k * _HALF_PI_3
     r2 = r * r
     sine = r + r * r2 * (
@@ -105,7 +111,7 @@ def sine_cosine(angle):
 def exponential(x):
     """Return e^x; arguments beyond +-708 are taken as +-708."""
     x = min(max(x, -708.0), 708.0)
-    k = np.rint(x * _LOG2_E)
+    k = nearest_integer(x * _LOG2_E)
     r = (x - k * _LN2_HIGH) - k * _LN2_LOW
     series = 1.0 + r * (
         1.0

@@ -11,6 +11,8 @@ stick. Four rounds follow, a fixed number, so that a loop over robots is vector 
 of a thousand, nor with four wheels, where G is singular: then `stick_slip.minimise` takes the step.
 """
 
+import math
+
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.contacts import contact_forces, contact_matrix, contact_speeds
 from ballbot.mechanics.equations import solve
@@ -37,7 +39,7 @@ def _disc_derivative(s_x, s_y, limit):
     size2 = s_x * s_x + s_y * s_y
     inside = size2 < limit * limit
     inverse = 1.0 / max(size2, 1e-300)
-    share = limit * inverse**0.5
+    share = limit * math.sqrt(inverse)
     n_xx, n_yy, n_xy = s_x * s_x * inverse, s_y * s_y * inverse, s_x * s_y * inverse
     return (
         1.0 if inside else share * (1.0 - n_xx),
@@ -49,7 +51,7 @@ def _disc_derivative(s_x, s_y, limit):
 @inlined
 def _disc_projection(s_x, s_y, limit):
     size2 = s_x * s_x + s_y * s_y
-    share = 1.0 if size2 < limit * limit else limit / max(size2, 1e-300) ** 0.5
+    share = 1.0 if size2 < limit * limit else limit / math.sqrt(max(size2, 1e-300))
     return s_x * share, s_y * share
 
 

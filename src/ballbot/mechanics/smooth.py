@@ -6,6 +6,7 @@ the last stage and the end, which differ by h^5, is found by the next step.) A b
 while pivoting friction can hold it, and that is smooth as well.
 """
 
+import math
 from typing import NamedTuple
 
 from ballbot.mechanics.compiled import by_types_of, inlined
@@ -96,7 +97,7 @@ def _floor_friction(P, v):
 
 @inlined
 def _rolling_friction(P, v):
-    brake = P.rolling / max((v[0] * v[0] + v[1] * v[1]) ** 0.5, 1e-300)
+    brake = P.rolling / max(math.sqrt(v[0] * v[0] + v[1] * v[1]), 1e-300)
     return (-brake * v[0], -brake * v[1])
 
 

@@ -1,0 +1,39 @@
+"""The states that the timings start from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.robot import Friction, Robot
+
+SAMPLES = 100
+
+
+def nominal_robot() -> Robot:
+    """Return `alten` with the nominal scenario's friction (design section 11), full Stribeck on each wheel."""
+    friction = Friction(
+        viscous=(0.014, 0.016, 0.013),
+        coulomb=(0.11, 0.09, 0.12),
+        stribeck=(0.05, 0.04, 0.06),
+        stribeck_speed=0.6,
+        stribeck_exponent=1.1,
+        rolling=0.007,
+    )
+    return Robot.load("alten").replace(friction=friction)
+
+
+def smooth(robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts (robots, 10) and torques (samples, 3) in which no wheel changes its sign."""
+    start = np.array([0, 0, 0.002, -0.003, 0.4, 0.6, 0.2, 0.0, 0.0, 8.0])
+    spread = 1e-3 * np.random.default_rng(0).standard_normal((robots, 10))
+    return start + spread, np.tile([-0.35, -0.35, -0.35], (SAMPLES, 1))
+
+
+def balancing(robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts and torques near rest, in which wheels stick and turn about."""
+    random = np.random.default_rng(1)
+    spread = np.array([0.1, 0.1, 0.002, 0.002, 1.0, 0.02, 0.02, 0.01, 0.01, 0.02])
+    t = 0.005 * np.arange(SAMPLES)[:, None]
+    torques = 0.15 * np.sin(2 * np.pi * 0.7 * t + np.array([0.0, 2.1, 4.2]))
+    return spread * random.standard_normal((robots, 10)), torques
