@@ -60,7 +60,8 @@ def main() -> None:
     """Print the table."""
     model = Model(nominal_robot())
     print(cuda.get_current_device().name.decode(), "numba", sys.modules["numba"].__version__)
-    for name, (initial, torques) in {"smooth": smooth(2**20), "stick-slip": balancing(2**20)}.items():
+    for name, (initial, all_torques) in {"smooth": smooth(2**20), "stick-slip": balancing(2**20)}.items():
+        torques = all_torques[0]
         print(name, f"difference to the processor: {difference(model, initial[:256], torques[:20]):.2e}")
         for count in (2**14, 2**17, 2**20):
             print(

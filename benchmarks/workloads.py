@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.controller import Controller
+from ballbot.control.nominal import design_gain
+from ballbot.control.references import square
+from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+from ballbot.simulation.run import simulate
 
 SAMPLES = 100
 
@@ -24,16 +29,18 @@ def nominal_robot() -> Robot:
 
 
 def smooth(robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return starts (robots, 10) and torques (samples, 3) in which no wheel changes its sign."""
+    """Return starts (robots, 10) and torques (robots, samples, 3) in which no wheel changes its sign."""
     start = np.array([0, 0, 0.002, -0.003, 0.4, 0.6, 0.2, 0.0, 0.0, 8.0])
     spread = 1e-3 * np.random.default_rng(0).standard_normal((robots, 10))
-    return start + spread, np.tile([-0.35, -0.35, -0.35], (SAMPLES, 1))
+    return start + spread, np.tile([-0.35, -0.35, -0.35], (robots, SAMPLES, 1))
 
 
 def balancing(robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return starts and torques near rest, in which wheels stick and turn about."""
-    random = np.random.default_rng(1)
-    spread = np.array([0.1, 0.1, 0.002, 0.002, 1.0, 0.02, 0.02, 0.01, 0.01, 0.02])
-    t = 0.005 * np.arange(SAMPLES)[:, None]
-    torques = 0.15 * np.sin(2 * np.pi * 0.7 * t + np.array([0.0, 2.1, 4.2]))
-    return spread * random.standard_normal((robots, 10)), torques
+    """Return starts (robots, 10) and torques (robots, samples, 3) out of a run around a square without compensation.
+
+    In the run wheels stick in some half of all steps.
+    """
+    robot = nominal_robot()
+    log = simulate(Model(robot), Controller(robot, design_gain(robot).gain), square(), duration=64.0)
+    first = np.random.default_rng(1).integers(0, len(log) - SAMPLES, robots)
+    return log.states[first], log.torques[first[:, None] + np.arange(SAMPLES)]

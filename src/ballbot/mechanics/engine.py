@@ -82,7 +82,7 @@ def load_torques(selected, work, lane):
     return loaded(entry_after, selected.wheels, work, TORQUE, lane)
 
 
-@inlined
+@compiled
 def smooth_block(selected, work, width):
     """Try an RK4 step of every lane; states go to the trial rows, margins to theirs."""
     for lane in range(width):
@@ -97,10 +97,10 @@ def smooth_block(selected, work, width):
         put(work, STEP, lane, h if max(abs(end[2]), abs(end[3])) <= LARGEST_LEAN else 0.0)
 
 
-@inlined
-def convex_block(selected, work, width):
-    """Take the convex step of every lane whose trial does not count; its margin then says whether it settled."""
-    for lane in range(width):
+@compiled
+def convex_block(selected, work, first, last):
+    """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
+    for lane in range(first, last):
         P = load(selected, work, lane)
         state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
         end, settled = convex_step(selected, P, state, u, entry(work, STEP, lane))
@@ -119,16 +119,6 @@ def _pair(a, b):
 @inlined
 def _chosen(pair, first):
     return pair[0] if first else pair[1]
-
-
-@compiled
-def convex_lane(selected, work, lane):
-    """Take the convex step of one lane; its margin then says whether it settled."""
-    P = load(selected, work, lane)
-    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
-    end, settled = convex_step(selected, P, state, u, entry(work, STEP, lane))
-    store_trial(work, lane, end)
-    put(work, _MARGIN, lane, settled)
 
 
 @compiled
@@ -170,11 +160,11 @@ def take_steps(selected, work, width, steps):
         for lane in range(width):
             open_lanes += 1 if _is_open(work, lane) else 0
         if open_lanes > _FEW:
-            convex_block(selected, work, width)
+            convex_block(selected, work, 0, width)
         elif open_lanes > 0:
             for lane in range(width):
                 if _is_open(work, lane):
-                    convex_lane(selected, work, lane)
+                    convex_block(selected, work, lane, lane + 1)
         if open_lanes > 0:
             for lane in range(width):
                 if _is_open(work, lane):

@@ -132,33 +132,43 @@ def _mass_vv(P, a, spin_inertia):
 
 @inlined
 def terms_exact(P, a, v, w):
-    """Return the `Terms` of the exact formulation (design section 5).
+    """Return the `Terms` of the exact formulation (design section 5), e = (0, 0, 1).
 
     The wheels' rates A (z - w) are no derivatives of functions of q, so Lagrange's equation may not be given
     energies in which they are already put in: each wheel keeps its own momentum until d'Alembert's principle
     has been applied. What is left of the gyroscopic terms is w x H, with H the part of the angular momentum of body
     and turning wheels that is fixed to the body.
+
+    Products with the zeros of e are left out by hand: the compiler may not, since 0 times infinity is no 0.
     """
     R = a.R
-    e = (0.0, 0.0, 1.0)
-    z = rotate_back(R, ball_rate(P, v))
+    z = rotate_back_rate(R, ball_rate(P, v), v)
     D_zxw = symmetric_times(P.D, cross(z, w))
     # d3 - d2 = j_w r_w / r_b: a wheel turns about -a_i, relative to the body
     H = add(symmetric_times(P.J, w), scale(symmetric_times(P.D, subtract(w, z)), P.d3 - P.d2))
 
     M_vv, D_x, D_y = _mass_vv(P, a, P.d1)
+    k2 = P.d2 * P.inv_rb
+    # - m_r l (R [e]x)_xy - E^T R D2 / r_b
     M_vw = (
-        subtract(scale((R[0][1], -R[0][0], 0.0), -P.ml), scale(D_y, P.d2 * P.inv_rb)),
-        add(scale((R[1][1], -R[1][0], 0.0), -P.ml), scale(D_x, P.d2 * P.inv_rb)),
+        (-P.ml * R[0][1] - k2 * D_y[0], P.ml * R[0][0] - k2 * D_y[1], -k2 * D_y[2]),
+        (-P.ml * R[1][1] + k2 * D_x[0], P.ml * R[1][0] + k2 * D_x[1], k2 * D_x[2]),
     )
     M_ww = symmetric_sum(P.J, P.D, P.d3)
 
-    centripetal = rotate(R, scale(cross(w, cross(w, e)), P.ml))
-    ground = ground_force(P, rotate(R, scale(D_zxw, P.d1)))
-    f_v = (-centripetal[0] - ground[0], -centripetal[1] - ground[1])
-    b_w = subtract(cross(w, H), scale(D_zxw, P.d2))
-    gravity = scale(cross(R[2], e), P.ml * P.g)
-    return Terms(M_vv, M_vw, M_ww, f_v, subtract(gravity, b_w))
+    # force on v: - m_r l R (w x (w x e)) - E^T R D1 (z x w) / r_b
+    c = scale((w[0] * w[2], w[1] * w[2], -w[0] * w[0] - w[1] * w[1]), P.ml)
+    k1 = P.d1 * P.inv_rb
+    f_v = (-dot(R[0], c) - k1 * dot(R[1], D_zxw), k1 * dot(R[0], D_zxw) - dot(R[1], c))
+    # force on w: gravity m_r g l (R^T e) x e, less w x H - D2 (z x w)
+    w_x_H = cross(w, H)
+    tipping = P.ml * P.g
+    f_w = (
+        tipping * R[2][1] - w_x_H[0] + P.d2 * D_zxw[0],
+        -tipping * R[2][0] - w_x_H[1] + P.d2 * D_zxw[1],
+        -w_x_H[2] + P.d2 * D_zxw[2],
+    )
+    return Terms(M_vv, M_vw, M_ww, f_v, f_w)
 
 
 @inlined
@@ -168,16 +178,32 @@ def terms_pivoting(P, a, v, w):
     To T comes 1/2 j_b sigma^2, and z = R^T Omega has sigma in it; the rest is the exact formulation's.
     """
     R = a.R
-    z = rotate_back(R, ball_rate(P, v))
+    z = rotate_back_rate(R, ball_rate(P, v), v)
     D_z = symmetric_times(P.D, R[2])
-    M_sv = scale((dot(R[1], D_z), -dot(R[0], D_z), 0.0), P.d1 * P.inv_rb)
+    factor = P.d1 * P.inv_rb
     return SpinTerms(
         terms_exact(P, a, v, w),
         P.j_b + P.d1 * dot(R[2], D_z),
-        (M_sv[0], M_sv[1]),
+        (factor * dot(R[1], D_z), -factor * dot(R[0], D_z)),
         scale(D_z, -P.d2),
         -P.d1 * dot(D_z, cross(z, w)),
     )
+
+
+def rotate_back_rate(R, Omega, v) -> tuple:  # pragma: no cover (compiled form below)
+    """Return z = R^T Omega, without the products with Omega_z = 0 where the ball does not pivot."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(rotate_back_rate)
+def _rotate_back_rate(R, Omega, v):
+    if len(v) == 2:
+        return lambda R, Omega, v: (
+            R[0][0] * Omega[0] + R[1][0] * Omega[1],
+            R[0][1] * Omega[0] + R[1][1] * Omega[1],
+            R[0][2] * Omega[0] + R[1][2] * Omega[1],
+        )
+    return lambda R, Omega, v: rotate_back(R, Omega)
 
 
 @inlined
@@ -256,7 +282,7 @@ def relative_rate(selected, P, a, v, w) -> tuple:  # pragma: no cover
 def _relative_rate(selected, P, a, v, w):
     if selected.instance_class is Thesis:
         return lambda selected, P, a, v, w: rotate_back(a.R, subtract(ball_rate(P, v), scale(w, P.k)))
-    return lambda selected, P, a, v, w: subtract(rotate_back(a.R, ball_rate(P, v)), w)
+    return lambda selected, P, a, v, w: subtract(rotate_back_rate(a.R, ball_rate(P, v), v), w)
 
 
 def wheel_force(selected, P, a, T) -> tuple:  # pragma: no cover

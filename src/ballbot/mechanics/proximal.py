@@ -6,9 +6,9 @@ of the disc. With G = C M^-1 C^T, b = C nu_free and any kappa > 0 the optimality
     lambda = P(s),   s = lambda + kappa (b - h G lambda),   P the projection on boxes and disc,
 
 solved by a semi-smooth Newton method (L. Qi and J. Sun, A nonsmooth version of Newton's method, 1993): with T the
-derivative of P, each round solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. It begins with T = I, full
-stick. Four rounds follow, a fixed number, so that a loop over robots is vector code. They do not suffice in some steps
-of a thousand, nor with four wheels, where G is singular: then `stick_slip.minimise` takes the step.
+derivative of P, each round solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. Full stick is tried first, and
+then rest is exactly zero. Five rounds follow, a fixed number, so that a loop over robots is vector code. They do not
+suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimise` takes these.
 """
 
 import math
@@ -17,9 +17,11 @@ from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.contacts import contact_forces, contact_matrix, contact_speeds
 from ballbot.mechanics.equations import solve
 from ballbot.mechanics.free_motion import finished, free_motion
+from ballbot.mechanics.friction import sign
 from ballbot.mechanics.vector import advanced, each, each_with, solve_dense, written
 
 _DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
+_REST = 1e-9  # a contact slower than this [rad/s, m/s] is tried as sticking first
 
 
 @inlined
@@ -55,8 +57,8 @@ def _disc_projection(s_x, s_y, limit):
     return s_x * share, s_y * share
 
 
-def newton_round(forces, G, b, limits, rolling) -> tuple:  # pragma: no cover
-    """Return (forces, settled): one round, and what is positive where it changed no contact's state.
+def newton_round(s, G, b, limits, rolling) -> tuple:  # pragma: no cover
+    """Return (forces, their probe s, settled): one round from a probe, and 1 where it left every contact's state.
 
     G and b are those of the module's head, each row multiplied by kappa h and kappa.
     """
@@ -64,42 +66,80 @@ def newton_round(forces, G, b, limits, rolling) -> tuple:  # pragma: no cover
 
 
 @by_types_of(newton_round)
-def _newton_round(forces, G, b, limits, rolling):
-    k, m = len(limits), len(forces)
+def _newton_round(s, G, b, limits, rolling):
+    k, m = len(limits), len(s)
     x, y = k, k + 1
-    lines = [_probe(i, "forces", m) for i in range(m)]
-    lines += [f"t{i} = box_derivative(s{i}, limits[{i}])" for i in range(k)]
-    lines += [f"t_xx, t_yy, t_xy = disc_derivative(s{x}, s{y}, rolling)"]
-    lines += [f"p{i} = box_projection(s{i}, limits[{i}])" for i in range(k)]
-    lines += [f"p{x}, p{y} = disc_projection(s{x}, s{y}, rolling)"]
+    lines = [f"t{i} = box_derivative(s[{i}], limits[{i}])" for i in range(k)]
+    lines += [f"p{i} = box_projection(s[{i}], limits[{i}])" for i in range(k)]
+    lines += [f"t_xx, t_yy, t_xy = disc_derivative(s[{x}], s[{y}], rolling)"]
+    lines += [f"p{x}, p{y} = disc_projection(s[{x}], s[{y}], rolling)"]
     rows, right = [], []
     for i in range(k):
         row = [f"t{i} * G[{i}][{j}]" + (f" + 1.0 - t{i}" if i == j else "") for j in range(m)]
         rows.append(f"({', '.join(row)},)")
-        right.append(f"t{i} * (b[{i}] - s{i}) + p{i}")
-    disc = ((x, "t_xx", y, "t_xy"), (y, "t_yy", x, "t_xy"))
-    for i, own, other_i, other in disc:
+        right.append(f"t{i} * (b[{i}] - s[{i}]) + p{i}")
+    for i, own, other_i, other in ((x, "t_xx", y, "t_xy"), (y, "t_yy", x, "t_xy")):
         row = [f"{own} * G[{i}][{j}] + {other} * G[{other_i}][{j}]" for j in range(m)]
         row[i] += f" + 1.0 - {own}"
         row[other_i] += f" - {other}"
         rows.append(f"({', '.join(row)},)")
-        right.append(f"{own} * (b[{i}] - s{i}) + {other} * (b[{other_i}] - s{other_i}) + p{i}")
+        right.append(f"{own} * (b[{i}] - s[{i}]) + {other} * (b[{other_i}] - s[{other_i}]) + p{i}")
     lines.append(f"found = solve_dense(({', '.join(rows)},), ({', '.join(right)},))")
-    # the next probe, to see whether every contact is in the state that this round assumed
-    lines += [_probe(i, "found", m, name="n") for i in range(m)]
-    same = " * ".join(f"agrees(s{i}, n{i}, limits[{i}])" for i in range(k))
-    lines.append(f"same = {same} * disc_agrees(s{x}, s{y}, n{x}, n{y}, found[{x}], found[{y}], rolling)")
+    lines.append("after = probe(found, G, b)")
+    same = " * ".join(f"agrees(s[{i}], after[{i}], limits[{i}])" for i in range(k))
+    disc = f"disc_agrees(s[{x}], s[{y}], after[{x}], after[{y}], found[{x}], found[{y}], rolling)"
     return written(
-        "forces, G, b, limits, rolling",
-        "found, same",
+        "s, G, b, limits, rolling",
+        f"found, after, {same} * {disc}",
         *lines,
         box_derivative=_box_derivative,
         box_projection=_box_projection,
         disc_derivative=_disc_derivative,
         disc_projection=_disc_projection,
         solve_dense=solve_dense,
+        probe=probe,
         agrees=_agrees,
         disc_agrees=_disc_agrees,
+    )
+
+
+def probe(forces, G, b) -> tuple:  # pragma: no cover (compiled form below)
+    """Return s = lambda + kappa (b - h G lambda)."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(probe)
+def _probe(forces, G, b):
+    m = len(b)
+    rows = (
+        f"forces[{i}] + b[{i}] - ({' + '.join(f'G[{i}][{j}] * forces[{j}]' for j in range(m))})"
+        for i in range(m)
+    )
+    return written("forces, G, b", f"({', '.join(rows)},)")
+
+
+def first_probe(speeds, held, kappa, limits, rolling) -> tuple:  # pragma: no cover
+    """Return where to begin: contacts that move are taken to slide on, the others to stick with the forces `held`.
+
+    `speeds` are those of the contacts at the step's start.
+    """
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(first_probe)
+def _first_probe(speeds, held, kappa, limits, rolling):
+    k = len(limits)
+    slides = [
+        f"(limits[{i}] + 1.0) * sign(speeds[{i}]) if abs(speeds[{i}]) > {_REST} else held[{i}]"
+        for i in range(k)
+    ]
+    lines = [
+        f"speed = math.sqrt(speeds[{k}] * speeds[{k}] + speeds[{k + 1}] * speeds[{k + 1}])",
+        "size = (rolling + 1.0) / max(speed, 1e-300)",
+    ]
+    disc = [f"size * speeds[{k + i}] if speed > {_REST} else held[{k + i}]" for i in range(2)]
+    return written(
+        "speeds, held, kappa, limits, rolling", f"({', '.join(slides + disc)},)", *lines, sign=sign, math=math
     )
 
 
@@ -120,7 +160,7 @@ def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
 
 
 def scaled_problem(G, b, h) -> tuple:  # pragma: no cover
-    """Return (kappa h G, kappa b) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
+    """Return (kappa h G, kappa b, kappa) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
     raise NotImplementedError("compiled code only")
 
 
@@ -134,7 +174,8 @@ def _scaled_problem(G, b, h):
     ]
     rows = ", ".join("(" + ", ".join(f"c{i} * G[{i}][{j}]" for j in range(m)) + ",)" for i in range(m))
     right = ", ".join(f"c{i} * b[{i}] / h" for i in range(m))
-    return written("G, b, h", f"({rows},), ({right},)", *lines)
+    kappa = ", ".join(f"c{i} / h" for i in range(m))
+    return written("G, b, h", f"({rows},), ({right},), ({kappa},)", *lines)
 
 
 def all_stick(forces, limits, rolling) -> float:  # pragma: no cover
@@ -150,31 +191,23 @@ def _all_stick(forces, limits, rolling):
     return written("forces, limits, rolling", f"1.0 if {boxes} and {disc} else 0.0")
 
 
-def still_where_held(v, forces, G, b, limits, rolling) -> tuple:  # pragma: no cover (compiled form below)
-    """Return v with zero, to the bit, where the floor holds the ball's path or its spin."""
+def still_where_held(v, s, limits, rolling) -> tuple:  # pragma: no cover (compiled form below)
+    """Return v with zero, to the bit, where the floor holds the ball's path or its spin.
+
+    The probe tells, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
+    """
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(still_where_held)
-def _still_where_held(v, forces, G, b, limits, rolling):
-    m, x = len(forces), len(limits)
-    # the probe s, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond
-    lines = [_probe(i, "forces", m) for i in range(x - 1, m)]
-    lines.append(f"path = 0.0 if s{x} * s{x} + s{x + 1} * s{x + 1} < rolling * rolling else 1.0")
+def _still_where_held(v, s, limits, rolling):
+    x = len(limits)
+    lines = [f"path = 0.0 if s[{x}] * s[{x}] + s[{x + 1}] * s[{x + 1}] < rolling * rolling else 1.0"]
     values = ["v[0] * path", "v[1] * path"]
     if len(v) == 3:
-        lines.append(f"turns = 0.0 if abs(s{x - 1}) < limits[{x - 1}] else 1.0")
+        lines.append(f"turns = 0.0 if abs(s[{x - 1}]) < limits[{x - 1}] else 1.0")
         values.append("v[2] * turns")
-    return written("v, forces, G, b, limits, rolling", f"({', '.join(values)},)", *lines)
-
-
-def _probe(i: int, forces: str, m: int, name: str = "s") -> str:
-    """Return the line that computes s_i = lambda_i + b_i - G_i lambda."""
-    return (
-        f"{name}{i} = {forces}[{i}] + b[{i}] - ("
-        + " + ".join(f"G[{i}][{j}] * {forces}[{j}]" for j in range(m))
-        + ")"
-    )
+    return written("v, s, limits, rolling", f"({', '.join(values)},)", *lines)
 
 
 def convex_step(selected, P, state, u, h) -> tuple:  # pragma: no cover (compiled form below)
@@ -201,13 +234,15 @@ def _three_wheeled_step(selected, P, state, u, h):
     free = free_motion(selected, P, state, u)
     v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
     ahead = contact_speeds(selected, P, free.a, advanced(free.v, v_dot, h), advanced(free.w, w_dot, h))
-    G, b = scaled_problem(contact_matrix(selected, P, free.a, free.system, ahead), ahead, h)
-    forces = solve_dense(G, b)
-    rests = all_stick(forces, free.limits, P.rolling)
-    forces, _ = newton_round(forces, G, b, free.limits, P.rolling)
-    forces, _ = newton_round(forces, G, b, free.limits, P.rolling)
-    forces, _ = newton_round(forces, G, b, free.limits, P.rolling)
-    forces, settled = newton_round(forces, G, b, free.limits, P.rolling)
+    G, b, kappa = scaled_problem(contact_matrix(selected, P, free.a, free.system, ahead), ahead, h)
+    held = solve_dense(G, b)
+    rests = all_stick(held, free.limits, P.rolling)
+    s = first_probe(contact_speeds(selected, P, free.a, free.v, free.w), held, kappa, free.limits, P.rolling)
+    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
+    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
+    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
+    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
+    forces, s, settled = newton_round(s, G, b, free.limits, P.rolling)
 
     held_v, held_w = contact_forces(selected, P, free.a, forces)
     v_dot, w_dot = solve(
@@ -215,7 +250,7 @@ def _three_wheeled_step(selected, P, state, u, h):
     )
     moves = 1.0 - rests  # rest is exactly zero
     v_after = each_with(_product, advanced(free.v, v_dot, h), moves)
-    v_after = still_where_held(v_after, forces, G, b, free.limits, P.rolling)
+    v_after = still_where_held(v_after, s, free.limits, P.rolling)
     w_after = each_with(_product, advanced(free.w, w_dot, h), moves)
     return finished(selected, state, free, v_after, w_after, h), max(settled, rests)
 

@@ -1,0 +1,42 @@
+"""Accelerations with friction of known signs at many states, from the very functions that the engine inlines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ballbot.mechanics.compiled import FAST
+from ballbot.mechanics.engine import LANES, ROWS, TORQUE, load_state, load_torques, put, start_lane
+from ballbot.mechanics.friction import sign
+from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import load
+from ballbot.mechanics.smooth import derivative, speeds_of_state
+from ballbot.mechanics.vector import each
+
+
+@njit(error_model="numpy", fastmath=FAST)
+def _fill(selected, row, states, torques, out):
+    work = np.zeros(ROWS * LANES)
+    for i in range(len(row)):
+        put(work, i, 0, row[i])
+    P = load(selected, work, 0)
+    for lane in range(len(states)):
+        start_lane(selected, work, 0, states[lane], 0.0)
+        for axis in range(3):
+            put(work, TORQUE + axis, 0, torques[lane, axis])
+        state = load_state(selected, work, 0)
+        state = state[:7] + (states[lane, 7], states[lane, 8], states[lane, 9])
+        signs = each(sign, speeds_of_state(selected, P, state))
+        rate, _ = derivative(selected, P, state, load_torques(selected, work, 0), signs)
+        for i in range(5):
+            out[lane, i] = rate[5 + i]
+
+
+def accelerations(
+    model: Model, states: NDArray[np.float64], torques: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (v_dot, w_dot) (lanes, 5) at states (lanes, 10) whose last three are body rates."""
+    out = np.empty((len(states), 5))
+    _fill(model.selected, model.packed, states, torques, out)
+    return out
