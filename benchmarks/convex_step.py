@@ -74,10 +74,11 @@ def campaign() -> Section:
         "refined and certified (`benchmarks/convex_reference.py`): it proves how far it is from the minimiser at "
         "most. Three and four wheels, with and without a ball that pivots, a quarter each; attitudes, inertias (a "
         "tenth to ten times the thesis's robot's) and the guess of the signs are random.",
-        columns=["problems", "number", "worst", "median", "reference proven to", "Clarabel alone"],
+        columns=["problems", "number", "worst", "median", "reference proven to", "Clarabel alone, median"],
         rows=[_row(kind, results) for kind, results in table.items()],
-        after=f"Worst of all: {worst:.1e}. Clarabel stops where the duality gap is rounding error; the gap bounds the "
-        "square of the distance.",
+        after=f"Worst of all: {worst:.1e}. Clarabel stops at a duality gap of 1e-13, which bounds the square of the "
+        "distance; the worst of its own answers is off by "
+        f"{max(one.conic for results in table.values() for one in results):.1e}.",
     )
 
 
@@ -91,5 +92,5 @@ def _row(kind: str, results: list[Compared]) -> list[str]:
         f"{ours.max():.1e}",
         f"{np.median(ours):.1e}",
         f"{bound.max():.1e}",
-        f"{conic.max():.1e}",
+        f"{np.median(conic):.1e}",
     ]

@@ -93,7 +93,7 @@ def campaign() -> Section:
     rows.append(["ballbot", *(_at_rim(our_creep(u)) for u in torques)])
     return Section(
         title="One wheel under a torque below break-away",
-        before="Creep at the wheel's rim in micrometres a second, 1 s to 2 s after the torque begins, with steps of 1 ms; "
+        before="Creep at the wheel's rim in micrometres a second, 1 s to 2 s after the torque begins, steps of 1 ms; "
         f"break-away at c + s = {BREAK_AWAY} N m, inertia {inertia():.3g} kg m^2. MuJoCo {mujoco.__version__}, "
         "frictionloss on a hinge.",
         columns=["share of the break-away torque", *(f"{share:g}" for share in SHARES)],

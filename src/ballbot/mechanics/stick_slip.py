@@ -7,18 +7,26 @@ ball may pivot, its spin is a sixth velocity and pivoting friction one more box 
 wheels'). It is the implicit Euler step of set-valued friction (J. J. Moreau, Unilateral contact and dry friction in
 finite freedom dynamics, 1988). It dissipates always and needs no smoothing.
 
-The holding forces of full stick are tried first, and then rest is exactly zero. Otherwise projected Gauss-Seidel
-on the dual (the friction forces) finds which contacts stick, and Newton's method on that set ends in rounding error.
+The holding forces of full stick are tried first, and then rest is exactly zero. Otherwise the unknowns are the friction
+forces, lambda in the boxes and r in the disc, with the speeds at the contacts C nu_free - h G lambda, G = C M^-1 C^T
+(here C has rows for the ball's x and y, last). Given which boxes stick and the signs of the others, those that stick
+are eliminated and the disc is solved in closed form but for one number; what disagrees with the guess makes the next
+one. Where guesses go round in circles, every one is tried.
+
+A guess is good enough by how far from the minimiser it can be. Forces beyond their limits by e put nu off by at most
+|h M^-1 C^T e| in the norm of the kinetic energy, since the step is a projection in that norm.
 """
+
+import math
 
 import numpy as np
 
 from ballbot.mechanics.compiled import compiled
 
-_ROUNDS = 40  # Gauss-Seidel sweeps double from round to round up to _MOST_SWEEPS
-_MOST_SWEEPS = 512
-_NEWTON_STEPS = 25
-_LARGEST_SYSTEM = 13  # six velocities, four wheels, the spin, two of the disc
+_GUESSES = 12
+_ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, with which no better guess is sought
+_AT_REST = 1e-12  # of a speed's terms, below which the speed is rounding
+_DISC_STEPS = 60
 
 
 @compiled
@@ -110,148 +118,194 @@ def _idle_force(C, wheel):
 
 
 @compiled
-def _responses(M, C):
-    """Return M^-1 C_i^T for each wheel and for the ball's x and y, as rows."""
-    n, size = C.shape
-    Y = np.zeros((n + 2, size))
+def _mobility(M, C):
+    """Return Y (n + 2, m) and G (n + 2, n + 2): the velocities and speeds at contacts per unit force at each."""
+    n, m = C.shape
+    rows, Y = np.zeros((n + 2, m)), np.zeros((n + 2, m))
+    rows[:n] = C
+    rows[n, 0] = rows[n + 1, 1] = 1.0
     for contact in range(n + 2):
         K = M.copy()
-        if contact < n:
-            Y[contact] = C[contact]
-        else:
-            Y[contact, contact - n] = 1.0
-        solve_in_place(K, Y[contact], size)
-    return Y
+        Y[contact] = rows[contact]
+        solve_in_place(K, Y[contact], m)
+    G = np.zeros((n + 2, n + 2))
+    for i in range(n + 2):
+        for j in range(n + 2):
+            for velocity in range(m):
+                G[i, j] += rows[i, velocity] * Y[j, velocity]
+    return Y, G
 
 
 @compiled
-def _sweep(nu, forces, C, Y, limits, rolling, h):
-    """One projected Gauss-Seidel pass over the boxes and the disc; returns the largest relative change."""
-    n, size = C.shape
-    change = 0.0
-    for i in range(n):
-        if limits[i] > 0.0:
-            speed = mobility = 0.0
-            for j in range(size):
-                speed += C[i, j] * nu[j]
-                mobility += C[i, j] * Y[i, j]
-            new = min(max(forces[i] + speed / (h * mobility), -limits[i]), limits[i])
-            change = max(change, abs(new - forces[i]) / limits[i])
-            for j in range(size):
-                nu[j] -= h * (new - forces[i]) * Y[i, j]
-            forces[i] = new
-    if rolling > 0.0:
-        # the disc's 2 x 2 mobility is bounded by its largest eigenvalue, which keeps the step a descent
-        a, b, c = Y[n, 0], Y[n, 1], Y[n + 1, 1]
-        largest = 0.5 * (a + c) + (0.25 * (a - c) ** 2 + b * b) ** 0.5
-        r_x, r_y = forces[n] + nu[0] / (h * largest), forces[n + 1] + nu[1] / (h * largest)
-        r = (r_x * r_x + r_y * r_y) ** 0.5
-        if r > rolling:
-            r_x, r_y = r_x * rolling / r, r_y * rolling / r
-        change = max(change, (abs(r_x - forces[n]) + abs(r_y - forces[n + 1])) / rolling)
-        for j in range(size):
-            nu[j] -= h * ((r_x - forces[n]) * Y[n, j] + (r_y - forces[n + 1]) * Y[n + 1, j])
-        forces[n], forces[n + 1] = r_x, r_y
-    return change
+def _disc_force(v_x, v_y, a, c, b, rolling, h):
+    """Return the disc's force and the velocity left: v = v_0 - h G r for the 2 x 2 mobility G = [[a, b], [b, c]].
 
-
-@compiled
-def _newton_on_active_set(nu, forces, M, free, C, limits, rolling, h):
-    """Move nu to the minimiser among motions whose sticking contacts stick and sliding ones keep their sign.
-
-    Which they are is read off `forces` (inside or at the limit). Returns False where the guess is not the
-    minimiser's: a sticking force beyond its limit, a sliding speed of the other sign, or no convergence.
+    Sticking, r = G^-1 v_0 / h. Sliding, r = rho n with (s + h rho G) n = v_0 and |n| = 1; the speed s is where
+    1/|n(s)| = 1, by Newton's method from s = 0 (as J. J. More and D. C. Sorensen do, Computing a trust region step,
+    1983).
     """
-    n, velocities = C.shape
-    compliance = -1e-13 * h if _wheel_count(C) == 4 else 0.0
-    disc_slides = rolling > 0.0 and forces[n] ** 2 + forces[n + 1] ** 2 >= (rolling * (1.0 - 1e-9)) ** 2
-    disc_sticks = rolling > 0.0 and not disc_slides
-    K = np.empty((_LARGEST_SYSTEM, _LARGEST_SYSTEM))
-    right = np.empty(_LARGEST_SYSTEM)
-    stuck = np.empty(_LARGEST_SYSTEM, np.int64)
-    if disc_sticks:
-        nu[0] = nu[1] = 0.0
-    elif disc_slides and nu[0] == 0.0 and nu[1] == 0.0:
-        return False
-    for _ in range(_NEWTON_STEPS):
-        size = velocities
-        K[:, :] = 0.0
-        K[:velocities, :velocities] = M
-        for i in range(velocities):
-            right[i] = 0.0
-            for j in range(velocities):
-                right[i] -= M[i, j] * (nu[j] - free[j])
-        for wheel in range(n):
-            if limits[wheel] <= 0.0:
-                continue
-            if abs(forces[wheel]) >= limits[wheel]:
-                for j in range(velocities):
-                    right[j] -= h * forces[wheel] * C[wheel, j]
-            else:
-                right[size] = 0.0
-                for j in range(velocities):
-                    K[size, j] = K[j, size] = C[wheel, j]
-                    right[size] -= C[wheel, j] * nu[j]
-                # four wheels hold with three independent forces: a tiny compliance picks the least
-                K[size, size] = compliance
-                stuck[size] = wheel
-                size += 1
-        if disc_slides:
-            speed = (nu[0] * nu[0] + nu[1] * nu[1]) ** 0.5
-            n_x, n_y = nu[0] / speed, nu[1] / speed
-            right[0] -= h * rolling * n_x
-            right[1] -= h * rolling * n_y
-            K[0, 0] += h * rolling * n_y * n_y / speed
-            K[1, 1] += h * rolling * n_x * n_x / speed
-            K[0, 1] -= h * rolling * n_x * n_y / speed
-            K[1, 0] = K[0, 1]
-        if disc_sticks:
-            for axis in range(2):
-                K[size, axis] = K[axis, size] = 1.0
-                right[size] = 0.0
-                stuck[size] = n + axis
-                size += 1
-        if not solve_in_place(K, right, size):
-            return False
-        largest = step = 0.0
-        for j in range(velocities):
-            nu[j] += right[j]
-            step, largest = max(step, abs(right[j])), max(largest, abs(nu[j]))
-        if disc_sticks:
-            nu[0] = nu[1] = 0.0
-        if velocities == 6 and limits[n - 1] > 0.0 and abs(forces[n - 1]) < limits[n - 1]:
-            nu[5] = 0.0  # the spin's row holds nothing else: to the bit, so that RK4 sees a ball at rest
-        if not step < np.inf:
-            return False
-        if step <= 1e-14 * largest or not disc_slides:
-            return _is_minimiser(nu, forces, right, stuck, size, C, limits, rolling, h)
-        if step <= 1e-12 * largest and step <= 1e-15:
-            return _is_minimiser(nu, forces, right, stuck, size, C, limits, rolling, h)
-    return False
+    if rolling <= 0.0:
+        return 0.0, 0.0, v_x, v_y
+    angle = 0.5 * math.atan2(2.0 * b, a - c)
+    cos, sin = math.cos(angle), math.sin(angle)
+    largest = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
+    smallest = (a * c - b * b) / largest
+    p, q = cos * v_x + sin * v_y, cos * v_y - sin * v_x
+    hold_p, hold_q = p / (h * largest), q / (h * smallest)
+    if math.hypot(hold_p, hold_q) <= rolling:
+        return cos * hold_p - sin * hold_q, sin * hold_p + cos * hold_q, 0.0, 0.0
+    speed = 0.0
+    n_p = n_q = length = 0.0
+    for _ in range(_DISC_STEPS):
+        d_p, d_q = speed + h * rolling * largest, speed + h * rolling * smallest
+        n_p, n_q = p / d_p, q / d_q
+        length = math.hypot(n_p, n_q)
+        step = (length - 1.0) * length * length / (n_p * n_p / d_p + n_q * n_q / d_q)
+        speed = max(speed + step, 0.0)
+        if abs(step) <= 1e-16 * d_p:
+            break
+    n_x, n_y = (cos * n_p - sin * n_q) / length, (sin * n_p + cos * n_q) / length
+    return rolling * n_x, rolling * n_y, speed * n_x, speed * n_y
 
 
 @compiled
-def _is_minimiser(nu, forces, multipliers, stuck, size, C, limits, rolling, h):
-    """Check the optimality of Newton's point; the sticking forces go into `forces`."""
-    n, velocities = C.shape
-    for place in range(velocities, size):
-        forces[stuck[place]] = multipliers[place] / h
-    for wheel in range(n):
-        if limits[wheel] <= 0.0:
-            continue
-        speed = scale = 0.0
-        for j in range(velocities):
-            speed += C[wheel, j] * nu[j]
-            scale += abs(C[wheel, j] * nu[j])
-        slides = True
-        for place in range(velocities, size):
-            slides = slides and stuck[place] != wheel
-        if slides and speed * forces[wheel] < -1e-13 * scale * limits[wheel]:
+def _sticking(signs, C, limits, stuck):
+    """Fill `stuck` with the boxes that stick; return their number, and whether four wheels do.
+
+    Four sticking wheels can strain against each other: then the last is left out, and has no force of its own.
+    """
+    count = 0
+    four = False
+    for i in range(len(limits)):
+        if signs[i] == 0.0 and limits[i] > 0.0:
+            if i == 3 and count == 3 and _wheel_count(C) == 4:
+                four = True
+            else:
+                stuck[count] = i
+                count += 1
+    return count, four
+
+
+@compiled
+def _speeds_under(forces, G, ahead, h, count, speeds):
+    """Fill the speeds at all contacts under the first `count` contacts' forces."""
+    for i in range(len(ahead)):
+        speeds[i] = ahead[i]
+        for j in range(count):
+            speeds[i] -= h * G[i, j] * forces[j]
+
+
+@compiled
+def _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
+    """Fill the forces and speeds that follow from a guess: signs[i] is 0 where a box sticks. Returns False if none do.
+
+    The sticking boxes' forces are X_0 - X_1 r_x - X_2 r_y, with r the disc's.
+    """
+    n = len(limits)
+    stuck = np.empty(n, np.int64)
+    count, four = _sticking(signs, C, limits, stuck)
+    for i in range(n):
+        forces[i] = limits[i] * signs[i]
+    _speeds_under(forces, G, ahead, h, n, speeds)
+    X, K = np.zeros((3, n)), np.empty((n, n))
+    for column in range(3):
+        for i in range(count):
+            X[column, i] = speeds[stuck[i]] / h if column == 0 else G[stuck[i], n + column - 1]
+            for j in range(count):
+                K[i, j] = G[stuck[i], stuck[j]]
+        if not solve_in_place(K, X[column], count):
             return False
-        if not slides and abs(forces[wheel]) > limits[wheel] * (1.0 + 1e-12):
-            return False
-    disc_sticks = size > velocities and stuck[size - 1] == n + 1
-    return not (disc_sticks and forces[n] ** 2 + forces[n + 1] ** 2 > (rolling * (1.0 + 1e-12)) ** 2)
+    v_x, v_y, a, c, b = speeds[n], speeds[n + 1], G[n, n], G[n + 1, n + 1], G[n, n + 1]
+    for i in range(count):
+        v_x -= h * G[n, stuck[i]] * X[0, i]
+        v_y -= h * G[n + 1, stuck[i]] * X[0, i]
+        a -= G[n, stuck[i]] * X[1, i]
+        c -= G[n + 1, stuck[i]] * X[2, i]
+        b -= G[n, stuck[i]] * X[2, i]
+    forces[n], forces[n + 1], v_x, v_y = _disc_force(v_x, v_y, a, c, b, rolling, h)
+    for i in range(count):
+        forces[stuck[i]] = X[0, i] - X[1, i] * forces[n] - X[2, i] * forces[n + 1]
+    _speeds_under(forces, G, ahead, h, n + 2, speeds)
+    for i in range(count):
+        speeds[stuck[i]] = 0.0
+    speeds[n], speeds[n + 1] = v_x, v_y
+    if four:
+        speeds[3] = 0.0
+        _share_idle_force(C, limits, forces)
+    return True
+
+
+@compiled
+def _share_idle_force(C, limits, forces):
+    """Add forces without effect to those of four sticking wheels, to the middle of what the limits allow."""
+    low, high = -np.inf, np.inf
+    for wheel in range(4):
+        idle = _idle_force(C, wheel)
+        if idle != 0.0 and limits[wheel] > 0.0:
+            ends = (-limits[wheel] - forces[wheel]) / idle, (limits[wheel] - forces[wheel]) / idle
+            low, high = max(low, min(ends)), min(high, max(ends))
+    for wheel in range(4):
+        forces[wheel] += 0.5 * (low + high) * _idle_force(C, wheel)
+
+
+@compiled
+def _distance_at_most(signs, G, limits, forces, speeds, h):
+    """Return how far a guess can be from the minimiser, in the norm of the kinetic energy.
+
+    A sticking force beyond its limit leaves a residual. A box that slides against its friction's sign must first be
+    stopped, which moves nu, and the residual with it.
+    """
+    distance = 0.0
+    for i in range(len(limits)):
+        if limits[i] > 0.0:
+            if signs[i] == 0.0:
+                distance += h * max(abs(forces[i]) - limits[i], 0.0) * math.sqrt(G[i, i])
+            else:
+                distance += 2.0 * max(-signs[i] * speeds[i], 0.0) / math.sqrt(G[i, i])
+    return distance
+
+
+@compiled
+def _correct(signs, limits, forces, speeds):
+    """Make the next guess: overloaded boxes slide, boxes that slide against their friction stick."""
+    for i in range(len(limits)):
+        if limits[i] > 0.0:
+            if signs[i] == 0.0:
+                if abs(forces[i]) > limits[i]:
+                    signs[i] = np.sign(forces[i])
+            elif signs[i] * speeds[i] < 0.0:
+                signs[i] = 0.0
+
+
+@compiled
+def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h):
+    """Put forces and speeds of the best guess of all into the rows of `best`."""
+    n = len(limits)
+    signs, forces, speeds = np.empty(n), np.empty(n + 2), np.empty(n + 2)
+    for code in range(3**n):
+        rest = code
+        for i in range(n):
+            signs[i] = rest % 3 - 1.0
+            rest //= 3
+        if _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
+            distance = _distance_at_most(signs, G, limits, forces, speeds, h)
+            if distance < best_distance:
+                best[0], best[1] = forces, speeds
+                best_distance = distance
+            if best_distance <= enough:
+                return
+
+
+@compiled
+def _first_guess(signs, C, limits, start):
+    """Let boxes slide as they do at the step's start."""
+    n, m = C.shape
+    for i in range(n):
+        speed = terms = 0.0
+        for j in range(m):
+            speed += C[i, j] * start[j]
+            terms += abs(C[i, j] * start[j])
+        signs[i] = np.sign(speed) if abs(speed) > _AT_REST * terms and limits[i] > 0.0 else 0.0
 
 
 @compiled
@@ -280,29 +334,51 @@ def minimise(M, free, C, limits, rolling, h, start):
     ndarray, like `free`
         Exactly zero where the whole robot sticks.
     """
-    n, size = C.shape
+    n, m = C.shape
     if rest_is_held(M, free, C, limits, rolling, h):
-        return np.zeros(size)
-    Y = _responses(M, C)
-    nu = free.copy()
-    forces = np.zeros(n + 2)
-    for i in range(n):
-        speed = 0.0
-        for j in range(size):
-            speed += C[i, j] * start[j]
-        forces[i] = limits[i] * np.sign(speed)
-        nu -= h * forces[i] * Y[i]
-    polished, trial_forces = np.empty(size), np.empty(n + 2)
-    sweeps = 2
-    for _ in range(_ROUNDS):
-        change = 0.0
-        for _ in range(sweeps):
-            change = _sweep(nu, forces, C, Y, limits, rolling, h)
-        polished[:] = nu
-        trial_forces[:] = forces
-        if _newton_on_active_set(polished, trial_forces, M, free, C, limits, rolling, h):
-            return polished
-        if change < 1e-15 or not change < np.inf:
+        return np.zeros(m)
+    Y, G = _mobility(M, C)
+    ahead = np.zeros(n + 2)
+    ahead[n], ahead[n + 1] = free[0], free[1]
+    energy = 0.0
+    for i in range(m):
+        for j in range(n):
+            ahead[j] += C[j, i] * free[i]
+        for j in range(m):
+            energy += free[i] * M[i, j] * free[j]
+    enough = _ACCURATE * math.sqrt(energy)
+
+    signs, forces, speeds = np.empty(n), np.zeros(n + 2), np.empty(n + 2)
+    best, best_distance = np.zeros((2, n + 2)), np.inf
+    _first_guess(signs, C, limits, start)
+    for _ in range(_GUESSES):
+        if not _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
             break
-        sweeps = min(2 * sweeps, _MOST_SWEEPS)
-    return nu
+        distance = _distance_at_most(signs, G, limits, forces, speeds, h)
+        if distance < best_distance:
+            best[0], best[1] = forces, speeds
+            best_distance = distance
+        if best_distance <= enough:
+            break
+        _correct(signs, limits, forces, speeds)
+    if best_distance > enough:
+        _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h)
+    return _velocities(free, Y, best[0], best[1], h)
+
+
+@compiled
+def _velocities(free, Y, forces, speeds, h):
+    """Return nu_free - h M^-1 C^T lambda; zero, to the bit, where the ball's path or its spin sticks, or everything."""
+    contacts, m = Y.shape
+    nu = free.copy()
+    for i in range(contacts):
+        for j in range(m):
+            nu[j] -= h * forces[i] * Y[i, j]
+    if speeds[contacts - 2] == 0.0 and speeds[contacts - 1] == 0.0:
+        nu[0] = nu[1] = 0.0
+    if m == 6 and speeds[contacts - 3] == 0.0:
+        nu[5] = 0.0
+    moves = False
+    for i in range(contacts):
+        moves = moves or speeds[i] != 0.0
+    return nu if moves else np.zeros(m)

@@ -1,0 +1,110 @@
+"""The order of the whole method, and one wheel held: samples of docs/evidence.md."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from ballbot import Model
+from benchmarks.convergence import (
+    SAMPLE_TIME,
+    changes,
+    errors,
+    follow,
+    observed_order,
+    reversing_cases,
+    robot,
+    smooth_cases,
+    sticking_cases,
+    sticks,
+)
+from benchmarks.event_driven import EventDriven
+
+STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
+
+
+def test_smooth_motion_has_order_four() -> None:
+    cases = smooth_cases(np.random.default_rng(61), 4)
+    known = follow(cases)
+    assert all(changes(one) == 0 for one in known)
+    # three steps: at 0.5 ms the error is 2e-13, rounding
+    assert observed_order(STEPS[:3], errors(cases, known, STEPS[:3])) == pytest.approx(4.0, abs=0.1)
+
+
+def test_stick_slip_has_order_one_and_small_errors() -> None:
+    """Root mean square over motions, for where in a step a sign changes is chance."""
+    cases = sticking_cases(np.random.default_rng(62), 10)
+    known = follow(cases)
+    assert all(sticks(one) and changes(one) >= 3 for one in known)
+    found = errors(cases, known, STEPS)
+    assert observed_order(STEPS, found) == pytest.approx(1.0, abs=0.25)
+    assert found[2] < 2e-3  # at 1 ms; rad/s, after 0.4 s of an unstable robot
+
+
+def test_reversals_have_order_one() -> None:
+    cases = reversing_cases(np.random.default_rng(63), 10)
+    known = follow(cases)
+    assert not any(sticks(one) for one in known)
+    assert sum(changes(one) for one in known) >= 5
+    assert observed_order(STEPS, errors(cases, known, STEPS)) == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_reference_comes_to_rest_with_the_robot() -> None:
+    """A pushed robot on a rough floor: wheels and ball stop one after another, in both, and stay."""
+    # a lean that friction holds, and 2 mm/s
+    start = np.array([0.0, 0.0, 1e-4, -5e-5, 0.3, 0.002, -0.0014, 0.0, 0.0, 0.01])
+    torques = np.zeros((6, 3))
+    known = EventDriven(robot()).follow(start, torques, SAMPLE_TIME)
+    assert known.phases[-1].mode.signs == (0, 0, 0)
+    assert not known.phases[-1].mode.rolls
+    assert_allclose(known.state[5:], 0.0, atol=1e-8)
+    end = at_step(start, torques, 1e-4)
+    assert_allclose(end[5:], 0.0, atol=0)
+    # of order one: at 1 ms the places differ by 3e-7
+    assert_allclose(end[:5], known.state[:5], atol=1e-7)
+
+
+def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    model, state = Model(robot(), step=step), start
+    for u in torques:
+        state = model.advance(state, u, SAMPLE_TIME)
+    return state
+
+
+# --- one wheel -------------------------------------------------------------------------------------
+
+
+def test_mujoco_s_friction_creeps_as_its_constraint_s_compliance_says_and_ours_does_not() -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed")
+    from benchmarks.sticking import BREAK_AWAY, ENGINES, inertia, mujoco_creep, our_creep
+
+    for engine in ENGINES[:2]:
+        for share in (0.1, 0.9):
+            torque = share * BREAK_AWAY
+            d = engine.impedance
+            damping = 2.0 / (max(d, 0.95) * engine.time_constant)
+            expected = torque * (1.0 - d) / d / (inertia() * damping)
+            # the run has settled: what is left of its start decays within some tens of milliseconds
+            assert mujoco_creep(engine, torque) == pytest.approx(expected, rel=1e-6)
+            assert our_creep(torque) == 0.0
+    assert our_creep(BREAK_AWAY * (1.0 - 1e-9)) == 0.0
+    assert our_creep(BREAK_AWAY * (1.0 + 1e-3)) > 0.0
+
+
+def test_a_campaign_rewrites_its_own_section_alone(tmp_path, monkeypatch) -> None:
+    pytest.importorskip("mujoco", reason="mujoco is not installed")
+    from benchmarks import evidence
+
+    page = tmp_path / "evidence.md"
+    page.write_text("# Evidence\n\n<!-- convex_step -->\n## Kept\n\nwords\n", encoding="utf-8")
+    monkeypatch.setattr(evidence, "PAGE", page)
+    for _ in range(2):
+        evidence.main(["one_wheel"])
+        text = page.read_text(encoding="utf-8")
+        assert text.count("## Kept\n\nwords\n") == 1
+        assert text.count("## One wheel") == 1
+        assert "| ballbot | 0 | 0 | 0 | 0 |" in text
+    with pytest.raises(SystemExit, match="no campaign 'unknown'"):
+        evidence.main(["unknown"])
