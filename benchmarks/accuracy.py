@@ -26,7 +26,7 @@ def _fill(selected, row, states, torques, out):
         for axis in range(3):
             put(work, TORQUE + axis, 0, torques[lane, axis])
         state = load_state(selected, work, 0)
-        state = state[:7] + (states[lane, 7], states[lane, 8], states[lane, 9])
+        state = state[:7] + (states[lane, 7], states[lane, 8], states[lane, 9])  # noqa: RUF005 (Numba adds tuples)
         signs = each(sign, speeds_of_state(selected, P, state))
         rate, _ = derivative(selected, P, state, load_torques(selected, work, 0), signs)
         for i in range(5):

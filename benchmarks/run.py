@@ -10,6 +10,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 from time import perf_counter
 
@@ -169,8 +170,8 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
     lines = [
         "# Timings",
         "",
-        f"`make bench` writes this page. {processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy"
-        f" {np.__version__}; float64, one core unless said, 1 ms steps, the true exponential and power.",
+        f"`make bench` writes this page. {processor()}, {os.cpu_count()} cores, Python {platform.python_version()},"
+        f" NumPy {np.__version__}; float64, one core unless said, 1 ms steps, the true exponential and power.",
         "",
         "| | measured | asked |",
         "|---|---:|---:|",
@@ -188,17 +189,21 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
             lines.append(
                 f"| {name} | {1e6 * seconds:.3g} us | {seconds * single:,.0f} | {seconds * batched:,.0f} |"
             )
-    lines += [
-        "",
-        f"One step with its checks is {arithmetic} additions, multiplications and changes of sign, {counts['fdiv']} divisions,"
-        f" {counts['sqrt']} roots and {counts['fcmp'] + counts['select']} comparisons and selections in LLVM's code of one lane"
-        f" (`benchmarks/operations.py`). Of the first, this core does {peak / 1e9:.1f} thousand million fused pairs a second,"
-        f" so that these alone could not pass {2 * peak / arithmetic / 1e6:.0f} million steps a second if all were fused, nor"
-        f" {peak / arithmetic / 1e6:.0f} if none; measured: {batched / 1e6:.1f}. A block's numbers (some 70 rows of 32) stay in"
-        " the first cache, so that memory does not limit.",
-        "",
-    ]
+    lines += ["", *limits(counts, arithmetic, peak, batched), ""]
     return "\n".join(lines)
+
+
+def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -> list[str]:
+    """Return the words on a step's operations and what this machine could do at most."""
+    compared = counts["fcmp"] + counts["select"]
+    return [
+        f"One step with its checks is {arithmetic} additions, multiplications and changes of sign, {counts['fdiv']}",
+        f"divisions, {counts['sqrt']} roots and {compared} comparisons and selections in LLVM's code of one lane",
+        f"(`benchmarks/operations.py`). This core does {peak / 1e9:.1f} thousand million fused multiply-adds a second,",
+        f"so that the first alone allow {2 * peak / arithmetic / 1e6:.0f} million steps a second if all were fused, and",
+        f"{peak / arithmetic / 1e6:.0f} if none; measured: {batched / 1e6:.1f}. A block's numbers (75 rows of 32)",
+        "stay in the first cache, so that memory does not limit.",
+    ]
 
 
 def processor() -> str:

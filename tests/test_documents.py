@@ -48,5 +48,7 @@ def test_the_readmes_python_runs(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("example", ["01_model.py", "02_closed_loop.py"])
 def test_examples_run(example):
-    done = subprocess.run([sys.executable, ROOT / "examples" / example], check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, ROOT / "examples" / example], check=True, capture_output=True, text=True
+    )
     assert done.stdout.count("\n") >= 3

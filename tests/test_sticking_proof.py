@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from ballbot import Model, Robot
-from ballbot.mechanics.engine import _MARGIN, _TRIAL, ROWS, STATE, STEP, TORQUE, convex_lane, robust_lane
+from ballbot.mechanics.engine import _MARGIN, _TRIAL, ROWS, STATE, STEP, TORQUE, convex_block, robust_lane
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.parameters import LANES
 from ballbot.mechanics.stick_slip import minimise
@@ -127,7 +127,8 @@ def test_the_engine_s_vector_step_is_the_minimiser_wherever_it_says_so(pivoting:
         lane[STATE : STATE + size] = np.concatenate([np.zeros(2), lean, rng.uniform(-3, 3, 1), velocities])
         lane[STEP] = h = 10.0 ** rng.uniform(-4, -2)
         lane[TORQUE : TORQUE + 3] = rng.uniform(-1, 1, 3) * 10.0 ** rng.uniform(-2, 0)
-        convex_lane(model.selected, work, 0)
+        work[_MARGIN * LANES] = -1.0  # an open step
+        convex_block(model.selected, work, 0, 1)
         says_so, found = lane[_MARGIN] > 0.0, lane[_TRIAL : _TRIAL + size].copy()
         robust_lane(model.selected, work, 0)
         if says_so:

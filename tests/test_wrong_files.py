@@ -65,7 +65,9 @@ def test_a_robot_of_nonsense(robot_file, capsys, key, value, words):
     lines = robot_file.read_text().splitlines()
     start = lines.index("[body]")
     place = next(i for i in range(start, len(lines)) if lines[i].startswith(f"{key} "))
-    lines[place] = f'{key} = {{ value = {value}, unit = "{"kg" if key == "mass" else "m"}", source = "measured" }}'
+    lines[place] = (
+        f'{key} = {{ value = {value}, unit = "{"kg" if key == "mass" else "m"}", source = "measured" }}'
+    )
     robot_file.write_text("\n".join(lines))
     assert words in sentence_of(capsys, "check", str(robot_file))
 
