@@ -200,8 +200,8 @@ def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -
         f"One step with its checks is {arithmetic} additions, multiplications and changes of sign, {counts['fdiv']}",
         f"divisions, {counts['sqrt']} roots and {compared} comparisons and selections in LLVM's code of one lane",
         f"(`benchmarks/operations.py`). This core does {peak / 1e9:.1f} thousand million fused multiply-adds a second,",
-        f"so that the first alone allow {2 * peak / arithmetic / 1e6:.0f} million steps a second if all were fused, and",
-        f"{peak / arithmetic / 1e6:.0f} if none; measured: {batched / 1e6:.1f}. A block's numbers (75 rows of 32)",
+        f"so that the first alone allow {2 * peak / arithmetic / 1e6:.0f} million steps a second if all were fused,",
+        f"and {peak / arithmetic / 1e6:.0f} if none; measured: {batched / 1e6:.1f}. A block's numbers (75 rows of 32)",
         "stay in the first cache, so that memory does not limit.",
     ]
 

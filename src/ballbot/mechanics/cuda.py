@@ -5,6 +5,9 @@ of the engine's work array, so that what one thread loads lies beside its neighb
 over all samples.
 """
 
+# numba.cuda decorates at run time what its types do not say
+# pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass

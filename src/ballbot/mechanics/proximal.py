@@ -134,12 +134,16 @@ def _first_probe(speeds, held, kappa, limits, rolling):
         for i in range(k)
     ]
     lines = [
-        f"speed = math.sqrt(speeds[{k}] * speeds[{k}] + speeds[{k + 1}] * speeds[{k + 1}])",
+        f"speed = sqrt(speeds[{k}] * speeds[{k}] + speeds[{k + 1}] * speeds[{k + 1}])",
         "size = (rolling + 1.0) / max(speed, 1e-300)",
     ]
     disc = [f"size * speeds[{k + i}] if speed > {_REST} else held[{k + i}]" for i in range(2)]
     return written(
-        "speeds, held, kappa, limits, rolling", f"({', '.join(slides + disc)},)", *lines, sign=sign, math=math
+        "speeds, held, kappa, limits, rolling",
+        f"({', '.join(slides + disc)},)",
+        *lines,
+        sign=sign,
+        sqrt=math.sqrt,
     )
 
 
