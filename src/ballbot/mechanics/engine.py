@@ -151,7 +151,7 @@ def _velocity_in(like, nu):
     return lambda like, nu: (nu[0], nu[1], nu[5])
 
 
-@inlined
+@compiled
 def take_steps(selected, work, width, steps):
     """Advance every lane of a block by `steps` steps with torques held."""
     for _ in range(steps):
@@ -169,8 +169,9 @@ def take_steps(selected, work, width, steps):
             for lane in range(width):
                 if _is_open(work, lane):
                     robust_lane(selected, work, lane)
-        for index in range(11 * LANES):
-            work[STATE * LANES + index] = work[_TRIAL * LANES + index]
+        for row in range(11):
+            for lane in range(width):
+                put(work, STATE + row, lane, entry(work, _TRIAL + row, lane))
 
 
 @inlined
