@@ -27,6 +27,13 @@ CAMPAIGNS = {
     "convex_step": "benchmarks.convex_step",
     "convergence": "benchmarks.convergence",
     "one_wheel": "benchmarks.sticking",
+    "twin_convergence": "benchmarks.twin_convergence",
+    "twin_balance": "benchmarks.twin_balance",
+    "twin_observed": "benchmarks.twin_observed",
+    "twin_recommendations": "benchmarks.twin_recommendations",
+    "estimation": "benchmarks.estimation",
+    "twin_speed": "benchmarks.twin_speed",
+    "compensation": "benchmarks.compensation",
 }
 
 _HEAD = """# Evidence

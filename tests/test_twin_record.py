@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from ballbot.cli.seeds import parse_seeds
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.twin.motion_capture import MotionCapture
@@ -46,7 +47,8 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     for folder in ("one", "two"):
         assert main([*command, str(tmp_path / folder)]) == 0
     one, two = tmp_path / "one", tmp_path / "two"
-    names = {"log.csv", "truth.csv", "motion_capture.csv", "controller.toml", "results.json", "record.toml"}
+    names = {"log.csv", "truth.csv", "motion_capture.csv", "results.json"}
+    names |= {"robot.toml", "scenario.toml", "controller.toml", "record.toml"}
     assert {path.name for path in one.iterdir()} == names
     for name in names:
         assert (one / name).read_bytes() == (two / name).read_bytes()
@@ -65,8 +67,143 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     assert found["sensor_rms_error"]["theta"] == pytest.approx(np.sqrt(np.mean(lean_error**2)))
     made = tomllib.loads((one / "record.toml").read_text())
     assert made["run"]["seed"] == 3
-    assert made["scenario"]["friction"]["coulomb"] == [0.11, 0.09, 0.12]
+    assert tomllib.loads((one / "scenario.toml").read_text())["friction"]["coulomb"] == [0.11, 0.09, 0.12]
     assert film.t[0] == pytest.approx(made["motion_capture"]["clock_offset"])
+
+
+@pytest.mark.parametrize("experiment", ["balance", "driveline_sweep", "upside_down"])
+def test_the_command_in_the_folder_makes_the_run_again(
+    experiment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ballbot.cli.main import main
+
+    out = tmp_path / "one"
+    command = ["record", "resonant", "--experiment", experiment, "--duration", "0.5", "--seed", "7"]
+    assert main([*command, "--compensation", "partial", "--reference", "hold", "--out", str(out)]) == 0
+    again = tomllib.loads((out / "record.toml").read_text())["run"]["command"].split()
+    monkeypatch.chdir(out)
+    assert again[0] == "ballbot"
+    assert main(again[1:]) == 0
+    names = {path.name for path in out.iterdir()} - {"again"}
+    assert {"log.csv", "truth.csv", "results.json", "record.toml"} <= names
+    for name in names:
+        assert (out / name).read_bytes() == (out / "again" / name).read_bytes()
+
+
+def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
+    from ballbot.cli.main import main
+
+    command = [
+        "record",
+        "nominal",
+        "--experiment",
+        "driveline_sweep",
+        "--duration",
+        "16",
+        "--out",
+        str(tmp_path),
+    ]
+    assert main(command) == 0
+    log = Log.read(tmp_path / "log.csv")
+    wheels = [f"wheel{i}" for i in (1, 2, 3)]
+    assert log.names == ("t", "u1", "u2", "u3", *wheels, *(f"{name}_dot" for name in wheels))
+    np.testing.assert_allclose(log.torques, np.repeat(np.sin(log.t / 10)[:, None], 3, axis=1), atol=1e-4)
+    # c + s is reached at 1.3 s by the first wheel and at 1.8 s by the last
+    assert np.abs(log.wheel_speeds[log.t < 1.2]).max() < 0.03  # a count of 0.1 mrad
+    assert (log.wheel_speeds[log.t > 2.0].min(axis=0) > 0.5).all()
+    # at a quarter of the sine the supply is the limit: 27.7 rad/s less what friction costs
+    assert log.wheel_speeds[-1].min() > 26.5
+    assert log.wheel_speeds[-1].max() < 27.8
+
+
+def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> None:
+    from ballbot.cli.main import main
+    from ballbot.mechanics.geometry import transforms
+    from ballbot.robot import Robot
+
+    command = ["record", "nominal", "--experiment", "upside_down", "--duration", "10", "--out", str(tmp_path)]
+    assert main(command) == 0
+    log, truth = Log.read(tmp_path / "log.csv"), Log.read(tmp_path / "truth.csv")
+    assert log.names[-3:] == ("ball_omega_x", "ball_omega_y", "ball_omega_z")
+    omega = np.column_stack([truth[f"ball_omega_{axis}"] for axis in "xyz"])
+    driven = omega @ transforms(Robot.load("alten")).T_owb.T
+    assert np.std(driven) > 2.0
+    # rows meet the ball 1.4 degrees off, 2.5 % of the lever; play lets a wheel run on for a moment
+    assert np.sqrt(np.mean((driven - truth.wheel_speeds) ** 2)) < 0.1 * np.std(driven)
+    seen = np.column_stack([log[f"ball_omega_{axis}"] for axis in "xyz"])
+    assert np.std(seen - omega) == pytest.approx(0.03, rel=0.05)  # 6000 draws: 1 %
+
+
+def test_many_seeds_go_on_where_they_were(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from ballbot.cli.main import main
+
+    command = ["record", "nominal", "--duration", "0.2", "--out"]
+    runs = [*command, str(tmp_path / "runs"), "--seeds"]
+    assert main([*runs, "1-2"]) == 0
+    first = (tmp_path / "runs" / "seed_0002" / "log.csv").stat().st_mtime_ns
+    (tmp_path / "runs" / "seed_0001" / "record.toml").unlink()  # as if stopped while writing it
+    capsys.readouterr()
+    assert main([*runs, "1-2"]) == 0
+    assert capsys.readouterr().out.startswith(
+        f"2 runs in {tmp_path / 'runs'}, 1 of them from before; 0 ended early."
+    )
+    assert (tmp_path / "runs" / "seed_0001" / "record.toml").exists()
+    assert (tmp_path / "runs" / "seed_0002" / "log.csv").stat().st_mtime_ns == first
+    assert main([*command, str(tmp_path / "one"), "--seed", "2"]) == 0
+    assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "runs/seed_0002/log.csv").read_bytes()
+    capsys.readouterr()
+    assert main([*runs, "1-2", "--reference", "hold"]) == 2
+    assert "holds a run of other settings (record.toml differs)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"),
+    [("3", [3]), ("1-4", [1, 2, 3, 4]), ("1,4,7-9", [1, 4, 7, 8, 9]), ("2, 1-3", [2, 1, 3]), ("0", [0])],
+)
+def test_lists_of_seeds(text: str, seeds: list[int]) -> None:
+    assert parse_seeds(text) == seeds
+
+
+@pytest.mark.parametrize("text", ["", "a", "3-1", "1-", "-1", "1;2", "1-999999999"])
+def test_refuses_what_is_no_list_of_seeds(text: str) -> None:
+    with pytest.raises(InputError, match="1-200"):
+        parse_seeds(text)
+
+
+def test_export_writes_a_model_that_mujoco_reads(tmp_path: Path) -> None:
+    import mujoco
+
+    from ballbot.cli.main import main
+
+    for mounting, balls in (("floor", 1), ("stand", 0), ("upside_down", 1)):
+        path = tmp_path / f"{mounting}.xml"
+        command = [
+            "twin",
+            "export",
+            "alten",
+            "--scenario",
+            "resonant",
+            "--mounting",
+            mounting,
+            "--out",
+            str(path),
+        ]
+        assert main(command) == 0
+        model = mujoco.MjModel.from_xml_path(str(path))
+        assert model.nu == 3
+        assert model.ntendon == 3
+        names = [model.body(i).name for i in range(model.nbody)]
+        assert names.count("ball") == balls
+        assert sum(name.startswith("roller") for name in names) == 54
+    assert main(["twin", "scenario", "resonant", "--out", str(tmp_path / "mine.toml")]) == 0
+    assert "frequency = 40.0" in (tmp_path / "mine.toml").read_text()
+
+
+def test_a_group_s_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    from ballbot.cli.main import main
+
+    assert main(["twin", "exprt"]) == 2
+    assert capsys.readouterr().err == "ballbot: there is no command 'twin exprt'. Try: ballbot twin --help\n"
 
 
 def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
@@ -84,6 +221,10 @@ def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
     [
         ["nominl", "--out", "DIR"],
         ["nominal", "--reference", "triangle", "--out", "DIR"],
+        ["absent.toml", "--out", "DIR"],
+        ["nominal", "--seeds", "9-1", "--out", "DIR"],
+        ["nominal", "--experiment", "dance", "--out", "DIR"],
+        ["nominal", "--experiment", "upside_down", "--duration", "0", "--out", "DIR"],
         ["nominal", "--robot", "altn", "--out", "DIR"],
         ["nominal", "--duration", "-1", "--out", "DIR"],
         ["nominal", "--controller", "absent.toml", "--out", "DIR"],

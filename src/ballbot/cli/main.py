@@ -50,7 +50,8 @@ COMMANDS = (
     Command(
         name="simulate", target="simulate:simulate", summary="Simulate a robot in closed loop; write a log."
     ),
-    Command(name="record", target="record:record", summary="Record a log from the physics-engine twin."),
+    Command(name="record", target="record:record", summary="Record logs from the physics-engine twin."),
+    Command(name="twin", target="twin:twin", summary="Write the twin's MuJoCo model or a scenario."),
     Command(name="identify", target="identify:identify", summary="Find a robot's friction from its logs."),
     Command(name="validate", target="validate:validate", summary="Hold a robot's model against its logs."),
     Command(name="design", target="design:design", summary="Design a controller for a robot."),
@@ -79,7 +80,10 @@ def build_app(tokens: Sequence[str] = ()) -> App:
         if command.name in tokens[:1]:
             module, _, function = command.target.partition(":")
             loaded = getattr(importlib.import_module(f"ballbot.cli.{module}"), function)
-            app.command(loaded, name=command.name, sort_key=place)
+            if isinstance(loaded, App):  # a group of commands has its name already
+                app.command(loaded)
+            else:
+                app.command(loaded, name=command.name, sort_key=place)
         else:
             target = f"ballbot.cli.{command.target}"
             app.command(target, name=command.name, help=command.summary, sort_key=place)
@@ -104,7 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except InputError as error:
         return _refuse(str(error))
     except UnknownCommandError:
-        return _refuse(_unknown_command(tokens[0]))
+        return _refuse(_unknown_command(tokens))
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split())} Try: {_help_of(tokens)}")
     except ModuleNotFoundError as error:
@@ -133,8 +137,10 @@ def _refuse(sentence: str) -> int:
     return 2
 
 
-def _unknown_command(word: str) -> str:
-    names = [command.name for command in COMMANDS]
+def _unknown_command(tokens: list[str]) -> str:
+    word, names = tokens[0], [command.name for command in COMMANDS]
+    if word in names:  # a group
+        return f"there is no command {' '.join(tokens[:2])!r}. Try: {_help_of(tokens)}"
     near = get_close_matches(word, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"the commands are {', '.join(names)}."
     return f"there is no command {word!r}; {hint}"

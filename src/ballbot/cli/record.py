@@ -1,20 +1,22 @@
-"""`ballbot record`: a run of the twin, as files."""
+"""`ballbot record`: runs of the twin, as files."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Literal
 
+from rich.console import Console
 from rich.progress import Progress
 
 from ballbot.cli.output import standard_output
+from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import named
+from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs
 from ballbot.robot import Robot
-from ballbot.twin import Scenario, Twin
-from ballbot.twin.recording import LogFormat, write_recording
-from ballbot.twin.recording import record as record_run
+from ballbot.twin import Scenario
+from ballbot.twin.recording import DURATIONS, Experiment
 
 
 def record(
@@ -22,30 +24,40 @@ def record(
     /,
     *,
     robot: str = "alten",
+    experiment: Experiment = "balance",
     reference: str = "square",
-    duration: float = 40.0,
+    duration: float | None = None,
     seed: int = 1,
+    seeds: str | None = None,
     compensation: Literal["none", "full", "partial"] = "none",
     controller: Path | None = None,
     format: LogFormat = "csv",
     out: Path,
 ) -> None:
-    """Record a log from the twin, a MuJoCo robot with real rollers, sensors and faults.
+    """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
 
     Example: ballbot record nominal --robot alten --reference square --duration 40 --seed 1 --out run1
+
+    Example: ballbot record mine.toml --seeds 1-200 --out runs
 
     Parameters
     ----------
     scenario
-        What is true of the twin and unknown to its controller: nominal, ideal or wide_rows.
+        What is true of the twin and unknown to its controller: nominal, ideal, wide_rows, single_row, single_point,
+        resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
     robot
         A preset's name or a robot file. Its friction is what the controller compensates, not what the twin has.
+    experiment
+        balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the wheels).
     reference
-        Where the robot is asked to be: hold, square, change_pose, circle or figure_eight.
+        Where a balancing robot is asked to be: hold, square, change_pose, circle or figure_eight.
     duration
-        How long [s].
+        How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down where not given.
     seed
         Equal seeds give equal recordings, bit for bit.
+    seeds
+        Many at once, as 1-200 or 1,4,7-9, over all cores, each into a folder of its own. Runs that are whole in it
+        are kept.
     compensation
         What the controller does about the friction in the robot's file.
     controller
@@ -56,22 +68,49 @@ def record(
         The folder to write into.
     """
     described = Robot.load(robot)
-    twin = Twin(described, Scenario.named(scenario, described))
-    chosen = (
-        read_controller(controller, described)
-        if controller
-        else nominal_controller(described, compensation=compensation)
+    named(reference)  # refused before anything is run
+    job = Job(
+        robot=described,
+        scenario=Scenario.load(scenario, described),
+        controller=(
+            read_controller(controller, described)
+            if controller
+            else nominal_controller(described, compensation=compensation)
+        ),
+        experiment=experiment,
+        reference=reference,
+        duration=DURATIONS[experiment] if duration is None else duration,
+        log_format=format,
     )
-    path = named(reference)
     console = standard_output()
+    if seeds is None:
+        _one(job, seed, out, console)
+    else:
+        _many(job, parse_seeds(seeds), out, console)
+
+
+def _one(job: Job, seed: int, out: Path, console: Console) -> None:
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(f"recording {duration:g} s", total=1.0)
+        task = bar.add_task(f"recording {job.duration:g} s", total=1.0)
+        outcome = record_run(job, seed, out, progress=lambda share: bar.update(task, completed=share))
+    for path in sorted(out.iterdir()):
+        console.print(str(path), soft_wrap=True)
+    if outcome.ended:
+        console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
 
-        def advance(share: float) -> None:
-            bar.update(task, completed=share)
 
-        run = record_run(twin, chosen, path, duration=duration, seed=seed, progress=advance)
-    for written in write_recording(run, out, reference_name=reference, log_format=format):
-        console.print(str(written), soft_wrap=True)
-    if run.log.ended:
-        console.print(f"The run ended early: {run.log.ended}.", soft_wrap=True)
+def _many(job: Job, seeds: list[int], out: Path, console: Console) -> None:
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task(f"recording {len(seeds)} runs of {job.duration:g} s", total=len(seeds))
+        outcomes = record_runs(job, seeds, out, progress=lambda done: bar.update(task, completed=done))
+    console.print(_summary(outcomes, out), soft_wrap=True)
+    for outcome in outcomes:
+        if outcome.ended:
+            console.print(f"{outcome.folder}: ended early, {outcome.ended}.", soft_wrap=True)
+
+
+def _summary(outcomes: list[Outcome], out: Path) -> str:
+    before = sum(outcome.was_there for outcome in outcomes)
+    early = sum(outcome.ended is not None for outcome in outcomes)
+    kept = f", {before} of them from before" if before else ""
+    return f"{len(outcomes)} runs in {out}{kept}; {early} ended early."

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
+from ballbot.estimation.interface import Reading
 from ballbot.mechanics.geometry import rotation, transforms
 from ballbot.robot.robot import Robot
 
@@ -50,30 +51,22 @@ class OnboardState:
         self._position = np.array(position, dtype=np.float64)
         self._velocity = None
 
-    def update(
-        self,
-        wheel_speeds: NDArray[np.float64],
-        gyro: NDArray[np.float64],
-        attitude: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def update(self, reading: Reading) -> NDArray[np.float64]:
         """Take one sample and return the state.
 
         Parameters
         ----------
-        wheel_speeds : array (n,)
-            Wheel speeds that the encoders see [rad/s].
-        gyro : array (3,)
-            Angular velocity of the body in its own frame [rad/s].
-        attitude : array (3,)
-            theta, phi, psi [rad], psi without jumps of a turn.
+        reading : Reading
+            Wheel speeds, gyro and attitude are used; the thesis's robot has no use for a fix.
 
         Returns
         -------
         array (10,)
             x, y [m], theta, phi, psi [rad] and their rates, world frame.
         """
+        attitude, gyro = reading.attitude, reading.gyro
         theta, phi, psi = attitude
-        ball_rate = rotation(theta, phi, psi) @ (self._ball_from_wheels @ wheel_speeds + gyro)
+        ball_rate = rotation(theta, phi, psi) @ (self._ball_from_wheels @ reading.wheel_speeds + gyro)
         radius = self.robot.ball.radius
         velocity = np.array([radius * ball_rate[1], -radius * ball_rate[0]])
         if self._velocity is not None:  # trapezoid between this sample and the one before

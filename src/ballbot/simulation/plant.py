@@ -28,6 +28,7 @@ class Measurement:
     wheel_angles: NDArray[np.float64]  #: (n,) encoder angles, zero at the reset [rad]
     wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]
     gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
+    acceleration: NDArray[np.float64] | None = None  #: (3,) specific force, body frame [m/s^2]
     truth: NDArray[np.float64]  #: (10,) the state as it is; no controller may look at it
     ended: str | None = None  #: why the run must stop ("fallen: ..."), or None
 

@@ -63,9 +63,10 @@ def simulate(
     """
     samples = sample_count(duration, controller.sample_time)
     active = ModelPlant(plant) if isinstance(plant, Model) else plant
-    table = np.empty((samples, len(_column_names(active.robot.wheel_count))))
     controller.reset()
     measured = active.reset(initial_state, seed=seed)
+    names = _column_names(measured)
+    table = np.empty((samples, len(names)))
     rows = 0
     while rows < samples and measured.ended is None:
         wanted = np.asarray(reference(measured.t), dtype=np.float64)
@@ -77,7 +78,6 @@ def simulate(
             progress(rows / samples)
     if rows == 0:
         raise InputError(f"The run ends before its first sample: {measured.ended}.")
-    names = _column_names(active.robot.wheel_count)
     return Log(dict(zip(names, table[:rows].T, strict=True)), ended=measured.ended)
 
 
@@ -112,7 +112,8 @@ def _decide(
     return torques
 
 
-def _column_names(wheel_count: int) -> list[str]:
+def _column_names(measured: Measurement) -> list[str]:
+    wheel_count = len(measured.wheel_angles)
     return [
         "t",
         *torque_names(wheel_count),
@@ -120,6 +121,7 @@ def _column_names(wheel_count: int) -> list[str]:
         *wheel_angle_names(wheel_count),
         *wheel_speed_names(wheel_count),
         *(f"gyro_{axis}" for axis in "xyz"),
+        *(f"acc_{axis}" for axis in "xyz" if measured.acceleration is not None),
         *(f"ref_{STATE_NAMES[place]}" for place in _REFERENCES),
         *(TRUE_PREFIX + name for name in STATE_NAMES),
     ]
@@ -136,6 +138,7 @@ def _row(
             measured.wheel_angles,
             measured.wheel_speeds,
             measured.gyro,
+            measured.acceleration if measured.acceleration is not None else (),
             reference[list(_REFERENCES)],
             measured.truth,
         ]

@@ -1,13 +1,20 @@
 """The robot's own sensors, as they err: wheel encoders that count, an AHRS that is noisy and drifts.
 
-Each is asked once a sample, in order of time, and knows nothing of what comes next.
+Each is asked once a sample, in order of time, and knows nothing of what comes next. What a robot file says of its
+sensors is always there; `SensorFaults` are what a scenario puts upon that.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
+from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.robot import Robot, Sensors
 
@@ -47,6 +54,32 @@ class Encoders:
         return counted, (self._recent[-1] - self._recent[0]) / self._window_time
 
 
+@dataclass(frozen=True, kw_only=True)
+class SensorFaults:
+    """What an AHRS does besides being noisy; all of it is off at its default.
+
+    Its heading is the integral of its gyro, so the bias about the vertical makes it run away, in addition to the
+    drift that the robot's file says.
+    """
+
+    gyro_bias: float = 0.0  #: standard deviation of each axis's bias at the start [rad/s]
+    gyro_bias_walk: float = 0.0  #: how the biases wander [rad/s/sqrt(s)]
+    lean_error: float = 0.0  #: standard deviation of a slow error of theta and of phi [rad]
+    lean_error_time: float = 10.0  #: over which that forgets itself [s]
+    latency: float = 0.0  #: gyro and attitude come later by this, in whole samples [s]
+    lean_turns_with_heading: bool = False  #: theta and phi as wrong about the world's axes as the heading
+
+    def __post_init__(self) -> None:
+        for name in ("gyro_bias", "gyro_bias_walk", "lean_error", "latency"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"{name} of the sensor faults must be zero or more, not {value}.")
+        if not (math.isfinite(self.lean_error_time) and self.lean_error_time > 0):
+            raise InputError(
+                f"lean_error_time of the sensor faults must be above 0 s, not {self.lean_error_time}."
+            )
+
+
 class AttitudeSensor:
     """An AHRS: angular velocity and attitude with white noise, and a heading that runs away at a steady rate.
 
@@ -55,12 +88,17 @@ class AttitudeSensor:
     sensors : Sensors
         Sizes of the errors.
     random : Generator
-        Source of the noise.
+        Source of the noise; what the faults draw is a stream of its own.
+    faults : SensorFaults, optional
+        What it does besides.
     """
 
-    def __init__(self, sensors: Sensors, random: np.random.Generator) -> None:
+    def __init__(
+        self, sensors: Sensors, random: np.random.Generator, faults: SensorFaults | None = None
+    ) -> None:
         self._sensors = sensors
         self._random = random
+        self._errors = _SlowErrors(faults, sensors.sample_time, random.spawn(1)[0]) if faults else None
 
     def read(
         self, t: float, body_rate: NDArray[np.float64], attitude: NDArray[np.float64]
@@ -78,5 +116,48 @@ class AttitudeSensor:
         """
         gyro = body_rate + self._sensors.gyro_noise * self._random.standard_normal(3)
         measured = attitude + self._sensors.attitude_noise * self._random.standard_normal(3)
-        measured[2] += self._sensors.heading_drift * t
+        drift = self._sensors.heading_drift * t
+        if self._errors is not None:
+            return self._errors.upon(gyro, measured, drift)
+        measured[2] += drift
         return gyro, measured
+
+
+class _SlowErrors:
+    """The faults of one AHRS in one run."""
+
+    def __init__(self, faults: SensorFaults, sample_time: float, random: np.random.Generator) -> None:
+        self._faults = faults
+        self._sample_time = sample_time
+        self._random = random
+        self._bias = faults.gyro_bias * random.standard_normal(3)  # each axis: N(0, gyro_bias)
+        self._lean = faults.lean_error * random.standard_normal(
+            2
+        )  # each angle: N(0, lean_error), and stays so
+        self._memory = math.exp(-sample_time / faults.lean_error_time)
+        self._heading = 0.0
+        self._waiting: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(
+            maxlen=1 + round(faults.latency / sample_time)
+        )
+
+    def upon(
+        self, gyro: NDArray[np.float64], attitude: NDArray[np.float64], drift: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return gyro (3,) and attitude (3,) with the faults upon them, drift [rad] being that of the robot's file."""
+        faults = self._faults
+        theta, phi = (attitude[:2] + self._lean).tolist()
+        psi, error = float(attitude[2]), self._heading + drift
+        if faults.lean_turns_with_heading:
+            turned = attitude_of_swing(lean_of(theta, phi, psi), heading_of(theta, phi, psi) + error)
+        else:
+            turned = np.array([theta, phi, psi + error])
+        self._waiting.append((gyro + self._bias, turned))
+        self._wander()
+        return self._waiting[0]
+
+    def _wander(self) -> None:
+        faults, h = self._faults, self._sample_time
+        self._heading += h * float(self._bias[2])
+        self._bias = self._bias + faults.gyro_bias_walk * math.sqrt(h) * self._random.standard_normal(3)
+        fresh = faults.lean_error * math.sqrt(1.0 - self._memory**2)
+        self._lean = self._memory * self._lean + fresh * self._random.standard_normal(2)

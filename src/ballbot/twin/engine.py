@@ -41,6 +41,8 @@ class Engine:
         self.damping: NDArray[np.float64] = self.model.dof_damping
         #: torques of the motors [N m]
         self.torques: NDArray[np.float64] = self.data.ctrl
+        #: generalised forces that come upon all others
+        self.applied: NDArray[np.float64] = self.data.qfrc_applied
 
     def reset(self) -> None:
         """Put everything where the document says, at rest, and forget the solver's last solution."""
@@ -54,6 +56,41 @@ class Engine:
     def contacts(self) -> int:
         """Number of contacts found by the last step."""
         return int(self.data.ncon)
+
+    def pressures(self, groups: NDArray[np.intp], count: int) -> NDArray[np.float64]:
+        """Return the sums (count,) of the last step's normal forces [N] over groups of geoms.
+
+        Parameters
+        ----------
+        groups : array (geoms,)
+            The group of each geom, or -1. A contact belongs to the group of either of its geoms.
+        count : int
+            Number of groups.
+        """
+        contact = self.data.contact
+        address = contact.efc_address
+        active = address >= 0
+        group = groups[contact.geom].max(axis=1)[active]
+        normal = self.data.efc_force[address[active]]
+        sums = np.bincount(group[group >= 0], weights=normal[group >= 0], minlength=count)
+        return sums.astype(np.float64)
+
+    def geoms_below(self, prefix: str) -> list[int]:
+        """Return the geoms whose name begins so."""
+        names = (self.model.geom(i).name for i in range(self.model.ngeom))
+        return [i for i, name in enumerate(names) if name.startswith(prefix)]
+
+    def mobility(self, body: str) -> float:
+        """Return MuJoCo's inverse weight [1/kg] of a body, by which it scales contact forces."""
+        return float(self.model.body(body).invweight0[0])
+
+    def external_force(self, body: str) -> NDArray[np.float64]:
+        """Return a view (6,) of the force [N] at a body's centre of mass and the torque [N m], world frame."""
+        return self.data.xfrc_applied[self.model.body(body).id]
+
+    def center_of_mass(self, body: str) -> NDArray[np.float64]:
+        """Return a view (3,) of where a body's own centre of mass was at the last step's start [m]."""
+        return self.data.xipos[self.model.body(body).id]
 
     def first_position(self, joint: str) -> int:
         """Return where a joint's first coordinate lies in `qpos`."""

@@ -52,3 +52,10 @@ def encoder_speeds(
     """Return A (z - w) (n,) [rad/s]: the wheel speeds of a state (10,) without slip or play."""
     z = rotation(*state[2:5]).T @ ball_rate(state, radius)
     return wheels_from_ball @ (z - body_rate(state))
+
+
+def turned(quaternion_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a vector (3,) of a body's frame in the frame that the body's unit quaternion leads to."""
+    w, axis = float(quaternion_wxyz[0]), quaternion_wxyz[1:]
+    twice = 2.0 * np.cross(axis, vector)
+    return vector + w * twice + np.cross(axis, twice)

@@ -5,7 +5,7 @@
     q_camera_body = q_camera_world q_world_body
 
 The frame, the clock and the noise follow from a seed; the setup says what they were, so that whoever aligns
-log and cameras can be told how well it was done.
+log and cameras can be told how well it was done. Where too few cameras see the robot there is nothing: NaN.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.errors import InputError
 from ballbot.log import Log
 
 
@@ -31,6 +32,15 @@ class MotionCapture:
     clock_rate: float  #: how much faster the cameras' clock runs [s/s]
     position_noise: float  #: standard deviation of each coordinate [m]
     orientation_noise: float  #: standard deviation about each axis [rad]
+    gap_rate: float = 0.0  #: how often the robot is lost from view [1/s]
+    gap_duration: float = 0.3  #: for how long on the average [s]
+
+    def __post_init__(self) -> None:
+        for name, least in (("rate", "above 0 Hz"), ("gap_duration", "above 0 s")):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} of a motion capture must be {least}, not {getattr(self, name)}.")
+        if not self.gap_rate >= 0:
+            raise InputError(f"gap_rate of a motion capture must be 0/s or more, not {self.gap_rate}.")
 
     @staticmethod
     def drawn(seed: int) -> MotionCapture:
@@ -64,7 +74,8 @@ class MotionCapture:
         Returns
         -------
         Log
-            t [s]; x y z [m], the ball's centre; qw qx qy qz, body to cameras' frame, without jumps of sign.
+            t [s]; x y z [m], the ball's centre; qw qx qy qz, body to cameras' frame, without jumps of sign. NaN
+            but for t where the robot is out of view.
         """
         truth.require("x", "y", "theta", "phi", "psi")
         start, end = float(truth.t[0]), float(truth.t[-1])
@@ -82,7 +93,25 @@ class MotionCapture:
         columns = {"t": (1.0 + self.clock_rate) * t + self.clock_offset}
         columns |= dict(zip("xyz", centers.T, strict=True))
         columns |= {name: quaternions[:, i] for name, i in (("qw", 3), ("qx", 0), ("qy", 1), ("qz", 2))}
-        return Log(columns)
+        lost = self._lost(t)
+        return Log(
+            {
+                name: values if name == "t" else np.where(lost, np.nan, values)
+                for name, values in columns.items()
+            }
+        )
+
+    def _lost(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return at which times (N,) the robot is out of view."""
+        lost = np.zeros(len(t), dtype=bool)
+        random = np.random.default_rng([self.seed, 122])
+        begin = t[0]
+        while self.gap_rate > 0 and begin <= t[-1]:
+            begin += random.exponential(1.0 / self.gap_rate)  # from one loss to the next: Exp(gap_rate)
+            lost |= (t >= begin) & (
+                t < begin + random.exponential(self.gap_duration)
+            )  # Exp(1 / gap_duration)
+        return lost
 
 
 def _wxyz(rotation: Rotation) -> tuple[float, float, float, float]:

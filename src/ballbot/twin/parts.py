@@ -4,12 +4,12 @@ The robot file gives the body with its locked wheels as one (m_r, l, J_0) and a 
 its inertia about the axle j_w. The twin's parts are chosen so that, with all joints locked, mass, centre of
 mass and J_0 are again the robot's, and each wheel has j_w about its axle. What the file leaves open is set
 here: a wheel weighs what a uniform disc of its radius and inertia would, and its rollers hold two fifths of
-j_w.
+j_w. A wheel that touches in a single point has one roller there, all but without mass, and j_w in its hub.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from ballbot.mechanics.geometry import axles, contact_directions, rolling_direct
 from ballbot.robot.robot import Robot, Rollers
 
 _ROLLER_SHARE = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
+_POINT_SHARE = 1e-3  # sideways its spin then weighs some 0.1 g
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,10 @@ class WheelParts:
             total = total + turn @ np.diag(self.roller_inertia) @ turn.T
             total = total + self.roller_mass * _point_inertia(center)
         return total
+
+    def first_moment(self) -> NDArray[np.float64]:
+        """Return mass times centre of mass (3,) [kg m], wheel frame; zero but for a single roller."""
+        return self.roller_mass * self.roller_centers.sum(axis=0)
 
     @property
     def mass(self) -> float:
@@ -69,7 +74,13 @@ def wheel_frames(robot: Robot) -> NDArray[np.float64]:
     return np.stack((-n, rolling_directions(robot.wheels), -axles(robot.wheels)), axis=-1)
 
 
-def wheel_parts(robot: Robot, rollers: Rollers) -> WheelParts:
+def point_wheel_parts(robot: Robot, rollers: Rollers) -> WheelParts:
+    """Split a wheel that has a single roller, a sphere, where it touches the ball."""
+    parts = wheel_parts(robot, replace(rollers, rows=1, per_row=1), roller_share=_POINT_SHARE)
+    return replace(parts, roller_half_length=rollers.radius)
+
+
+def wheel_parts(robot: Robot, rollers: Rollers, *, roller_share: float = _ROLLER_SHARE) -> WheelParts:
     """Split a wheel into hub and rollers.
 
     The rollers are ellipsoids of half length sqrt(r_w r_roller): their middle then curves like the wheel's
@@ -82,9 +93,9 @@ def wheel_parts(robot: Robot, rollers: Rollers) -> WheelParts:
     count = rollers.rows * rollers.per_row
     across = (rollers.radius**2 + half_length**2) / 5  # inertia over mass, ellipsoid
     along = 2 * rollers.radius**2 / 5
-    roller_mass = _ROLLER_SHARE * inertia / (count * (ring**2 + across))
+    roller_mass = roller_share * inertia / (count * (ring**2 + across))
     hub_mass = 2 * inertia / radius**2 - count * roller_mass
-    hub_axial = (1 - _ROLLER_SHARE) * inertia
+    hub_axial = (1 - roller_share) * inertia
 
     offset = (rollers.rows - 1) * rollers.row_spacing / 2
     pitch = 2 * np.pi / rollers.per_row
@@ -120,10 +131,13 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
             f"inertia and radius, more than the whole body's {robot.body.mass} kg; check wheels.inertia."
         )
     first_moment = robot.body.mass * np.array([0.0, 0.0, robot.body.center_of_mass])
-    center_of_mass = (first_moment - wheel.mass * centers.sum(axis=0)) / mass
+    moments = frames @ wheel.first_moment()
+    center_of_mass = (first_moment - wheel.mass * centers.sum(axis=0) - moments.sum(axis=0)) / mass
     inertia = robot.body.inertia_about_ball_center()
-    for frame, center in zip(frames, centers, strict=True):
+    for frame, center, moment in zip(frames, centers, moments, strict=True):
         inertia = inertia - frame @ wheel.inertia() @ frame.T - wheel.mass * _point_inertia(center)
+        inertia = inertia - 2 * np.dot(center, moment) * np.eye(3)
+        inertia = inertia + np.outer(center, moment) + np.outer(moment, center)
     inertia = inertia - mass * _point_inertia(center_of_mass)
     low, middle, high = np.linalg.eigvalsh(inertia)
     if low <= 0 or low + middle < high:

@@ -10,14 +10,35 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.robot.robot import Friction, Robot, Rollers, Sensors
+from ballbot.simulation.accelerometer import Accelerometer
+from ballbot.simulation.fixes import FixSource
+from ballbot.simulation.sensors import SensorFaults
+from ballbot.twin.bristles import BristleLaw
+from ballbot.twin.faults import (
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Push,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+    WheelContact,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """The faults of a twin, their sizes, and how finely it is simulated."""
+    """The faults of a twin, their sizes, and how finely it is simulated.
+
+    Those that are None, zero or empty are off. `ballbot.twin.scenario_checks` says which sizes there can be.
+    """
 
     name: str
     friction: Friction  #: true driveline friction (on the motor's speed) and rolling friction
@@ -32,6 +53,22 @@ class Scenario:
     contact_time: float = 0.004  #: time constant of the rubber contacts (MuJoCo's solref) [s]
     timestep: float = 0.0005  #: of the physics engine [s]
     fallen_lean: float = 0.6  #: lean at which the run ends [rad]
+    wheel_contact: WheelContact = "rollers"  #: "point": ideal omni-wheels, a single point under each
+    floor_tilt: tuple[float, float] = (0.0, 0.0)  #: of the floor about the world's x and y axes [rad]
+    asymmetry: float = 0.0  #: dry friction is 1 + this times its size forward, 1 - this backward [-]
+    driveline_laws: tuple[BristleLaw, ...] = ()  #: one for each wheel, in place of `friction`'s wheel part
+    load_dependence: LoadDependence | None = None
+    softness: Softness | None = None
+    compliance: Compliance | None = None
+    current_loop: CurrentLoop | None = None
+    supply: Supply | None = None
+    payload: Payload | None = None
+    roughness: Roughness | None = None
+    timing: Timing | None = None
+    pushes: tuple[Push, ...] = ()
+    sensor_faults: SensorFaults | None = None
+    accelerometer: Accelerometer | None = None
+    fix: FixSource | None = None
 
     @staticmethod
     def nominal(robot: Robot) -> Scenario:
@@ -83,6 +120,52 @@ class Scenario:
         return replace(nominal, name="wide_rows", rollers=replace(nominal.rollers, row_spacing=0.022))
 
     @staticmethod
+    def single_row(robot: Robot) -> Scenario:
+        """Return `nominal` with single-row wheels of twice as many rollers: what the thesis recommends."""
+        nominal = Scenario.nominal(robot)
+        rollers = replace(nominal.rollers, rows=1, per_row=2 * nominal.rollers.per_row)
+        return replace(nominal, name="single_row", rollers=rollers)
+
+    @staticmethod
+    def single_point(robot: Robot) -> Scenario:
+        """Return `nominal` with wheels that touch the ball in a single point, as the equations have it."""
+        return replace(Scenario.nominal(robot), name="single_point", wheel_contact="point")
+
+    @staticmethod
+    def resonant(robot: Robot) -> Scenario:
+        """Return `nominal` with drivelines that twist: a lightly damped resonance at 40 Hz.
+
+        The nominal gain still balances it; at 30 Hz or with half the damping it shakes itself.
+        """
+        compliance = Compliance(frequency=40.0, damping_ratio=0.1)
+        return replace(Scenario.nominal(robot), name="resonant", compliance=compliance)
+
+    @staticmethod
+    def soft_ball(robot: Robot) -> Scenario:
+        """Return `nominal` with a ball that gives way under the wheels by 1 N in 30 um, as an inflated one does."""
+        softness = Softness(stiffness=3e4, damping=200.0)
+        return replace(Scenario.nominal(robot), name="soft_ball", softness=softness)
+
+    @staticmethod
+    def load(source: str | Path, robot: Robot) -> Scenario:
+        """Return the scenario of that name, or the one in that TOML file, for a robot.
+
+        Raises
+        ------
+        InputError
+            Where there is neither, or the file does not describe a scenario.
+        """
+        from ballbot.twin.scenario_file import read_scenario  # pydantic is loaded only where a file is read
+
+        if source in _NAMED:
+            return Scenario.named(str(source), robot)
+        if not Path(source).exists():
+            near = get_close_matches(str(source), _NAMED, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the named ones are {', '.join(_NAMED)}."
+            raise InputError(f"there is no scenario or scenario file {str(source)!r}; {hint}")
+        return read_scenario(source, robot)
+
+    @staticmethod
     def names() -> list[str]:
         """Return the names that `named` knows."""
         return list(_NAMED)
@@ -97,33 +180,10 @@ class Scenario:
             Where there is none.
         """
         if name not in _NAMED:
-            raise InputError(f"there is no scenario {name!r}; there are {', '.join(_NAMED)}.")
+            near = get_close_matches(name, _NAMED, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_NAMED)}."
+            raise InputError(f"there is no scenario {name!r}; {hint}")
         return _NAMED[name](robot)
-
-    def check(self, robot: Robot) -> None:
-        """Raise `InputError` where the scenario cannot be simulated with that robot."""
-        friction = self.friction
-        for part in (friction.viscous, friction.coulomb, friction.stribeck):
-            if len(part) != robot.wheel_count:
-                raise InputError(
-                    f"scenario {self.name!r} has friction for {len(part)} wheels, "
-                    f"but robot {robot.name!r} has {robot.wheel_count}."
-                )
-        if self.rollers.rows not in (1, 2):
-            raise InputError(f"the twin's wheels have one or two rows of rollers, not {self.rollers.rows}.")
-        if not 0 < self.rollers.radius < robot.wheels.radius:
-            raise InputError(
-                f"a roller's radius must be between 0 and the wheel's {robot.wheels.radius} m, "
-                f"not {self.rollers.radius} m."
-            )
-        if self.speed_window < 1:
-            raise InputError(f"the speed window must be one sample or more, not {self.speed_window}.")
-        steps = self.sensors.sample_time / self.timestep
-        if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
-            raise InputError(
-                f"the sample time {self.sensors.sample_time} s must be a whole number of the twin's "
-                f"timesteps of {self.timestep} s."
-            )
 
 
 def _in_turn(values: tuple[float, ...], count: int) -> tuple[float, ...]:
@@ -134,4 +194,8 @@ _NAMED: dict[str, Callable[[Robot], Scenario]] = {
     "nominal": Scenario.nominal,
     "ideal": Scenario.ideal,
     "wide_rows": Scenario.wide_rows,
+    "single_row": Scenario.single_row,
+    "single_point": Scenario.single_point,
+    "resonant": Scenario.resonant,
+    "soft_ball": Scenario.soft_ball,
 }

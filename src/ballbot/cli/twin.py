@@ -1,0 +1,124 @@
+"""`ballbot twin`: the twin's own files, and the thesis's recommendations tried on it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import asdict
+from pathlib import Path
+
+from cyclopts import App
+from rich.progress import Progress
+
+from ballbot.cli.output import standard_output, table
+from ballbot.cli.seeds import parse_seeds
+from ballbot.files import write_text
+from ballbot.robot import Robot
+from ballbot.twin import Scenario, twin_mjcf
+from ballbot.twin.mjcf import Mounting
+from ballbot.twin.scenario_text import write_scenario
+
+twin = App(
+    name="twin", help="The twin itself: its MuJoCo model, scenarios, what the thesis recommends for it."
+)
+
+
+@twin.command
+def export(
+    robot: str,
+    /,
+    *,
+    scenario: str = "nominal",
+    mounting: Mounting = "floor",
+    out: Path,
+) -> None:
+    """Write the twin as MJCF, for MuJoCo's own viewer and for others.
+
+    Example: ballbot twin export alten --scenario nominal --out twin.xml
+
+    What follows the speed or the time is not in it: dry friction is what it is at rest, and motors, supply and
+    pushes are left out.
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file.
+    scenario
+        A named scenario or a scenario file.
+    mounting
+        floor, stand (held, wheels in the air) or upside_down (held, the ball on the wheels).
+    out
+        The file to write.
+    """
+    described = Robot.load(robot)
+    write_text(out, twin_mjcf(described, Scenario.load(scenario, described), mounting=mounting) + "\n")
+    standard_output().print(str(out), soft_wrap=True)
+
+
+@twin.command
+def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> None:
+    """Write a scenario file to start from: all that is on, and an example of each fault that is off.
+
+    Example: ballbot twin scenario nominal --out mine.toml
+
+    Parameters
+    ----------
+    source
+        A named scenario or a scenario file.
+    robot
+        A preset's name or a robot file, which gives the rollers and the sensors.
+    out
+        The file to write.
+    """
+    write_scenario(Scenario.load(source, Robot.load(robot)), out)
+    standard_output().print(str(out), soft_wrap=True)
+
+
+@twin.command
+def recommendations(
+    robot: str = "alten", /, *, seeds: str = "1-5", duration: float = 64.0, out: Path
+) -> None:
+    """Try what the thesis recommends: single-row wheels, a stiffer ball, less play, sensor fusion.
+
+    Example: ballbot twin recommendations alten --seeds 1-5 --out recommended
+
+    Prints position error and torque noise before and after, without and with friction compensation; writes
+    results.json with every run's scores.
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file.
+    seeds
+        As 1-10 or 1,4,7-9.
+    duration
+        Of a run around a square of 0.5 m [s].
+    out
+        The folder to write into.
+    """
+    from ballbot.experiments.twin_recommendations import HEADINGS, rows, try_recommendations
+
+    console = standard_output()
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("trying the recommendations", total=1.0)
+        found = try_recommendations(
+            Robot.load(robot),
+            seeds=parse_seeds(seeds),
+            duration=duration,
+            threads=os.cpu_count() or 1,
+            progress=lambda share: bar.update(task, completed=share),
+        )
+    scores = {
+        name: {kind: [_finite(asdict(one)) for one in runs] for kind, runs in comparison.scores.items()}
+        for name, comparison in found.items()
+    }
+    write_text(out / "results.json", json.dumps(scores, indent=2) + "\n")
+    title = "Position error once settled, and torque noise"
+    console.print(table(title, HEADINGS, rows(found), framed=console.is_terminal))
+    console.print(str(out / "results.json"), soft_wrap=True)
+
+
+def _finite(values: dict[str, object]) -> dict[str, object]:
+    """JSON knows no NaN."""
+    return {key: None if isinstance(one, float) and math.isnan(one) else one for key, one in values.items()}

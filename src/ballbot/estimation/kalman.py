@@ -1,0 +1,246 @@
+"""The on-board state by a Kalman filter: IMU, encoders and, where there is one, a fix from outside.
+
+What it knows that `OnboardState` does not:
+
+- a ball that does not pivot turns under the wheels as the body turns over it, so the encoders hold the heading
+  while the AHRS's runs away, and the gyro's bias about the vertical shows;
+- the angular momentum about the floor's contact changes by gravity alone (`ballbot.estimation.momentum`), which
+  gives speed from lean and lean from speed, whatever friction and play the driveline has;
+- how sure it is of each state, so that a fix corrects each by as much as it should.
+
+Place and heading stay relative to the start where no fix comes: their covariance grows, as their errors do.
+`ballbot.estimation.kalman_model` has the states and equations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.estimation.attitude import angle_rates
+from ballbot.estimation.interface import Fix, Reading
+from ballbot.estimation.kalman_model import (
+    BIAS,
+    DRIFT,
+    HEADING_ERROR,
+    LEAN_ERROR,
+    PSI,
+    STATES,
+    FilterModel,
+    G,
+    S,
+    X,
+    sample,
+)
+from ballbot.estimation.linear_update import absorb
+from ballbot.estimation.momentum import contact_momentum
+from ballbot.estimation.noise import FilterNoise
+from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
+from ballbot.mechanics.geometry import transforms
+from ballbot.robot.robot import Robot
+
+
+class KalmanFilter:
+    """An extended Kalman filter of 14 states, a sample at a time and without look-ahead.
+
+    Parameters
+    ----------
+    robot : Robot
+        Geometry, masses and inertia; its friction is not used.
+    sample_time : float
+        Time between two updates [s].
+    noise : FilterNoise, optional
+        What is trusted how far; `FilterNoise.of(robot)` where not given.
+    lean_turns_with_heading : bool
+        True for an AHRS whose theta and phi are as wrong about the world's axes as its heading, as those of one
+        that integrates its gyro are; False where theta and phi are right though the heading has run away.
+
+    Raises
+    ------
+    InputError
+        Where the sample time is not positive.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        sample_time: float,
+        noise: FilterNoise | None = None,
+        lean_turns_with_heading: bool = False,
+    ) -> None:
+        if not (math.isfinite(sample_time) and sample_time > 0):
+            raise InputError(f"the sample time of a Kalman filter must be above 0 s, not {sample_time}.")
+        self.robot = robot
+        self.sample_time = sample_time
+        self.noise = noise if noise is not None else FilterNoise.of(robot)
+        self._ball_from_wheels = np.ascontiguousarray(transforms(robot).T_obw)
+        self.lean_turns_with_heading = lean_turns_with_heading
+        self._model = filter_model(robot, sample_time=sample_time, noise=self.noise)
+        self.reset()
+
+    def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Forget the past; the robot stands still at (x, y) [m] when the next reading comes.
+
+        The heading is the AHRS's at that reading.
+        """
+        self._x = np.zeros(STATES)
+        self._x[X : X + 2] = position
+        self._P = _first_covariance(self.noise)
+        self._angles: NDArray[np.float64] | None = None
+        self._gyro = np.zeros(3)
+        self._psi = 0.0
+        self._pivoting = 0.0
+
+    def update(self, reading: Reading) -> NDArray[np.float64]:
+        """Take one sample and return the state.
+
+        Parameters
+        ----------
+        reading : Reading
+            Encoder angles, gyro and attitude are used, and the fix where there is one.
+
+        Returns
+        -------
+        array (10,)
+            x, y [m], theta, phi, psi [rad] and their rates, world frame.
+        """
+        theta, phi, psi = reading.attitude.tolist()
+        heading = heading_of(theta, phi, psi)
+        if self._angles is None:
+            self._x[PSI] = heading
+            self._x[G : G + 2] = lean_of(theta, phi, psi)
+            self._x[S : S + 2] = self._model.lever @ reading.gyro  # v = 0
+        else:
+            ball_rate = self._ball_from_wheels @ (reading.wheel_angles - self._angles) / self.sample_time
+            lean = lean_of(theta, phi, psi if self.lean_turns_with_heading else self._psi)
+            pivoting = sample(
+                self._x,
+                self._P,
+                self._model,
+                ball_rate,
+                self._gyro,
+                reading.gyro,
+                lean,
+                heading,
+                self.pivots,
+            )
+            share = min(1.0, self.sample_time / self.noise.pivoting_time)
+            self._pivoting += share * (pivoting - self._pivoting)
+        self._angles = reading.wheel_angles
+        self._gyro = reading.gyro
+        if reading.fix is not None:
+            self._take_fix(reading.fix)
+        return self._state()
+
+    @property
+    def pivots(self) -> bool:
+        """Whether the wheels have of late seen the ball turn on the spot; they do not hold the heading then."""
+        return abs(self._pivoting) > self.noise.pivoting_limit
+
+    @property
+    def gyro_bias(self) -> NDArray[np.float64]:
+        """Gyro bias found (3,) [rad/s], body frame."""
+        return self._x[BIAS : BIAS + 3].copy()
+
+    @property
+    def heading_error(self) -> float:
+        """How far the AHRS's heading is ahead of the filter's [rad]."""
+        return float(self._x[HEADING_ERROR])
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance (7, 7) of x, y, theta, phi, psi and the ball's velocity, as `update` returns them.
+
+        theta, phi and psi to first order in the lean.
+        """
+        s3, c3 = math.sin(self._x[PSI]), math.cos(self._x[PSI])
+        turn = np.array([[c3, -s3], [s3, c3]])
+        quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+        rows = np.zeros((7, STATES))
+        rows[0, X], rows[1, X + 1], rows[4, PSI] = 1.0, 1.0, 1.0
+        swap = np.array([[0.0, 1.0], [-1.0, 0.0]])  # theta, phi = swap Rz g
+        rows[2:4, G : G + 2] = swap @ turn
+        rows[2:4, PSI] = swap @ turn @ quarter @ self._x[G : G + 2]
+        rows[5:, S : S + 2] = turn
+        rows[5:, PSI] = turn @ quarter @ self._velocity()
+        rows[5:, BIAS : BIAS + 3] = turn @ self._model.lever
+        covariance = rows @ self._P @ rows.T
+        by_gyro = rows[5:, BIAS : BIAS + 3]  # a sample's noise moves v as a bias of that sample would
+        covariance[5:, 5:] += self._model.gyro_variance * by_gyro @ by_gyro.T
+        return covariance
+
+    def _velocity(self) -> NDArray[np.float64]:
+        """Return the ball's velocity (2,), heading frame."""
+        x = self._x
+        return x[S : S + 2] - self._model.lever @ (self._gyro - x[BIAS : BIAS + 3])
+
+    def _state(self) -> NDArray[np.float64]:
+        x = self._x
+        attitude = attitude_of_swing(x[G : G + 2], float(x[PSI]))
+        self._psi = float(attitude[2])
+        forward, left = self._velocity().tolist()
+        s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
+        velocity = (c3 * forward - s3 * left, s3 * forward + c3 * left)
+        rates = angle_rates(attitude, self._gyro - x[BIAS : BIAS + 3])
+        return np.concatenate((x[X : X + 2], attitude, velocity, rates))
+
+    def _take_fix(self, fix: Fix) -> None:
+        seen = np.full(3, np.nan)
+        if fix.position is not None:
+            seen[:2] = fix.position - self._x[X : X + 2]
+        if fix.heading is not None and math.isfinite(fix.heading):
+            seen[2] = math.remainder(fix.heading - self._x[PSI], 2 * math.pi)
+        deviations = np.array([fix.position_deviation, fix.position_deviation, fix.heading_deviation])
+        rows = np.eye(STATES)[[X, X + 1, PSI]]
+        there = np.isfinite(seen)
+        absorb(self._x, self._P, seen[there], rows[there], deviations[there] ** 2)
+
+
+def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:
+    """Return a robot and its noise as compiled code reads them."""
+    h = sample_time
+    momentum = contact_momentum(robot)
+    memory = math.exp(-h / noise.lean_error_time)
+    walk = np.zeros(STATES)
+    walk[S : S + 2] = noise.push**2 * h
+    walk[BIAS : BIAS + 3] = noise.gyro_bias_walk**2 * h
+    walk[HEADING_ERROR] = noise.heading_walk**2 * h
+    walk[DRIFT] = noise.heading_drift_walk**2 * h
+    walk[LEAN_ERROR:] = noise.lean_error**2 * (1.0 - memory**2)
+    # a density over a sample: the mean speed of a way that walks
+    rolling, pivoting = noise.rolling**2 / h, noise.pivoting**2 / h
+    return FilterModel(
+        sample_time=h,
+        radius=robot.ball.radius,
+        lever=np.ascontiguousarray(momentum.lever),
+        pull=np.ascontiguousarray(momentum.pull),
+        memory=memory,
+        gyro_variance=noise.gyro**2,
+        walk=walk,
+        wheel_variances=np.array([rolling, rolling, pivoting]),
+        attitude_variances=np.full(3, noise.attitude**2),
+    )
+
+
+def _first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
+    """Return P (14, 14) before the first reading: it sets the attitude, errors and all."""
+    P = np.zeros((STATES, STATES))
+    P[X, X] = P[X + 1, X + 1] = noise.start_position**2
+    lean = noise.attitude**2 + noise.lean_error**2
+    P[G, G] = P[G + 1, G + 1] = lean
+    P[PSI, PSI] = noise.attitude**2 + noise.start_heading**2
+    P[S, S] = P[S + 1, S + 1] = noise.start_speed**2
+    for i in range(3):
+        P[BIAS + i, BIAS + i] = noise.gyro_bias**2
+    P[LEAN_ERROR, LEAN_ERROR] = P[LEAN_ERROR + 1, LEAN_ERROR + 1] = noise.lean_error**2
+    # psi + d and g + a are what the AHRS said, but for white noise: where one is too large the other is too small
+    P[HEADING_ERROR, HEADING_ERROR] = noise.start_heading**2
+    P[PSI, HEADING_ERROR] = P[HEADING_ERROR, PSI] = -(noise.start_heading**2)
+    for i in range(2):
+        P[G + i, LEAN_ERROR + i] = P[LEAN_ERROR + i, G + i] = -(noise.lean_error**2)
+    P[DRIFT, DRIFT] = noise.heading_drift**2
+    return P

@@ -1,0 +1,38 @@
+"""An attitude as a heading and a lean that know nothing of each other: R = Rz(psi_s) M(g).
+
+g is the upward direction in the body's frame, M(g) the shortest turn that takes it upright, psi_s the heading.
+Turning the robot about the vertical changes psi_s and nothing else; of theta, phi, psi it changes all three.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def lean_of(theta: float, phi: float, psi: float) -> NDArray[np.float64]:
+    """Return x and y (2,) of g = R^T e_z, R = Rx(theta) Ry(phi) Rz(psi)."""
+    s3, c3 = math.sin(psi), math.cos(psi)
+    forward, left = -math.cos(theta) * math.sin(phi), math.sin(theta)  # before the turn by psi
+    return np.array([c3 * forward + s3 * left, c3 * left - s3 * forward])
+
+
+def heading_of(theta: float, phi: float, psi: float) -> float:
+    """Return psi_s [rad], with the turns of psi."""
+    return psi + 2.0 * math.atan(math.tan(0.5 * theta) * math.tan(0.5 * phi))
+
+
+def attitude_of_swing(lean: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
+    """Return theta, phi, psi (3,) [rad] of the lean g (2,) and psi_s [rad]; psi has psi_s's turns."""
+    g_x, g_y = lean.tolist()
+    g_z = math.sqrt(max(1.0 - g_x * g_x - g_y * g_y, 1e-6))
+    share = 1.0 / (1.0 + g_z)
+    s, c = math.sin(heading), math.cos(heading)
+    # rows of M; R = Rz M; theta, phi, psi by R's last column and first row
+    m11, m12, m22 = 1.0 - share * g_x * g_x, -share * g_x * g_y, 1.0 - share * g_y * g_y
+    theta = math.atan2(s * g_x + c * g_y, g_z)
+    phi = math.asin(max(-1.0, min(1.0, -c * g_x + s * g_y)))
+    psi = math.atan2(s * m22 - c * m12, c * m11 - s * m12)
+    return np.array([theta, phi, heading + math.remainder(psi - heading, 2.0 * math.pi)])

@@ -1,0 +1,206 @@
+"""Recording the twin into folders: one run or hundreds, each with all that made it.
+
+log, truth, motion_capture   see `ballbot.twin.recording`; .csv or .parquet
+results.json                 the run in numbers
+robot.toml, scenario.toml, controller.toml
+record.toml                  seed, experiment, the cameras' frame and clock; written last
+
+A folder that has record.toml is whole, and so a batch that was stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Literal
+
+import tomli_w
+
+from ballbot.control.controller import Controller
+from ballbot.control.file import controller_text
+from ballbot.control.references import named
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.robot.file import robot_text
+from ballbot.robot.robot import Robot
+from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import Experiment, Recording, record_balance, record_bench
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_text import scenario_text
+from ballbot.twin.twin import Twin
+
+LogFormat = Literal["csv", "parquet"]
+
+_HEADER = """\
+# How this run of the twin was made. The command, run in this folder, makes an equal run, bit for bit.
+"""
+_CAMERAS = """\
+# motion_capture: t_camera = (1 + clock_rate) t + clock_offset; p_camera = R_camera_world p + origin;
+# rotation_wxyz is the quaternion of R_camera_world.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What to record, but for the seed."""
+
+    robot: Robot
+    scenario: Scenario
+    controller: Controller
+    experiment: Experiment = "balance"
+    reference: str = "square"  #: a name of `ballbot.control.references`; nothing to the bench
+    duration: float  #: [s]
+    log_format: LogFormat = "csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of one run."""
+
+    seed: int
+    folder: Path
+    ended: str | None = None  #: why it stopped early
+    was_there: bool = False  #: whole on disk from before
+
+
+def record_run(
+    job: Job, seed: int, folder: Path, *, progress: Callable[[float], None] | None = None
+) -> Outcome:
+    """Record one run into a folder.
+
+    Parameters
+    ----------
+    job : Job
+    seed : int
+        Of all that is random.
+    folder : Path
+        Made where it is not there; what is in it is overwritten.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1, from time to time.
+
+    Raises
+    ------
+    InputError
+        Where the job cannot be run, or a file not be written.
+    """
+    recording = _record(job, seed, progress)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "record.toml").unlink(missing_ok=True)  # not whole from here on
+    for name, log in recording.logs.items():
+        log.write(folder / f"{name}.{job.log_format}")
+    write_text(folder / "results.json", json.dumps(recording.results, indent=2) + "\n")
+    for name, text in settings(job, seed).items():
+        write_text(folder / name, text)
+    return Outcome(seed=seed, folder=folder, ended=recording.ended)
+
+
+def record_runs(
+    job: Job,
+    seeds: Sequence[int],
+    folder: Path,
+    *,
+    processes: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[Outcome]:
+    """Record a run for each seed into folders seed_0001, seed_0002 and so on, over all cores.
+
+    Parameters
+    ----------
+    job : Job
+    seeds : sequence of int
+    folder : Path
+        Runs that are whole in it are kept.
+    processes : int, optional
+        One for each core where not given.
+    progress : callable, optional
+        Called with the number of runs that are there.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the seeds.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds a run of other settings, or a run cannot be made.
+    """
+    outcomes = {seed: one for seed in seeds if (one := _from_before(job, seed, seed_folder(folder, seed)))}
+    missing = [seed for seed in dict.fromkeys(seeds) if seed not in outcomes]
+    if progress:
+        progress(len(outcomes))
+    if missing:
+        workers = min(processes or os.cpu_count() or 1, len(missing))
+        # spawned: a fork of a process with threads may hang
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            runs = [pool.submit(record_run, job, seed, seed_folder(folder, seed)) for seed in missing]
+            try:
+                for run in as_completed(runs):
+                    outcomes[run.result().seed] = run.result()
+                    if progress:
+                        progress(len(outcomes))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return [outcomes[seed] for seed in seeds]
+
+
+def seed_folder(folder: Path, seed: int) -> Path:
+    """Return the folder of one seed's run."""
+    return folder / f"seed_{seed:04d}"
+
+
+def settings(job: Job, seed: int) -> dict[str, str]:
+    """Return the texts of the files that say how a run is made, by name; record.toml comes last."""
+    texts = {"robot.toml": robot_text(job.robot), "scenario.toml": scenario_text(job.scenario)}
+    run: dict[str, object] = {
+        "seed": seed,
+        "experiment": job.experiment,
+        "duration": job.duration,
+        "format": job.log_format,
+    }
+    options = (
+        f"--experiment {job.experiment} --duration {job.duration!r} --seed {seed} --format {job.log_format}"
+    )
+    tables: dict[str, object] = {"run": run}
+    header = _HEADER
+    if job.experiment == "balance":
+        texts["controller.toml"] = controller_text(job.controller)
+        run |= {"reference": job.reference, "compensation": job.controller.compensation}
+        options += f" --reference {job.reference} --controller controller.toml"
+        tables["motion_capture"] = asdict(MotionCapture.drawn(seed))
+        header += _CAMERAS
+    run["command"] = f"ballbot record scenario.toml --robot robot.toml {options} --out again"
+    texts["record.toml"] = f"{header}\n{tomli_w.dumps(tables)}"
+    return texts
+
+
+def _record(job: Job, seed: int, progress: Callable[[float], None] | None) -> Recording:
+    if job.experiment != "balance":
+        return record_bench(
+            job.robot, job.scenario, job.experiment, duration=job.duration, seed=seed, progress=progress
+        )
+    twin = Twin(job.robot, job.scenario)
+    reference = named(job.reference)
+    return record_balance(
+        twin, job.controller, reference, duration=job.duration, seed=seed, progress=progress
+    )
+
+
+def _from_before(job: Job, seed: int, folder: Path) -> Outcome | None:
+    """Return the outcome of a run that is whole on disk, or None where there is none."""
+    if not (folder / "record.toml").exists():
+        return None
+    for name, text in settings(job, seed).items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            raise InputError(
+                f"{folder} holds a run of other settings ({name} differs); choose another folder with --out."
+            )
+    ended = json.loads((folder / "results.json").read_text(encoding="utf-8"))["ended"]
+    return Outcome(seed=seed, folder=folder, ended=ended, was_there=True)

@@ -1,0 +1,157 @@
+"""The twin on the bench: the robot held, its motors driven by torques that are given beforehand.
+
+On the stand the wheels are in the air (thesis 3.1, Figure 3.1). Upside down the ball lies on the wheels (3.2, 3.3
+and Appendix V) and a camera gives its angular velocity in the body's frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.robot.robot import Robot
+from ballbot.simulation.run import sample_count
+from ballbot.simulation.sensors import Encoders
+from ballbot.twin.driveline import Driveline
+from ballbot.twin.engine import Engine
+from ballbot.twin.kinematics import turned
+from ballbot.twin.mjcf import twin_mjcf
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.shafts import Shafts
+
+Bench = Literal["stand", "upside_down"]
+
+#: standard deviation of the ball's angular velocity from a camera [rad/s]; the thesis gives no figure
+CAMERA_NOISE = 0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchRun:
+    """What was logged, and the same columns as they were."""
+
+    log: Log  #: t, u*, wheel*, wheel*_dot, and upside down ball_omega_x, _y, _z
+    truth: Log
+
+
+def run_bench(
+    robot: Robot,
+    scenario: Scenario,
+    torques: NDArray[np.float64],
+    *,
+    bench: Bench,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> BenchRun:
+    """Drive the motors of a robot that is held.
+
+    Parameters
+    ----------
+    robot : Robot
+    scenario : Scenario
+        Its pushes, bumps, timing and IMU have no part in this.
+    torques : array (N, n)
+        Commanded at each sample [N m]; noise and limits come upon them.
+    bench : {"stand", "upside_down"}
+    seed : int
+        Of wheels, play and noise.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1, from time to time.
+
+    Raises
+    ------
+    InputError
+        Where the torques are not rows of n finite numbers, or the scenario does not fit the robot.
+    """
+    count = robot.wheel_count
+    if torques.ndim != 2 or torques.shape[1] != count or not len(torques) or not np.isfinite(torques).all():
+        raise InputError(f"the torques must be rows of {count} finite numbers, not of shape {torques.shape}.")
+    engine = Engine(twin_mjcf(robot, scenario, mounting=bench))
+    held = _Held(robot, scenario, engine, bench, seed)
+    measured, true = [], []
+    for k, torque in enumerate(torques):
+        before, truth = held.read()
+        measured.append(before)
+        true.append(truth)
+        held.advance(torque)
+        if progress and k % 200 == 0:
+            progress(k / len(torques))
+    t = scenario.sensors.sample_time * np.arange(len(torques), dtype=np.float64)
+    names = [*wheel_angle_names(count), *wheel_speed_names(count)]
+    names += [f"ball_omega_{axis}" for axis in "xyz"] if bench == "upside_down" else []
+    inputs = dict(zip(torque_names(count), torques.T, strict=True))
+    logs = [
+        Log({"t": t} | inputs | dict(zip(names, np.array(rows).T, strict=True))) for rows in (measured, true)
+    ]
+    return BenchRun(log=logs[0], truth=logs[1])
+
+
+class _Held:
+    """A held robot between two samples."""
+
+    def __init__(self, robot: Robot, scenario: Scenario, engine: Engine, bench: Bench, seed: int) -> None:
+        self._engine = engine
+        self._random = np.random.default_rng(seed)
+        self._noise = scenario.torque_noise
+        self._steps = round(scenario.sensors.sample_time / scenario.timestep)
+        self._driveline = Driveline(robot, scenario, engine)
+        self._shafts = Shafts(robot, scenario, engine)
+        self._shafts.reset(self._random)
+        self._driveline.reset()
+        self._encoders = Encoders(robot, scenario.sensors, window=scenario.speed_window)
+        self._encoders.reset(self._shafts.angles())
+        self._start = self._shafts.angles().copy()
+        self._with_ball = bench == "upside_down"
+        if self._with_ball:
+            position, velocity = engine.first_position("ball"), engine.first_velocity("ball")
+            self._orientation = engine.qpos[position + 3 : position + 7]
+            self._spin = engine.qvel[velocity + 3 : velocity + 6]
+
+    def read(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return a row as the sensors have it, and as it is."""
+        angles = self._shafts.angles()
+        row = np.concatenate(self._encoders.read(angles))
+        truth = np.concatenate((angles - self._start, self._driveline.speeds))
+        if self._with_ball:
+            omega = turned(self._orientation, self._spin)  # the engine has it in the ball's own frame
+            truth = np.concatenate((truth, omega))
+            row = np.concatenate((row, omega + CAMERA_NOISE * self._random.standard_normal(3)))
+        return row, truth
+
+    def advance(self, torques: NDArray[np.float64]) -> None:
+        """Advance by one sample."""
+        self._driveline.command(torques + self._noise * self._random.standard_normal(len(torques)))
+        for _ in range(self._steps):
+            if self._shafts.returning:
+                self._shafts.turn_back()
+            self._driveline.prepare_step()
+            self._engine.step()
+
+
+def sweep_torques(robot: Robot, scenario: Scenario, *, duration: float) -> NDArray[np.float64]:
+    """Return the thesis's driveline sweep (N, n): 1 N m, a sine of 62.83 s, alike at every wheel (3.1)."""
+    t = _times(scenario, duration)
+    return np.repeat(np.sin(2 * np.pi * t / 62.83)[:, None], robot.wheel_count, axis=1)
+
+
+def multisine_torques(robot: Robot, scenario: Scenario, *, duration: float, seed: int) -> NDArray[np.float64]:
+    """Return torques (N, n) that stir the ball: sines of 0.1 to 2.5 Hz, 0.26 N m in all (RMS), of the seed's phases."""
+    t = _times(scenario, duration)
+    frequencies = 0.1 * 25.0 ** (np.arange(10) / 9)
+    random = np.random.default_rng([seed, 61])
+    phases = random.uniform(0.0, 2 * np.pi, (10, robot.wheel_count))  # U(0, 2 pi)
+    # each wheel's sines lie a little apart, so that no two wheels stay in step
+    detuned = frequencies[:, None] * (1 + 0.05 * np.arange(robot.wheel_count))
+    waves = np.sin(2 * np.pi * t[:, None, None] * detuned + phases)
+    return 0.26 * np.sqrt(2 / 10) * waves.sum(axis=1)
+
+
+def _times(scenario: Scenario, duration: float) -> NDArray[np.float64]:
+    sample_time = scenario.sensors.sample_time
+    return sample_time * np.arange(sample_count(duration, sample_time), dtype=np.float64)

@@ -1,0 +1,158 @@
+"""Scenario files: TOML that says in what a twin differs from a named scenario.
+
+    base = "nominal"
+    backlash = 0.0
+
+    [compliance]
+    frequency = 12.0
+    damping_ratio = 0.05
+
+What a file leaves out is as in its base, "nominal" where it names none. `compliance = false` switches off what the
+base has on. Units are SI. A file written by `write_scenario` says everything and reads back as the same scenario.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, fields, is_dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from types import NoneType
+from typing import get_args, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from ballbot.errors import InputError
+from ballbot.robot.robot import Robot
+from ballbot.twin.bristles import LAW_NAMES, BristleLaw
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_checks import check_scenario
+
+_HINTS = get_type_hints(Scenario)
+
+
+def read_scenario(path: str | Path, robot: Robot) -> Scenario:
+    """Return the scenario that a TOML file describes, for a robot.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is no TOML, misspells a key, or describes no scenario of that robot.
+    """
+    path = Path(path)
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+        return _scenario(tree, robot, default_name=path.stem)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file in UTF-8.") from None
+    except RecursionError:
+        raise InputError(f"{path} is no scenario file: its values are nested too deeply.") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {_sentence(error.errors()[0])}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except ValueError as error:  # TOMLDecodeError, or a whole number of thousands of digits
+        raise InputError(f"{path} is not valid TOML: {error}.") from None
+
+
+def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Scenario:
+    base = tree.pop("base", "nominal")
+    if not isinstance(base, str):
+        raise InputError(f"base is {base!r}; it takes a text in quotes, such as {Scenario.names()[0]!r}.")
+    start = Scenario.named(base, robot)
+    _refuse_unknown(tree, Scenario, "")
+    laws = tree.pop("driveline_laws", None)
+    values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **tree})
+    # strict JSON: lists become tuples, and no text becomes a number
+    scenario = TypeAdapter(Scenario).validate_json(json.dumps(values, default=str), strict=True)
+    scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else _laws(laws))
+    check_scenario(scenario, robot)
+    return scenario
+
+
+def _merged(base: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
+    """Return the base with the changes in it, table by table."""
+    merged = dict(base)
+    for key, value in changes.items():
+        known = merged.get(key)
+        if isinstance(known, dict) and isinstance(value, dict):
+            merged[key] = _merged(known, value)
+        else:
+            merged[key] = None if value is False and _may_be_off(key) else value
+    return merged
+
+
+def _may_be_off(key: str) -> bool:
+    return NoneType in get_args(_HINTS.get(key))
+
+
+def _refuse_unknown(tree: Mapping[str, object], kind: type, place: str) -> None:
+    """Raise where a table has a key that its dataclass has not."""
+    hints = get_type_hints(kind)
+    for key, value in tree.items():
+        if key not in hints:
+            known = [*hints, "base"] if kind is Scenario else list(hints)
+            near = get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"it knows {', '.join(known)}."
+            raise InputError(f"{place}{key} is not a key of a scenario file; {hint}")
+        below = _table_of(hints[key])
+        if below:
+            for one in value if isinstance(value, list) else [value]:
+                if isinstance(one, dict):
+                    _refuse_unknown(one, below, f"{place}{key}.")
+
+
+def _table_of(hint: object) -> type | None:
+    """Return the dataclass that a field's type is or holds, but for the laws, which there are several of."""
+    if isinstance(hint, type) and is_dataclass(hint):
+        return hint
+    found = [one for one in map(_table_of, get_args(hint)) if one]
+    return found[0] if len(found) == 1 else None
+
+
+def _laws(tables: object) -> tuple[BristleLaw, ...]:
+    if not (isinstance(tables, list) and all(isinstance(table, dict) for table in tables)):
+        raise InputError(
+            "driveline_laws must be tables: write [[driveline_laws]] above the keys of each wheel."
+        )
+    return tuple(_law(dict(table)) for table in tables)
+
+
+def _law(table: dict[str, object]) -> BristleLaw:
+    name = table.pop("law", None)
+    if not (isinstance(name, str) and name in LAW_NAMES):
+        raise InputError(f"driveline_laws.law is {name!r}; it must be one of {', '.join(LAW_NAMES)}.")
+    kind = LAW_NAMES[name]
+    known = [field.name for field in fields(kind)]
+    for key in table:
+        if key not in known:
+            near = get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}."
+            raise InputError(f"driveline_laws.{key} is not a number of the law {name!r}; {hint}")
+    return TypeAdapter(kind).validate_json(json.dumps(table, default=str), strict=True)
+
+
+def _sentence(error: ErrorDetails) -> str:
+    """Return what was wrong, where, and what would be right."""
+    place = ""
+    for part in error["loc"]:
+        place += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if place else part
+    match error["type"]:
+        case "missing":
+            return f"{place} is missing; add it."
+        case "dataclass_type":
+            wanted = f"it must be a table: write its keys below a line [{place}]"
+        case "float_type":
+            wanted = "it must be a number"
+        case "int_type" | "int_from_float":
+            wanted = "it must be a whole number"
+        case "tuple_type":
+            wanted = "it must be a list"
+        case _:
+            wanted = f"{error['msg'][0].lower()}{error['msg'][1:]}"
+    return f"{place} is {error['input']!r}; {wanted}."

@@ -1,0 +1,199 @@
+"""The sensors: each error has the size that it was given, and none where none was."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.estimation.swing import lean_of
+from ballbot.log import STATE_NAMES, Log
+from ballbot.robot import Robot
+from ballbot.simulation.accelerometer import AccelerationSensor, Accelerometer
+from ballbot.simulation.fixes import FixSensor, FixSource
+from ballbot.simulation.sensors import AttitudeSensor, Encoders, SensorFaults
+from ballbot.twin.motion_capture import MotionCapture
+
+ALTEN = Robot.load("alten")
+QUIET = replace(ALTEN.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
+
+
+@pytest.mark.parametrize("window", [1, 4])
+def test_encoders_count_and_difference(window: int) -> None:
+    """A count is 360/55200 degrees; a steady speed is found to a count over the window."""
+    encoders = Encoders(ALTEN, ALTEN.sensors, window=window)
+    count = 2 * np.pi / (2000 * 27.6)
+    start, speeds = np.array([1.0, -3.0, 700.0]), np.array([3.0, -0.02, 0.0])
+    encoders.reset(start)
+    found = np.zeros(3)
+    for k in range(50):
+        angles, found = encoders.read(start + speeds * 0.005 * k)
+        error = speeds * 0.005 * k - angles
+        assert (error > -1e-9).all()
+        assert (error < count + 1e-9).all()
+        np.testing.assert_allclose(angles / count, np.round(angles / count), atol=1e-6)
+    np.testing.assert_allclose(found, speeds, atol=count / (window * 0.005) + 1e-9)
+
+
+def test_heading_drifts_by_sixteen_degrees_in_three_minutes() -> None:
+    """Appendix IV; noise of each kind has the size that the robot file says."""
+    sensors = ALTEN.sensors
+    imu = AttitudeSensor(sensors, np.random.default_rng(1))
+    read = [imu.read(180.0, np.zeros(3), np.zeros(3)) for _ in range(4000)]
+    gyro, attitude = (np.array(part) for part in zip(*read, strict=True))
+    assert np.degrees(attitude[:, 2].mean()) == pytest.approx(16.0, abs=0.01)
+    # 12000 and 4000 draws: a standard deviation is known to 0.7 and 1.2 %, four times that
+    assert gyro.std() == pytest.approx(sensors.gyro_noise, rel=0.03)
+    assert attitude[:, 0].std() == pytest.approx(sensors.attitude_noise, rel=0.05)
+    gyro, attitude = AttitudeSensor(QUIET, np.random.default_rng(1)).read(9.0, np.ones(3), np.ones(3))
+    assert (gyro == 1.0).all()
+    assert (attitude == 1.0).all()
+
+
+def test_faults_of_size_zero_change_no_bit() -> None:
+    one = AttitudeSensor(ALTEN.sensors, np.random.default_rng(3))
+    two = AttitudeSensor(ALTEN.sensors, np.random.default_rng(3), SensorFaults())
+    random = np.random.default_rng(4)
+    for k in range(20):
+        rate, attitude = random.normal(size=3), random.normal(size=3)
+        for a, b in zip(
+            one.read(0.005 * k, rate, attitude), two.read(0.005 * k, rate, attitude), strict=True
+        ):
+            assert (a == b).all()
+
+
+def faulty(faults: SensorFaults, seed: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gyro and attitude (samples, 3) of a robot that stands still, with the faults and nothing else."""
+    imu = AttitudeSensor(QUIET, np.random.default_rng(seed), faults)
+    read = [imu.read(0.005 * k, np.zeros(3), np.zeros(3)) for k in range(samples)]
+    gyro, attitude = zip(*read, strict=True)
+    return np.array(gyro), np.array(attitude)
+
+
+def test_bias_is_drawn_stays_and_turns_the_heading() -> None:
+    biases = np.array([faulty(SensorFaults(gyro_bias=0.002), seed, 1)[0][0] for seed in range(400)])
+    assert biases.std() == pytest.approx(0.002, rel=0.09)  # 1200 draws: 2.1 %, four times that
+    gyro, attitude = faulty(SensorFaults(gyro_bias=0.002), 1, 2001)
+    assert (gyro == gyro[0]).all()
+    assert attitude[-1, 2] == pytest.approx(10 * gyro[0, 2])
+    assert (attitude[:, :2] == 0).all()
+
+
+def test_bias_walks_as_the_root_of_time() -> None:
+    ends = [
+        np.diff(faulty(SensorFaults(gyro_bias_walk=1e-3), seed, 401)[0][[0, -1]], axis=0)
+        for seed in range(100)
+    ]
+    assert np.std(ends) == pytest.approx(
+        1e-3 * np.sqrt(2.0), rel=0.17
+    )  # 300 draws over 2 s: 4.1 %, four times that
+
+
+def test_lean_error_has_its_size_from_the_start_and_forgets_itself() -> None:
+    faults = SensorFaults(lean_error=0.01, lean_error_time=0.5)
+    leans = np.array([faulty(faults, seed, 101)[1][:, :2] for seed in range(300)])  # 0.5 s
+    # 600 draws: 2.9 %, four times that
+    assert leans[:, 0].std() == pytest.approx(0.01, rel=0.12)
+    assert leans[:, -1].std() == pytest.approx(0.01, rel=0.12)
+    kept = np.mean(leans[:, 0] * leans[:, -1]) / 0.01**2
+    assert kept == pytest.approx(np.exp(-1.0), abs=0.17)  # 1/sqrt(600), four times that
+
+
+def test_latency_is_in_whole_samples() -> None:
+    imu = AttitudeSensor(QUIET, np.random.default_rng(0), SensorFaults(latency=0.010))
+    found = [imu.read(0.005 * k, np.full(3, k), np.full(3, 0.1 * k)) for k in range(6)]
+    assert [gyro[0] for gyro, _ in found] == [0, 0, 0, 1, 2, 3]
+    assert [attitude[1] for _, attitude in found] == pytest.approx([0, 0, 0, 0.1, 0.2, 0.3])
+
+
+@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-4, 4))
+def test_a_heading_that_takes_the_lean_along_leaves_the_upward_direction(
+    theta: float, phi: float, psi: float
+) -> None:
+    """Body to world is turned about the vertical by the drift, as scipy's rotations have it."""
+    faults = SensorFaults(lean_turns_with_heading=True)
+    imu = AttitudeSensor(replace(QUIET, heading_drift=0.1), np.random.default_rng(0), faults)
+    _, found = imu.read(5.0, np.zeros(3), np.array([theta, phi, psi]))
+    turned = Rotation.from_euler("Z", 0.5) * Rotation.from_euler("XYZ", [theta, phi, psi])
+    np.testing.assert_allclose(Rotation.from_euler("XYZ", found).as_matrix(), turned.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(lean_of(*found), lean_of(theta, phi, psi), atol=1e-12)
+    assert abs(found[2] - psi - 0.5) < 0.2  # no turn lost
+
+
+def test_accelerometer_feels_gravity_and_the_way_round() -> None:
+    """At rest R^T g; on a turntable w^2 r inward; both without noise."""
+    place = Accelerometer(position=(0.2, 0.0, 0.5), noise=0.0)
+    make = lambda: AccelerationSensor(place, sample_time=0.005, gravity=9.81, random=np.random.default_rng(0))  # noqa: E731
+    leaning = Rotation.from_euler("XYZ", [0.1, -0.2, 0.3]).as_matrix()
+    np.testing.assert_allclose(
+        make().read(np.zeros(3), np.zeros(3), leaning), leaning.T @ [0, 0, 9.81], atol=1e-12
+    )
+    turning = make()
+    turning.read(np.zeros(3), np.array([0.0, 0.0, 3.0]), np.eye(3))
+    felt = turning.read(np.zeros(3), np.array([0.0, 0.0, 3.0]), np.eye(3))
+    np.testing.assert_allclose(felt, [-9 * 0.2, 0, 9.81], atol=1e-12)
+    falling = make()  # free fall, while it begins to pitch by 2 rad/s^2: the place above the centre lags
+    falling.read(np.zeros(3), np.zeros(3), np.eye(3))
+    felt = falling.read(np.array([0, 0, -9.81 * 0.005]), np.array([0.0, 0.01, 0.0]), np.eye(3))
+    np.testing.assert_allclose(felt, [2 * 0.5 - 0.01**2 * 0.2, 0, -2 * 0.2 - 0.01**2 * 0.5], atol=1e-9)
+
+
+def test_fixes_come_at_their_rate_with_their_noise_and_go_missing() -> None:
+    truth = np.array([1.0, -2.0, 0, 0, 0.5, 0, 0, 0, 0, 0])
+    source = FixSource(rate=12.0, position_noise=0.01, heading_noise=0.03, missing=0.25)
+    sensor = FixSensor(source, np.random.default_rng(2))
+    found = [sensor.read(0.005 * k, truth) for k in range(20 * 200 + 1)]
+    there = [fix for fix in found if fix is not None]
+    assert found[0] is None
+    assert len(there) == pytest.approx(0.75 * 240, abs=27)  # binomial: 6.7, four times that
+    errors = np.array([fix.position - truth[:2] for fix in there if fix.position is not None])
+    assert errors.std() == pytest.approx(0.01, rel=0.16)  # 360 draws: 3.7 %, four times that
+    assert np.std([fix.heading for fix in there if fix.heading is not None]) == pytest.approx(0.03, rel=0.22)
+    assert there[0].position_deviation == 0.01
+    only_heading = FixSensor(replace(source, position=False, missing=0.0), np.random.default_rng(2)).read(
+        0.1, truth
+    )
+    assert only_heading is not None
+    assert only_heading.position is None
+    assert only_heading.heading is not None
+
+
+def standing(duration: float) -> Log:
+    t = np.linspace(0.0, duration, round(duration / 0.005) + 1)
+    return Log({"t": t} | {name: np.zeros_like(t) for name in STATE_NAMES})
+
+
+def test_cameras_lose_the_robot_for_their_share_of_the_time() -> None:
+    whole = MotionCapture.drawn(5)
+    losing = replace(whole, gap_rate=0.5, gap_duration=0.4)
+    truth = standing(600.0)
+    one, two = whole.film(truth, ball_radius=0.11), losing.film(truth, ball_radius=0.11)
+    lost = np.isnan(two["x"])
+    # gaps of 0.4 s in the mean, 300 of them, at times of their own: a share of 1 - exp(-0.2) is covered
+    assert lost.mean() == pytest.approx(1 - np.exp(-0.2), abs=0.05)
+    for name in ("y", "z", "qw", "qx", "qy", "qz"):
+        assert (np.isnan(two[name]) == lost).all()
+        assert (two[name][~lost] == one[name][~lost]).all()
+    assert (two.t == one.t).all()
+    assert not any(np.isnan(one[name]).any() for name in one)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: SensorFaults(gyro_bias=-1.0), "gyro_bias"),
+        (lambda: SensorFaults(lean_error_time=0.0), "lean_error_time"),
+        (lambda: FixSource(rate=0.0), "rate"),
+        (lambda: FixSource(rate=1.0, missing=1.5), "share from 0 to 1"),
+        (lambda: FixSource(rate=1.0, heading_noise=0.0), "heading_noise"),
+        (lambda: replace(MotionCapture.drawn(1), gap_rate=-1.0), "gap_rate"),
+        (lambda: replace(MotionCapture.drawn(1), gap_duration=0.0), "gap_duration"),
+    ],
+)
+def test_refuses_sizes_that_no_sensor_has(make, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make()

@@ -1,0 +1,430 @@
+"""Each fault of the twin against the law that it claims to follow."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.mechanics.friction_laws import Dahl, LuGre
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.driveline import Driveline as PlainDriveline
+from ballbot.simulation.driveline import simulate_drivelines
+from ballbot.twin import Scenario, Twin, twin_mjcf
+from ballbot.twin.disturbances import UnevenFloor
+from ballbot.twin.driveline import Driveline
+from ballbot.twin.engine import Engine
+from ballbot.twin.faults import (
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Push,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+)
+from ballbot.twin.shafts import Shafts
+
+ALTEN = Robot.load("alten")
+IDEAL = Scenario.ideal(ALTEN)
+ROTOR = 27.6**2 * (2.42e-6 + 1.6e-7)  # Appendix III
+INERTIA = 1e-3 + ROTOR
+
+
+def ideal(**faults: Any) -> Scenario:
+    return replace(IDEAL, **faults)
+
+
+def wheels_in_the_air(scenario: Scenario) -> tuple[Engine, Driveline]:
+    engine = Engine(twin_mjcf(ALTEN, scenario, mounting="stand"))
+    return engine, Driveline(ALTEN, scenario, engine)
+
+
+def turn(engine: Engine, driveline: Driveline, torques: NDArray[np.float64], steps: int) -> list[list[float]]:
+    driveline.command(torques)
+    speeds = []
+    for _ in range(steps):
+        driveline.prepare_step()
+        engine.step()
+        speeds.append(driveline.speeds.tolist())
+    return speeds
+
+
+# Contacts
+
+
+def test_soft_ball_sinks_and_swings_as_its_stiffness_says() -> None:
+    """Upside down, 3 kg on three springs at 45 degrees: 3 K cos^2 carries it."""
+    K, C = 1e4, 10.0
+    scenario = ideal(
+        softness=Softness(stiffness=K, damping=C), wheel_contact="point"
+    )  # rows could share the load
+    engine = Engine(twin_mjcf(ALTEN, scenario, mounting="upside_down"))
+    shafts = Shafts(ALTEN, scenario, engine)
+    height = engine.qpos[engine.first_position("ball") : engine.first_position("ball") + 3][2:]
+    heights = []
+    for _ in range(4000):
+        shafts.turn_back()
+        engine.step()
+        heights.append(float(height[0]))
+    vertical = 3 * K / 2
+    sink = 3 * 9.81 / vertical  # down is +z here
+    # the contacts turn by 2 mm in 119 mm as the ball sinks
+    assert heights[-1] == pytest.approx(sink, rel=0.03)
+    swing = np.array(heights[:1200]) - sink
+    crossings = np.flatnonzero(np.diff(np.sign(swing)))
+    period = 2 * np.mean(np.diff(crossings)) * engine.timestep
+    # MuJoCo's soft contacts have a mass of their own (`ballbot.twin.softness`): a quarter over the inverse weights
+    added = 3 / 2 * 0.25 / (engine.mobility("ball") + engine.mobility("roller 1.1"))
+    assert 0.1 < added < 1.0
+    assert 2 * np.pi / period == pytest.approx(np.sqrt(vertical / (3.0 + added)), rel=0.03)
+
+
+def test_softer_balls_still_carry_a_balancing_robot() -> None:
+    softness = Softness(stiffness=3e4, damping=1000.0)
+    twin = Twin(
+        ALTEN, replace(Scenario.nominal(ALTEN), softness=softness, wheel_contact="point", timestep=1e-4)
+    )
+    twin.reset(None, seed=1)
+    for _ in range(40):
+        twin.step(np.zeros(3), 0.005)
+    body = twin.engine.first_position("body")
+    ball = twin.engine.first_position("ball")
+    sink = twin.engine.qpos[ball + 2] - twin.engine.qpos[body + 2]
+    expected = 17.076 * 9.81 / (3 * 3e4 / 2)  # the body sinks towards the ball
+    assert sink == pytest.approx(expected, rel=0.05)  # it begins to fall meanwhile
+
+
+def test_refuses_contacts_too_stiff_for_the_step() -> None:
+    with pytest.raises(InputError, match="timestep shorter"):
+        Twin(ALTEN, ideal(softness=Softness(stiffness=1e9, damping=100.0)))
+
+
+def lone_ball(scenario: Scenario) -> Engine:
+    root = ET.fromstring(twin_mjcf(ALTEN, scenario))
+    world = root.find("worldbody")
+    assert world is not None
+    world.remove(next(body for body in world.findall("body") if body.get("name") == "body"))
+    root.remove(root.find("actuator"))  # type: ignore[arg-type]
+    return Engine(ET.tostring(root, encoding="unicode"))
+
+
+def test_ball_slides_at_the_grip_of_the_floor() -> None:
+    engine = lone_ball(ideal(floor_grip=0.1))
+    for _ in range(200):  # settle
+        engine.step()
+    engine.qvel[:] = [0.3, 0, 0, 0, 0, 0]  # no spin: it slides
+    for _ in range(200):
+        engine.step()
+    # MuJoCo's friction cone lifts what slides, for a moment
+    assert engine.qvel[0] == pytest.approx(0.3 - 0.1 * 9.81 * 0.1, abs=0.01)
+
+
+def test_ball_rolls_down_a_tilted_floor() -> None:
+    """g sin(tilt) / (1 + j/(m r^2)): about +x tilts y upward, so that the ball rolls to -y."""
+    engine = lone_ball(ideal(floor_tilt=(0.02, 0.03), friction=Friction.none(3)))
+    for _ in range(1000):
+        engine.step()
+    rolling = 1 + 0.0242 / (3 * 0.11**2)
+    expected = 9.81 * 0.5 / rolling * np.array([np.sin(0.03), -np.sin(0.02)])
+    np.testing.assert_allclose(engine.qvel[:2], expected, rtol=0.01, atol=1e-4)
+
+
+def test_wheels_with_one_point_turn_as_kinematics_says() -> None:
+    twin = Twin(ALTEN, replace(Scenario.ideal(ALTEN), wheel_contact="point", timestep=0.00025))
+    state = np.array([0, 0, 0.0, 0, 0.4, 0.3, -0.2, 0.0, 0.0, 0.8])
+    twin.reset(state, seed=2)
+    model = Model(ALTEN)
+    speeds = [model.wheel_speed(state[:5], state[5:])]
+    for _ in range(40):
+        m = twin.step(np.zeros(3), 0.005)
+        speeds.append(model.wheel_speed(m.truth[:5], m.truth[5:]))
+    angle = np.trapezoid(speeds, dx=0.005, axis=0)
+    assert np.abs(angle).max() > 0.4
+    # a count is 0.1 mrad; contacts creep
+    np.testing.assert_allclose(m.wheel_angles, angle, rtol=2e-3, atol=2e-3)
+
+
+# Drivelines
+
+
+@pytest.mark.parametrize("frequency", [12.0, 25.0])
+def test_resonance_is_where_the_user_says(frequency: float) -> None:
+    """Rotors and wheels plucked apart on the standing robot, without friction or play."""
+    zeta = 0.03
+    compliance = Compliance(frequency=frequency, damping_ratio=zeta)
+    # contacts of 4 ms would damp, too: leaning presses the wheels against the ball by turns
+    scenario = ideal(compliance=compliance, timestep=0.00025, contact_time=0.001)
+    twin = Twin(ALTEN, scenario)
+    twin.reset(None, seed=1)
+    engine = twin.engine
+    for _ in range(100):
+        engine.step()
+    motors, play = engine.velocities("wheel", 3), engine.velocities("play", 3)
+    pluck = np.array([0.5, -0.2, -0.3])
+    engine.qvel[motors] += pluck  # the rotors alone: the wheels, behind the play, stay
+    engine.qvel[play] -= pluck
+    twist = []
+    for _ in range(round(4.5 / frequency / engine.timestep)):
+        engine.step()
+        twist.append(engine.qpos[engine.positions("play", 3)].copy())
+    first = np.array(twist)[:, 0]
+    crossings = np.flatnonzero(np.diff(np.sign(first)))[:8]
+    damped = 0.5 / (np.mean(np.diff(crossings)) * engine.timestep)
+    # rows of rollers make the robot's inertia at a wheel uncertain by 1 to 2 %, of which the rotor sees a twentieth
+    assert damped == pytest.approx(frequency, rel=0.03)
+    peaks = [np.abs(first[a:b]).max() for a, b in pairwise(crossings)]
+    decay = -np.polyfit(np.arange(len(peaks)), np.log(peaks), 1)[0] / np.pi
+    assert decay == pytest.approx(zeta, rel=0.3)  # creeping contacts damp too
+
+
+def test_a_twisting_driveline_is_slack_within_its_play() -> None:
+    half = np.radians(0.5)
+    engine, _ = wheels_in_the_air(
+        ideal(backlash=2 * half, compliance=Compliance(frequency=12, damping_ratio=0.0))
+    )
+    play = engine.positions("play", 3)
+    accelerations = []
+    for angle in (0.9 * half, 2.0 * half):
+        engine.reset()
+        engine.qpos[play] = angle
+        engine.step()
+        accelerations.append(engine.qvel[engine.velocities("play", 3)].copy() / engine.timestep)
+    np.testing.assert_allclose(accelerations[0], 0.0, atol=1e-9)
+    k = (2 * np.pi * 12) ** 2 / (1 / ROTOR + 1 / 0.0457)  # 0.0457: the robot's inertia at a wheel
+    free = -k * half * (1 / ROTOR + 1 / 1e-3)
+    np.testing.assert_allclose(accelerations[1], free, rtol=0.01)
+
+
+def test_current_loop_lags() -> None:
+    engine, driveline = wheels_in_the_air(ideal(current_loop=CurrentLoop(bandwidth=50.0)))
+    driveline.command(np.array([1.0, -0.5, 0.0]))
+    torques = []
+    for _ in range(20):
+        driveline.prepare_step()
+        torques.append(engine.torques.copy())
+        engine.step()
+    t = engine.timestep * np.arange(1, 21)
+    expected = np.outer(1 - np.exp(-2 * np.pi * 50.0 * t), [1.0, -0.5, 0.0])
+    np.testing.assert_allclose(torques, expected, atol=1e-12)
+
+
+def test_battery_limits_torque_and_speed_and_sags() -> None:
+    R, R_i = 0.6, 0.3
+    engine, driveline = wheels_in_the_air(ideal(supply=Supply(winding_resistance=R, internal_resistance=0.0)))
+    top = turn(engine, driveline, np.array([1.0, -1.0, 1.0]), 8000)[-1]
+    np.testing.assert_allclose(np.abs(top), 24 * 303 * 2 * np.pi / 60 / 27.6, rtol=2e-3)  # Appendix I
+    strong = ALTEN.replace(drive=replace(ALTEN.drive, torque_limit=100.0))
+    for inner, volts in ((0.0, 24.0), (R_i, None)):
+        scenario = ideal(supply=Supply(winding_resistance=R, internal_resistance=inner))
+        engine = Engine(twin_mjcf(strong, scenario, mounting="stand"))
+        driveline = Driveline(strong, scenario, engine)
+        driveline.command(np.full(3, 20.0))
+        driveline.prepare_step()
+        ampere = 20.0 / (27.6 * 0.0315)
+        volts = volts or 24.0 - R_i * 3 * R * ampere**2 / 24.0  # at rest all power is heat
+        stall = 27.6 * 0.0315 * volts / R
+        np.testing.assert_allclose(engine.torques, min(20.0, stall), rtol=1e-12)
+    assert stall < 20.0  # the sag was seen
+
+
+def test_friction_may_differ_forward_and_backward() -> None:
+    friction = replace(Friction.none(3), coulomb=(0.1, 0.1, 0.1))
+    engine, driveline = wheels_in_the_air(ideal(friction=friction, asymmetry=0.2))
+    driveline.speeds[:] = [5.0, -5.0, 5.0]
+    speeds = turn(engine, driveline, np.zeros(3), 50)[-1]
+    slowed = np.array([0.12, 0.08, 0.12]) / INERTIA * 0.025
+    np.testing.assert_allclose(np.abs(speeds), 5.0 - slowed, rtol=1e-3)
+
+
+def test_friction_may_follow_the_load() -> None:
+    friction = replace(Friction.none(3), coulomb=(0.1, 0.1, 0.1))
+    scenario = ideal(friction=friction, load_dependence=LoadDependence(share=0.5))
+    engine, driveline = wheels_in_the_air(scenario)
+    driveline.speeds[:] = 5.0
+    speeds = turn(engine, driveline, np.zeros(3), 50)[-1]
+    np.testing.assert_allclose(
+        speeds, 5.0 - 0.05 / INERTIA * 0.025, rtol=1e-3
+    )  # in the air half of it is left
+    twin = Twin(ALTEN, scenario)
+    twin.reset(None, seed=1)
+    sizes = []
+    for _ in range(40):
+        twin.step(np.zeros(3), 0.005)
+        sizes.append(twin.engine.dry_friction[twin.engine.velocities("wheel", 3)].copy())
+    # on the ball it is whole; 1.4 degrees between rows and contacts that settle change the force by some per cent
+    assert np.mean(sizes[20:]) == pytest.approx(0.1, rel=0.03)
+
+
+LAWS = [
+    LuGre(viscous=0.014, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6, stiffness=60.0, micro_damping=0.02),
+    Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014),
+]
+
+
+@pytest.mark.parametrize("law", LAWS, ids=["lugre", "dahl"])
+def test_driveline_follows_another_law(law: LuGre | Dahl) -> None:
+    """A wheel in the air driven to and fro against the driveline plant, which has another integrator."""
+    scenario = ideal(driveline_laws=(law, law, law), timestep=0.00025)
+    engine, driveline = wheels_in_the_air(scenario)
+    t = 0.005 * np.arange(200)
+    torques = 0.4 * np.sin(2 * np.pi * 2.0 * t)
+    speeds = [turn(engine, driveline, np.full(3, u), 20)[-1][0] for u in torques]
+    plain = PlainDriveline(inertia=INERTIA, friction=law)
+    expected = simulate_drivelines(plain, torques, sample_time=0.005, step=1e-4).speeds[0]
+    assert np.abs(expected).max() > 5.0
+    # the engine's step is of first order: half a step of up to 150 rad/s^2, and one of lag in the friction
+    np.testing.assert_allclose(speeds, expected, atol=0.05)
+
+
+# From outside
+
+
+def test_push_accelerates_as_the_equations_say() -> None:
+    """M q_dd = J^T F for a force on the body at height h, seen over the first 10 ms."""
+    force, height = np.array([30.0, -20.0]), 0.5
+    push = Push(time=0.005, duration=0.01, force=(30.0, -20.0, 0.0), height=height)
+    scenario = ideal(pushes=(push,), wheel_contact="point", sensors=IDEAL.sensors)
+    twin = Twin(ALTEN, scenario)
+    twin.reset(None, seed=1)
+    unmoved = twin.step(np.zeros(3), 0.005).truth
+    assert np.abs(unmoved[5:]).max() < 1e-3
+    for _ in range(2):
+        pushed = twin.step(np.zeros(3), 0.005).truth
+    Q = np.array([force[0], force[1], -height * force[1], height * force[0], 0.0])
+    expected = 0.01 * np.linalg.solve(Model(ALTEN).mass_matrix(np.zeros(5)), Q)
+    # soft contacts give way for some milliseconds
+    np.testing.assert_allclose(pushed[5:9], expected[:4], rtol=0.1)
+    after = twin.step(np.zeros(3), 0.005).truth
+    np.testing.assert_allclose(after[5:9], pushed[5:9], rtol=0.15)  # it is over
+
+
+def test_payload_moves_the_centre_of_mass() -> None:
+    import mujoco
+
+    masses = []
+    for payload in (None, Payload(mass=2.0, position=(0.1, -0.05, 0.6))):
+        engine = Engine(twin_mjcf(ALTEN, ideal(payload=payload)))
+        full = np.zeros((engine.model.nv, engine.model.nv))
+        mujoco.mj_forward(engine.model, engine.data)
+        mujoco.mj_fullM(engine.model, engine.data, full)
+        body = engine.first_velocity("body")
+        masses.append(full[body : body + 6, body : body + 6])
+    more = masses[1] - masses[0]
+    np.testing.assert_allclose(np.diag(more)[:3], 2.0, rtol=1e-12)
+    # translation against rotation: m [r]x
+    moment = 2.0 * np.array([[0, 0.6, 0.05], [-0.6, 0, 0.1], [-0.05, -0.1, 0]])
+    np.testing.assert_allclose(more[:3, 3:], moment, atol=1e-12)
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    x=st.floats(-5, 5),
+    y=st.floats(-5, 5),
+    wavelength=st.floats(0.05, 1.0),
+)
+def test_floor_s_slope_is_the_gradient_of_its_height(
+    seed: int, x: float, y: float, wavelength: float
+) -> None:
+    floor = UnevenFloor(Roughness(height=0.001, wavelength=wavelength, seed=seed))
+    step = 1e-4 * wavelength
+    place = np.array([x, y])
+    numeric = [
+        (floor.height(place + step * axis) - floor.height(place - step * axis)) / (2 * step)
+        for axis in np.eye(2)
+    ]
+    # slopes are up to 24 waves of 2 pi amplitude / wavelength
+    np.testing.assert_allclose(floor.slope(place), numeric, atol=1e-5 * 0.05 / wavelength)
+
+
+def test_floor_is_as_rough_as_it_says() -> None:
+    floor = UnevenFloor(Roughness(height=0.002, wavelength=0.1, seed=3))
+    places = np.random.default_rng(1).uniform(-20, 20, (4000, 2))
+    heights = [floor.height(place) for place in places]
+    assert np.std(heights) == pytest.approx(0.002, rel=0.1)
+
+
+def test_bumps_push_a_robot_at_rest() -> None:
+    rough = ideal(roughness=Roughness(height=0.002, wavelength=0.2, seed=4))
+    twins = Twin(ALTEN, rough), Twin(ALTEN, IDEAL)
+    ends = []
+    for twin in twins:
+        twin.reset(None, seed=1)
+        for _ in range(20):
+            m = twin.step(np.zeros(3), 0.005)
+        ends.append(m.truth[5:7])
+    slope = UnevenFloor(rough.roughness).slope(np.zeros(2))  # type: ignore[arg-type]
+    Q = np.array([*(-(20.076 * 9.81) * slope), 0, 0, 0])
+    expected = 0.1 * np.linalg.solve(Model(ALTEN).mass_matrix(np.zeros(5)), Q)[:2]
+    assert np.abs(expected).max() > 0.01
+    np.testing.assert_allclose(
+        ends[0] - ends[1], expected, rtol=0.3, atol=0.01
+    )  # it begins to fall meanwhile
+
+
+# Timing
+
+
+def test_late_torques_act_a_sample_later() -> None:
+    now, late = Twin(ALTEN, IDEAL), Twin(ALTEN, ideal(timing=Timing(delay=1)))
+    torques = [np.array([0.3, -0.1, 0.2]), np.array([-0.2, 0.3, 0.1]), np.zeros(3)]
+    now.reset(None, seed=1)
+    late.reset(None, seed=1)
+    first = [now.step(u, 0.005).truth for u in [np.zeros(3), *torques[:2]]]
+    second = [late.step(u, 0.005).truth for u in torques]
+    np.testing.assert_array_equal(first, second)
+
+
+def test_jitter_keeps_the_mean_rate() -> None:
+    scenario = replace(Scenario.nominal(ALTEN), timing=Timing(jitter=0.001))
+    runs = []
+    for _ in range(2):
+        twin = Twin(ALTEN, scenario)
+        twin.reset(None, seed=3)
+        runs.append([twin.step(np.zeros(3), 0.005).t for _ in range(60)])
+    assert runs[0] == runs[1]
+    off = np.array(runs[0]) - 0.005 * np.arange(1, 61)
+    assert np.abs(off).max() <= 0.001 + 1e-12
+    assert len(np.unique(np.round(off / 0.0005))) == 5  # -2 to 2 steps of 0.5 ms
+
+
+# Off
+
+
+def test_what_is_off_is_not_built() -> None:
+    document = twin_mjcf(ALTEN, Scenario.nominal(ALTEN))
+    assert "tendon" not in document
+    assert "payload" not in document
+    assert document.count("<pair") == 1  # ball and floor
+    assert 'impratio="10"' in document
+
+
+@pytest.mark.parametrize(
+    ("faults", "sentence"),
+    [
+        ({"compliance": Compliance(frequency=400.0, damping_ratio=0.1)}, "timestep shorter"),
+        ({"compliance": Compliance(frequency=-1.0, damping_ratio=0.1)}, r"compliance\.frequency is -1"),
+        ({"timing": Timing(jitter=0.003)}, "half a sample"),
+        ({"timing": Timing(delay=-1)}, r"timing\.delay"),
+        ({"asymmetry": 1.5}, "between -1 and 1"),
+        ({"load_dependence": LoadDependence(share=1.5)}, "between 0 and 1"),
+        ({"floor_tilt": (0.5, 0.0)}, "floor_tilt"),
+        ({"driveline_laws": (LAWS[0],)}, "1 driveline laws"),
+        ({"driveline_laws": (LAWS[0],) * 3, "asymmetry": 0.1}, "classical"),
+        ({"payload": Payload(mass=0.0, position=(0, 0, 0))}, r"payload\.mass is 0"),
+        ({"pushes": (Push(time=0, duration=1, force=(np.nan, 0, 0), height=0),)}, r"pushes\.force is nan"),
+        ({"backlash": float("inf")}, "finite"),
+    ],
+)
+def test_refuses_faults_that_cannot_be(faults: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Twin(ALTEN, ideal(**faults))
