@@ -19,9 +19,12 @@ from ballbot.twin import Scenario, twin_mjcf
 from ballbot.twin.mjcf import Mounting
 from ballbot.twin.scenario_text import write_scenario
 
-twin = App(
-    name="twin", help="The twin itself: its MuJoCo model, scenarios, what the thesis recommends for it."
-)
+_ABOUT = """The twin itself: its MuJoCo model, scenarios, what the thesis recommends for it.
+
+Example: ballbot twin export alten --out twin.xml
+"""
+
+twin = App(name="twin", help=_ABOUT)
 
 
 @twin.command
