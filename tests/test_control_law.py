@@ -285,3 +285,9 @@ def test_an_update_is_fast():
         controller.update(0.0, state, reference)
         times.append(time.perf_counter() - start)
     assert np.median(times) < 50e-6  # 4 us on an idle core; the rest is for a busy machine
+
+
+def test_a_whole_design_in_place_of_its_gain_is_told_apart() -> None:
+    robot = Robot.load("alten")
+    with pytest.raises(InputError, match=r"The gain is a LqrDesign; it must be 3 rows of 10 numbers"):
+        Controller(robot, design_gain(robot))

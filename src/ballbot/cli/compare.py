@@ -106,7 +106,7 @@ def _plant_factory(plant: PlantName, robot: Robot, scenario: str) -> Callable[[]
         return lambda: Model(robot)
     from ballbot.twin import Scenario, Twin  # MuJoCo is an extra
 
-    faults = Scenario.named(scenario, robot)
+    faults = Scenario.load(scenario, robot)
     return lambda: Twin(robot, faults)
 
 

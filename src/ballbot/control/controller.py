@@ -156,7 +156,12 @@ def refusal(place: int, value: float) -> str:
 
 
 def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
-    matrix = np.array(gain, dtype=np.float64)
+    try:
+        matrix = np.array(gain, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"The gain is a {type(gain).__name__}; it must be {wheel_count} rows of 10 numbers, such as `lqr(..).gain`."
+        ) from None
     if matrix.shape != (wheel_count, 10):
         raise InputError(
             f"The gain has the shape {matrix.shape}; this robot's is {wheel_count} x 10, wheels by states."

@@ -3,8 +3,9 @@
 C nu are the speeds there, C^T lambda the generalised forces of friction forces there, and G = C M^-1 C^T.
 """
 
+from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.equations import ball_torque, solve, wheel_force, wheel_speeds
+from ballbot.mechanics.equations import ball_torque, wheel_force, wheel_speeds
 from ballbot.mechanics.parameters import Pivoting
 from ballbot.mechanics.vector import written
 

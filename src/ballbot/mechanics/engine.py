@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.compiled import by_types_of, compiled, inlined
-from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles, solve
+from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
 from ballbot.mechanics.free_motion import finished, free_motion
 from ballbot.mechanics.parameters import LANES, Exact, Pivoting, Thesis, entry, entry_after, load
 from ballbot.mechanics.proximal import convex_step

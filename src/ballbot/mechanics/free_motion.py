@@ -2,13 +2,13 @@
 
 from typing import NamedTuple
 
+from ballbot.mechanics.accelerations import free_forces
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.contacts import box_limits_of
 from ballbot.mechanics.equations import (
     Attitude,
     attitude,
     ball_torque,
-    free_forces,
     rates_of_angles,
     terms,
     wheel_force,

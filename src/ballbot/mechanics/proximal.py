@@ -13,9 +13,9 @@ suffice in some steps of a thousand, nor with four wheels, where G is singular: 
 
 import math
 
+from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.contacts import contact_forces, contact_matrix, contact_speeds
-from ballbot.mechanics.equations import solve
 from ballbot.mechanics.free_motion import finished, free_motion
 from ballbot.mechanics.friction import sign
 from ballbot.mechanics.vector import advanced, each, each_with, solve_dense, written

@@ -9,13 +9,12 @@ while pivoting friction can hold it, and that is smooth as well.
 import math
 from typing import NamedTuple
 
+from ballbot.mechanics.accelerations import free_forces, solve
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.equations import (
     attitude,
     ball_torque,
-    free_forces,
     rates_of_angles,
-    solve,
     terms,
     wheel_force,
     wheel_speeds,
