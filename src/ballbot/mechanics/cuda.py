@@ -34,7 +34,7 @@ class GpuBatch:
     finals: NDArray[
         np.float64
     ]  #: (robots, 10), states after the last sample, or where the lean passed its limit
-    unsettled: NDArray[np.int64]  #: (robots,), steps in which four Newton rounds did not find the minimiser
+    unsettled: NDArray[np.int64]  #: (robots,), steps in which five Newton rounds did not find the minimiser
 
 
 @cuda.jit

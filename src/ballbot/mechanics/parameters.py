@@ -157,11 +157,6 @@ def friction_places(wheel_count: int) -> NDArray[np.int64]:
     )
 
 
-def packed_size(wheel_count: int) -> int:
-    """Return the length of a packed row."""
-    return RIGID_SIZE + WHEEL_SIZE * wheel_count
-
-
 def _symmetric(S: NDArray[np.float64]) -> list[float]:
     return [S[0, 0], S[1, 1], S[2, 2], S[0, 1], S[0, 2], S[1, 2]]
 
