@@ -7,11 +7,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ballbot.mechanics.compiled import FAST
-from ballbot.mechanics.engine import LANES, ROWS, TORQUE, load_state, load_torques, put, start_lane
 from ballbot.mechanics.friction import sign
+from ballbot.mechanics.lanes import LANES, ROWS, TORQUE, put
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import load
-from ballbot.mechanics.smooth import derivative, speeds_of_state
+from ballbot.mechanics.smooth import derivative, pose
+from ballbot.mechanics.steps import load_state, load_torques, start_lane
 from ballbot.mechanics.vector import each
 
 
@@ -27,7 +28,7 @@ def _fill(selected, row, states, torques, out):
             put(work, TORQUE + axis, 0, torques[lane, axis])
         state = load_state(selected, work, 0)
         state = state[:7] + (states[lane, 7], states[lane, 8], states[lane, 9])  # noqa: RUF005 (Numba adds tuples)
-        signs = each(sign, speeds_of_state(selected, P, state))
+        signs = each(sign, pose(selected, P, state)[1])
         rate, _ = derivative(selected, P, state, load_torques(selected, work, 0), signs)
         for i in range(5):
             out[lane, i] = rate[5 + i]

@@ -10,10 +10,11 @@ import numpy as np
 from numba import njit
 
 from ballbot.mechanics.compiled import FAST
-from ballbot.mechanics.engine import LANES, ROWS, STEP, load_state, load_torques, store_trial
+from ballbot.mechanics.lanes import LANES, ROWS, STEP, TRIAL, stored
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import load
 from ballbot.mechanics.smooth import runge_kutta_step
+from ballbot.mechanics.steps import load_state, load_torques
 
 _COUNTED = ("fadd", "fsub", "fmul", "fdiv", "fneg", "fcmp", "select", "sqrt", "fptosi", "sitofp")
 
@@ -24,7 +25,7 @@ def operations_of_a_step(model: Model) -> Counter[str]:
     def one_lane(selected, work):
         P, state, u = load(selected, work, 0), load_state(selected, work, 0), load_torques(selected, work, 0)
         end, margin = runge_kutta_step(selected, P, state, u, work[STEP * LANES])
-        store_trial(work, 0, end)
+        stored(work, TRIAL, 0, end)
         return margin
 
     function = njit(error_model="numpy", fastmath=FAST)(one_lane)

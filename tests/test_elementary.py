@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ballbot.mechanics import elementary
 from ballbot.mechanics.compiled import compiled
-from ballbot.mechanics.elementary import exponential, logarithm, sine_cosine
+from ballbot.mechanics.elementary import (
+    binary_logarithm,
+    exponential,
+    logarithm,
+    power_of_two,
+    sine_cosine,
+    sine_cosine_of_lean,
+)
 
 
 @compiled
@@ -24,6 +32,21 @@ def exponential_of(x):
 @compiled
 def logarithm_of(x):
     return logarithm(x)
+
+
+@compiled
+def sine_cosine_of_lean_of(angle):
+    return sine_cosine_of_lean(angle)
+
+
+@compiled
+def power_of_two_of(x):
+    return power_of_two(x)
+
+
+@compiled
+def binary_logarithm_of(x):
+    return binary_logarithm(x)
 
 
 # Two units in the last place of 1: the polynomial's rounding and the library's own
@@ -58,3 +81,30 @@ def test_ends_of_the_range():
     assert logarithm_of(1.0) == 0.0
     assert np.isnan(exponential_of(np.nan))
     assert np.isnan(sine_cosine_of(np.nan)[0])
+
+
+@given(st.floats(-1.3, 1.3))
+@settings(deadline=None)
+def test_sine_and_cosine_of_a_lean(angle):
+    sine, cosine = sine_cosine_of_lean_of(angle)
+    assert sine == pytest.approx(math.sin(angle), abs=ULP2)
+    assert cosine == pytest.approx(math.cos(angle), abs=ULP2)
+
+
+@given(st.floats(-1000.0, 1000.0))
+@settings(deadline=None)
+def test_power_of_two(x):
+    assert power_of_two_of(x) == pytest.approx(2.0**x, rel=2 * ULP2)
+
+
+@given(st.floats(1e-300, 1e300))
+@settings(deadline=None)
+def test_binary_logarithm(x):
+    assert binary_logarithm_of(x) == pytest.approx(math.log2(x), rel=2 * ULP2, abs=ULP2)
+
+
+def test_the_polynomials_are_those_of_the_command():
+    from benchmarks.polynomials import fits
+
+    for name, (coefficients, _) in fits().items():
+        assert getattr(elementary, name) == tuple(coefficients), name

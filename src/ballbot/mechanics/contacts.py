@@ -22,16 +22,16 @@ def _contact_speeds(selected, P, a, v, w):
     return lambda selected, P, a, v, w: wheel_speeds(selected, P, a, v, w) + (v[0], v[1])
 
 
-def box_limits_of(selected, P, dry) -> tuple:  # pragma: no cover
-    """Return the limits of the boxes, from the wheels' dry friction."""
+def of_boxes(selected, of_wheels, of_spin) -> tuple:  # pragma: no cover
+    """Return what belongs to each box: of the wheels, and of the spin where the ball pivots."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(box_limits_of)
-def _box_limits_of(selected, P, dry):
+@by_types_of(of_boxes)
+def _of_boxes(selected, of_wheels, of_spin):
     if selected.instance_class is Pivoting:
-        return lambda selected, P, dry: dry + (P.pivoting,)
-    return lambda selected, P, dry: dry
+        return lambda selected, of_wheels, of_spin: of_wheels + (of_spin,)
+    return lambda selected, of_wheels, of_spin: of_wheels
 
 
 def contact_forces(selected, P, a, forces) -> tuple:  # pragma: no cover
@@ -55,13 +55,13 @@ def _contact_forces(selected, P, a, forces):
     )
 
 
-def contact_matrix(selected, P, a, system, like) -> tuple:  # pragma: no cover
-    """Return G = C M^-1 C^T by rows, one for each number of `like`."""
+def responses(selected, P, a, system, like) -> tuple:  # pragma: no cover
+    """Return M^-1 C^T by rows, one for each of `like`: accelerations v_dot + w_dot under a unit force at a contact."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(contact_matrix)
-def _contact_matrix(selected, P, a, system, like):
+@by_types_of(responses)
+def _responses(selected, P, a, system, like):
     m = len(like)
     units = ["(" + ", ".join("1.0" if i == j else "0.0" for j in range(m)) + ",)" for i in range(m)]
     rows = "(" + ", ".join(f"response(selected, P, a, system, {unit})" for unit in units) + ",)"
@@ -70,7 +70,35 @@ def _contact_matrix(selected, P, a, system, like):
 
 @inlined
 def _response(selected, P, a, system, forces):
-    """Return the accelerations at the contacts under forces there."""
     f_v, f_w = contact_forces(selected, P, a, forces)
     v_dot, w_dot = solve(system, f_v, f_w)
-    return contact_speeds(selected, P, a, v_dot, w_dot)
+    return v_dot + w_dot
+
+
+def contact_matrix(selected, P, a, Y) -> tuple:  # pragma: no cover
+    """Return G = C M^-1 C^T by rows, from Y = M^-1 C^T as `responses` returns it."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(contact_matrix)
+def _contact_matrix(selected, P, a, Y):
+    rows = "".join(f"speeds(selected, P, a, Y[{i}]), " for i in range(len(Y)))
+    return written("selected, P, a, Y", f"({rows})", speeds=_speeds_of_response)
+
+
+@inlined
+def _speeds_of_response(selected, P, a, response):
+    v, w = parted(response)
+    return contact_speeds(selected, P, a, v, w)
+
+
+def parted(nu) -> tuple:  # pragma: no cover
+    """Return (v, w) of velocities or accelerations v + w."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(parted)
+def _parted(nu):
+    if len(nu) == 5:
+        return lambda nu: ((nu[0], nu[1]), (nu[2], nu[3], nu[4]))
+    return lambda nu: ((nu[0], nu[1], nu[2]), (nu[3], nu[4], nu[5]))

@@ -17,9 +17,9 @@ from numba import cuda
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import LARGEST_LEAN
-from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
-from ballbot.mechanics.parameters import LANES, Exact, load
+from ballbot.mechanics.equations import LARGEST_LEAN, attitude, rates_from_angles, rates_of_angles
+from ballbot.mechanics.lanes import LANES
+from ballbot.mechanics.parameters import Exact, load
 from ballbot.mechanics.proximal import convex_step
 from ballbot.mechanics.smooth import runge_kutta_step
 from ballbot.mechanics.vector import each_with

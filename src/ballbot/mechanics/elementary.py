@@ -1,9 +1,10 @@
-"""Sine, cosine, exponential and logarithm without branches, so that loops over robots become vector code.
+"""Sine, cosine, powers and logarithms without branches, so that loops over robots become vector code.
 
 The library functions are calls, and a loop with a call in it stays scalar. Ranges are reduced in the
-usual way (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980) and the rest is a
-polynomial: Taylor's, long enough that the first term left out is below the rounding error.
-Accuracy is measured in tests/test_elementary.py.
+usual way (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980); the rest is a polynomial,
+the Chebyshev fit of so many terms that it errs below the rounding error (`benchmarks/polynomials.py` makes them).
+Its terms are summed in pairs (Estrin's scheme), not one after another: a robot's step is a long chain of operations
+that wait for each other, and these polynomials are most of it. Accuracy is measured in tests/test_elementary.py.
 """
 
 import numpy as np
@@ -11,17 +12,81 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ballbot.mechanics.compiled import inlined_in_order
+from ballbot.mechanics.compiled import by_types_of_in_order, inlined_in_order
+from ballbot.mechanics.vector import written
 
 # pi/2 in three parts, so that k * part is exact while |k| < 2^20 (angles to a million radians)
 _HALF_PI_1 = 1.5707963267341256
 _HALF_PI_2 = 6.0771005063039070e-11
 _HALF_PI_3 = 2.0222662487959506e-21
+_LN2 = 0.6931471805599453
 _LN2_HIGH = 0.6931471803691238
 _LN2_LOW = 1.9082149292705877e-10
 _LOG2_E = 1.4426950408889634
-_SQRT_HALF = 0.7071067811865476
 _SHIFT = 6755399441055744.0  # 1.5 * 2^52: adding it leaves the nearest integer in the low bits
+_BITS_OF_SHIFT = 0x4338000000000000
+_BITS_OF_ONE = 0x3FF0000000000000
+_BITS_OF_SQRT_HALF = 0x3FE6A09E667F3BCD
+
+# (sin x - x)/x^3 and (cos x - 1)/x^2 in x^2, for |x| < pi/4
+_SINE = (
+    -0.16666666666666666,
+    0.008333333333330925,
+    -0.00019841269836722418,
+    2.755731608381636e-06,
+    -2.5051127944014188e-08,
+    1.5917848524808262e-10,
+)
+_COSINE = (
+    -0.49999999999999967,
+    0.04166666666663057,
+    -0.0013888888882073777,
+    2.4801582595279208e-05,
+    -2.7555849667039985e-07,
+    2.0665084193224383e-09,
+)
+# the same for |x| < 1.3
+_SINE_OF_LEAN = (
+    -0.16666666666666666,
+    0.008333333333332563,
+    -0.0001984126984054048,
+    2.7557318964906746e-06,
+    -2.5052064545261855e-08,
+    1.60552329049735e-10,
+    -7.482600559931239e-13,
+)
+_COSINE_OF_LEAN = (
+    -0.4999999999999998,
+    0.0416666666666536,
+    -0.001388888888765145,
+    2.4801586862006167e-05,
+    -2.7557244832099035e-07,
+    2.0870289005447105e-09,
+    -1.1191332777315705e-11,
+)
+# (2^x - 1)/x for |x| < 1/2
+_POWER = (
+    0.6931471805599462,
+    0.24022650695910075,
+    0.05550410866465167,
+    0.009618129107618665,
+    0.0013333558200794592,
+    0.00015403530424776529,
+    1.5252672924850737e-05,
+    1.3215451633221434e-06,
+    1.0205905413765595e-07,
+    7.070977866508138e-09,
+)
+# log2((1 + f)/(1 - f))/f in f^2, for |f| < (sqrt 2 - 1)/(sqrt 2 + 1)
+_LOGARITHM = (
+    2.885390081777927,
+    0.9617966939243345,
+    0.5770780172463286,
+    0.4121984020482752,
+    0.32061638813224547,
+    0.2614442493522915,
+    0.2429160853987535,
+)
 
 
 @intrinsic
@@ -44,6 +109,23 @@ def float_of(typing_context, value):
     return types.float64(types.int64), generate
 
 
+def polynomial(x, coefficients) -> float:  # pragma: no cover (compiled form below)
+    """Return sum_i coefficients[i] x^i, summed in pairs."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of_in_order(polynomial)
+def _polynomial(x, coefficients):
+    terms = [f"coefficients[{i}]" for i in range(len(coefficients))]
+    lines, power = [], "x"
+    while len(terms) > 1:
+        pairs = [f"({a} + {power} * {b})" for a, b in zip(terms[::2], terms[1::2], strict=False)]
+        terms = pairs + terms[2 * len(pairs) :]
+        lines.append(f"{power}x = {power} * {power}")
+        power += "x"
+    return written("x, coefficients", terms[0], *lines)
+
+
 @inlined_in_order
 def nearest_integer(x):
     """Return x rounded to an integer, as a float, for |x| < 2^51; a GPU's compiler knows no rint."""
@@ -52,51 +134,12 @@ def nearest_integer(x):
 
 @inlined_in_order
 def sine_cosine(angle):
-    """Return sin and cos of an angle [rad] (see the module for the range)."""
+    """Return sin and cos of an angle [rad] up to a million."""
     k = nearest_integer(angle * 0.6366197723675814)
     r = ((angle - k * _HALF_PI_1) - k * _HALF_PI_2) - k * _HALF_PI_3
     r2 = r * r
-    sine = r + r * r2 * (
-        -1.6666666666666666e-01
-        + r2
-        * (
-            8.3333333333333332e-03
-            + r2
-            * (
-                -1.9841269841269841e-04
-                + r2
-                * (
-                    2.7557319223985893e-06
-                    + r2
-                    * (-2.5052108385441719e-08 + r2 * (1.6059043836821613e-10 - r2 * 7.6471637318198164e-13))
-                )
-            )
-        )
-    )
-    cosine = 1.0 + r2 * (
-        -0.5
-        + r2
-        * (
-            4.1666666666666664e-02
-            + r2
-            * (
-                -1.3888888888888889e-03
-                + r2
-                * (
-                    2.4801587301587302e-05
-                    + r2
-                    * (
-                        -2.7557319223985888e-07
-                        + r2
-                        * (
-                            2.0876756987868099e-09
-                            + r2 * (-1.1470745597729725e-11 + r2 * 4.7794773323873853e-14)
-                        )
-                    )
-                )
-            )
-        )
-    )
+    sine = r + (r * r2) * polynomial(r2, _SINE)
+    cosine = 1.0 + r2 * polynomial(r2, _COSINE)
     quadrant = np.int64(k)
     odd = (quadrant & 1) != 0
     sine_size = cosine if odd else sine
@@ -108,93 +151,57 @@ def sine_cosine(angle):
 
 
 @inlined_in_order
+def sine_cosine_of_lean(angle):
+    """Return sin and cos of an angle of at most 1.3 rad to either side; of a larger one, a number without meaning."""
+    square = angle * angle
+    sine = angle + (angle * square) * polynomial(square, _SINE_OF_LEAN)
+    return sine, 1.0 + square * polynomial(square, _COSINE_OF_LEAN)
+
+
+@inlined_in_order
+def _scaled_power(shifted, r):
+    """Return 2^(k + r) for |r| < 1/2 and `shifted` = k + _SHIFT."""
+    scale = float_of((bits_of(shifted) << 52) + _BITS_OF_ONE)  # pyright: ignore[reportCallIssue] (Numba passes the context)
+    return scale + (scale * r) * polynomial(r, _POWER)
+
+
+@inlined_in_order
+def power_of_two(x):
+    """Return 2^x for |x| < 1022."""
+    shifted = x + _SHIFT
+    return _scaled_power(shifted, x - (shifted - _SHIFT))
+
+
+@inlined_in_order
 def exponential(x):
     """Return e^x; arguments beyond +-708 are taken as +-708."""
     x = min(max(x, -708.0), 708.0)
-    k = nearest_integer(x * _LOG2_E)
-    r = (x - k * _LN2_HIGH) - k * _LN2_LOW
-    series = 1.0 + r * (
-        1.0
-        + r
-        * (
-            0.5
-            + r
-            * (
-                1.6666666666666666e-01
-                + r
-                * (
-                    4.1666666666666664e-02
-                    + r
-                    * (
-                        8.3333333333333332e-03
-                        + r
-                        * (
-                            1.3888888888888889e-03
-                            + r
-                            * (
-                                1.9841269841269841e-04
-                                + r
-                                * (
-                                    2.4801587301587302e-05
-                                    + r
-                                    * (
-                                        2.7557319223985893e-06
-                                        + r
-                                        * (
-                                            2.7557319223985888e-07
-                                            + r * (2.5052108385441720e-08 + r * 2.0876756987868100e-09)
-                                        )
-                                    )
-                                )
-                            )
-                        )
-                    )
-                )
-            )
-        )
-    )
-    power = float_of((np.int64(k) + 1023) << 52)  # pyright: ignore[reportCallIssue] (Numba passes the context)
-    return series * power
+    shifted = x * _LOG2_E + _SHIFT
+    k = shifted - _SHIFT
+    return _scaled_power(shifted, ((x - k * _LN2_HIGH) - k * _LN2_LOW) * _LOG2_E)
+
+
+@inlined_in_order
+def _exponent_and_rest(x):
+    """Return k and log2(x / 2^k) with x / 2^k from sqrt(1/2) to sqrt(2)."""
+    bits = bits_of(x)  # pyright: ignore[reportCallIssue] (Numba passes the context)
+    k = (bits - _BITS_OF_SQRT_HALF) >> 52
+    m = float_of(bits - (k << 52))  # pyright: ignore[reportCallIssue]
+    f = (m - 1.0) / (m + 1.0)
+    # k as a float, which few processors can do to eight integers at once
+    exponent = float_of(k + _BITS_OF_SHIFT) - _SHIFT  # pyright: ignore[reportCallIssue]
+    return exponent, f * polynomial(f * f, _LOGARITHM)
+
+
+@inlined_in_order
+def binary_logarithm(x):
+    """Return log2 x for a normal positive x; zero gives -1023 instead of minus infinity."""
+    k, rest = _exponent_and_rest(x)
+    return k + rest
 
 
 @inlined_in_order
 def logarithm(x):
     """Return ln x for a normal positive x; zero gives about -709 instead of minus infinity."""
-    bits = bits_of(x)  # pyright: ignore[reportCallIssue] (Numba passes the context)
-    exponent = ((bits >> 52) & 0x7FF) - 1023
-    mantissa = float_of((bits & 0x000FFFFFFFFFFFFF) | 0x3FF0000000000000)
-    large = mantissa > 1.4142135623730951
-    mantissa = 0.5 * mantissa if large else mantissa
-    k = float(exponent) + (1.0 if large else 0.0)
-    # ln m = 2 artanh((m - 1)/(m + 1)), |(m - 1)/(m + 1)| < 0.172
-    f = (mantissa - 1.0) / (mantissa + 1.0)
-    f2 = f * f
-    series = f2 * (
-        3.3333333333333333e-01
-        + f2
-        * (
-            0.2
-            + f2
-            * (
-                1.4285714285714285e-01
-                + f2
-                * (
-                    1.1111111111111111e-01
-                    + f2
-                    * (
-                        9.0909090909090912e-02
-                        + f2
-                        * (
-                            7.6923076923076927e-02
-                            + f2
-                            * (
-                                6.6666666666666666e-02
-                                + f2 * (5.8823529411764705e-02 + f2 * 5.2631578947368418e-02)
-                            )
-                        )
-                    )
-                )
-            )
-        )
-    )
-    return k * _LN2_HIGH + (2.0 * (f + f * series) + k * _LN2_LOW)
+    k, rest = _exponent_and_rest(x)
+    return k * _LN2_HIGH + (rest * _LN2 + k * _LN2_LOW)

@@ -1,7 +1,7 @@
 """The engine: many robots through many samples in one compiled call.
 
 Robots are stepped in blocks of `LANES`, side by side, in loops that become vector instructions; a single robot is a
-block of one. Each step is first tried as RK4 with known signs of friction (`smooth`), for the whole block; robots
+block of one. Where no contact is at rest, a step is first tried as RK4 with known signs of friction (`smooth`); robots
 in which a sign may have changed take the convex step instead (`proximal`, and `stick_slip` where that does not settle).
 """
 
@@ -15,191 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.mechanics.accelerations import solve
-from ballbot.mechanics.compiled import by_types_of, compiled, inlined
-from ballbot.mechanics.equations import attitude, rates_from_angles, rates_of_angles
-from ballbot.mechanics.free_motion import finished, free_motion
-from ballbot.mechanics.parameters import LANES, Exact, Pivoting, Thesis, entry, entry_after, load
-from ballbot.mechanics.proximal import convex_step
-from ballbot.mechanics.rows import box_rows, in_order, mass_matrix
-from ballbot.mechanics.smooth import runge_kutta_step
-from ballbot.mechanics.stick_slip import minimise
-from ballbot.mechanics.vector import each, each_with, loaded, written
-
-#: beyond this lean, theta or phi [rad], a simulation ends: no wheel touches the ball any more
-LARGEST_LEAN = 1.2
-
-_MOST_PARAMETERS = 50  # rows kept for a robot's numbers; the state and the rest follow
-STATE = _MOST_PARAMETERS
-_TRIAL = STATE + 11
-TORQUE = _TRIAL + 11
-STEP = TORQUE + 4
-_MARGIN = STEP + 1
-ROWS = _MARGIN + 1
-_FEW = 3  # so many lanes take the convex step one by one; more, and the whole block does, side by side
-_TEN = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-_ELEVEN = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-
-
-def load_state(selected, work, lane) -> tuple:  # pragma: no cover (compiled form below)
-    """Return a lane's state: ten numbers, and the spin where the ball pivots."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(load_state)
-def _load_state(selected, work, lane):
-    if selected.instance_class is Pivoting:
-        return lambda selected, work, lane: loaded(entry_after, _ELEVEN, work, STATE, lane)
-    return lambda selected, work, lane: loaded(entry_after, _TEN, work, STATE, lane)
-
-
-def store_trial(work, lane, state) -> tuple:  # pragma: no cover
-    """Store a state in a lane's trial rows."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(store_trial)
-def _store_trial(work, lane, state):
-    stored = ", ".join(f"put(work, {_TRIAL + i}, lane, state[{i}])" for i in range(len(state)))
-    return written("work, lane, state", f"({stored})", put=put)
-
-
-@inlined
-def load_trial(selected, work, lane):
-    """Return a lane's trial state."""
-    return loaded(entry_after, load_state(selected, work, lane), work, _TRIAL, lane)
-
-
-@inlined
-def put(work, row, lane, value):
-    """Store a number at that row and lane."""
-    work[np.uint64(row * LANES + lane)] = value
-    return 0
-
-
-@inlined
-def load_torques(selected, work, lane):
-    """Return the wheel torques of one lane."""
-    return loaded(entry_after, selected.wheels, work, TORQUE, lane)
-
-
-@compiled
-def smooth_block(selected, work, width):
-    """Try an RK4 step of every lane; states go to the trial rows, margins to theirs."""
-    for lane in range(width):
-        P = load(selected, work, lane)
-        h = entry(work, STEP, lane)
-        end, margin = runge_kutta_step(
-            selected, P, load_state(selected, work, lane), load_torques(selected, work, lane), h
-        )
-        store_trial(work, lane, end)
-        put(work, _MARGIN, lane, margin)
-        # past the largest lean a lane takes steps of zero: it stays where it is
-        put(work, STEP, lane, h if max(abs(end[2]), abs(end[3])) <= LARGEST_LEAN else 0.0)
-
-
-@compiled
-def convex_block(selected, work, first, last):
-    """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
-    for lane in range(first, last):
-        P = load(selected, work, lane)
-        state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
-        end, settled = convex_step(selected, P, state, u, entry(work, STEP, lane))
-        counts = entry(work, _MARGIN, lane) > 0.0
-        store_trial(
-            work, lane, each_with(_chosen, each(_pair, load_trial(selected, work, lane), end), counts)
-        )
-        put(work, _MARGIN, lane, 1.0 if counts else settled)
-
-
-@inlined
-def _pair(a, b):
-    return (a, b)
-
-
-@inlined
-def _chosen(pair, first):
-    return pair[0] if first else pair[1]
-
-
-@compiled
-def robust_lane(selected, work, lane):
-    """Take the convex step of one lane by `stick_slip.minimise`, which always finds the minimiser."""
-    P = load(selected, work, lane)
-    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
-    h = entry(work, STEP, lane)
-    free = free_motion(selected, P, state, u)
-    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
-    start = in_order(free.v, free.w)
-    C, limits = box_rows(selected, P, free.a), np.array(free.limits)
-    end = minimise(
-        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling, h, start
-    )
-    store_trial(
-        work, lane, finished(selected, state, free, velocity_in(free.v, end), (end[2], end[3], end[4]), h)
-    )
-
-
-def velocity_in(like, nu) -> tuple:  # pragma: no cover (compiled form below)
-    """Return v out of velocities in the order of `rows`."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(velocity_in)
-def _velocity_in(like, nu):
-    if len(like) == 2:
-        return lambda like, nu: (nu[0], nu[1])
-    return lambda like, nu: (nu[0], nu[1], nu[5])
-
-
-@compiled
-def take_steps(selected, work, width, steps):
-    """Advance every lane of a block by `steps` steps with torques held."""
-    for _ in range(steps):
-        smooth_block(selected, work, width)
-        open_lanes = 0
-        for lane in range(width):
-            open_lanes += 1 if _is_open(work, lane) else 0
-        if open_lanes > _FEW:
-            convex_block(selected, work, 0, width)
-        elif open_lanes > 0:
-            for lane in range(width):
-                if _is_open(work, lane):
-                    convex_block(selected, work, lane, lane + 1)
-        if open_lanes > 0:
-            for lane in range(width):
-                if _is_open(work, lane):
-                    robust_lane(selected, work, lane)
-        for row in range(11):
-            for lane in range(width):
-                put(work, STATE + row, lane, entry(work, _TRIAL + row, lane))
-
-
-@inlined
-def _is_open(work, lane):
-    """Return whether a moving lane's step still has to be taken."""
-    return not work[_MARGIN * LANES + lane] > 0.0 and work[STEP * LANES + lane] > 0.0
-
-
-@inlined
-def start_lane(selected, work, lane, x, h):
-    """Set a lane's state from x (10,), or (11,) where the ball pivots, with Euler-angle rates; and its step."""
-    put(work, STEP, lane, h)
-    for i in range(len(x)):
-        put(work, STATE + i, lane, x[i])
-    w = rates_from_angles(selected, attitude((x[2], x[3], x[4])), (x[7], x[8], x[9]))
-    for axis in range(3):
-        put(work, STATE + 7 + axis, lane, w[axis])
-
-
-@inlined
-def write_state(selected, work, lane, out):
-    """Write a lane's state, with Euler-angle rates, to `out`."""
-    for i in range(len(out)):
-        out[i] = entry(work, STATE + i, lane)
-    rates = rates_of_angles(selected, attitude((out[2], out[3], out[4])), (out[7], out[8], out[9]))
-    for axis in range(3):
-        out[7 + axis] = rates[axis]
+from ballbot.mechanics.compiled import compiled
+from ballbot.mechanics.lanes import LANES, ROWS, STEP, TORQUE, robot_in
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis
+from ballbot.mechanics.steps import start_lane, take_steps, write_state
 
 
 @compiled
@@ -230,16 +49,16 @@ def run_block(
         ended[first + lane] = samples
     for sample in range(samples):
         for lane in range(width):
-            held = torques[torque_of[first + lane], sample]
+            held = torques[torque_of[first + robot_in(work, lane)], sample]
             for i in range(n):
                 work[(TORQUE + i) * LANES + lane] = held[i]
         take_steps(selected, work, width, steps)
         for lane in range(width):
-            if work[STEP * LANES + lane] == 0.0 and ended[first + lane] == samples:
-                ended[first + lane] = sample
-        if (sample + 1) % every == 0:
-            for lane in range(width):
-                write_state(selected, work, lane, out[first + lane, (sample + 1) // every - 1])
+            robot = first + robot_in(work, lane)
+            if work[STEP * LANES + lane] == 0.0 and ended[robot] == samples:
+                ended[robot] = sample
+            if (sample + 1) % every == 0:
+                write_state(selected, work, lane, out[robot, (sample + 1) // every - 1])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ Above, A^T tau is the wheels' torque on the ball in the body's frame. The thesis
 from typing import NamedTuple
 
 from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.elementary import sine_cosine
+from ballbot.mechanics.elementary import sine_cosine, sine_cosine_of_lean
 from ballbot.mechanics.parameters import Pivoting, Thesis
 from ballbot.mechanics.vector import (
     add,
@@ -33,6 +33,9 @@ from ballbot.mechanics.vector import (
     symmetric_times,
     total,
 )
+
+#: beyond this lean, theta or phi [rad], a simulation ends: no wheel touches the ball any more
+LARGEST_LEAN = 1.2
 
 
 class Attitude(NamedTuple):
@@ -70,9 +73,27 @@ class SpinTerms(NamedTuple):
 @inlined
 def attitude(angles):
     """Return R = Rx(theta) Ry(phi) Rz(psi) and its sines and cosines."""
-    st, ct = sine_cosine(angles[0])
-    sp, cp = sine_cosine(angles[1])
-    ss, cs = sine_cosine(angles[2])
+    theta, phi, psi = sine_cosine(angles[0]), sine_cosine(angles[1]), sine_cosine(angles[2])
+    return attitude_of(theta + phi + psi)
+
+
+@inlined
+def balancing_attitude(angles):
+    """Return the `Attitude` of a robot that leans by less than 1.3 rad, at which its simulation has ended."""
+    theta, phi, psi = sine_cosine_of_lean(angles[0]), sine_cosine_of_lean(angles[1]), sine_cosine(angles[2])
+    return attitude_of(theta + phi + psi)
+
+
+@inlined
+def sines(a):
+    """Return sine and cosine of theta, phi and psi."""
+    return (a.sin_theta, a.cos_theta, a.sin_phi, a.cos_phi, a.sin_psi, a.cos_psi)
+
+
+@inlined
+def attitude_of(sines):
+    """Return the `Attitude` from sine and cosine of theta, phi and psi."""
+    st, ct, sp, cp, ss, cs = sines
     R = (
         (cp * cs, -cp * ss, sp),
         (ct * ss + st * sp * cs, ct * cs - st * sp * ss, -st * cp),

@@ -8,7 +8,8 @@ import numpy as np
 
 from ballbot.mechanics.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.equations import angle_rates, attitude, rates_from_angles, terms, wheel_speeds
-from ballbot.mechanics.parameters import LANES, Pivoting, Thesis, load
+from ballbot.mechanics.lanes import LANES
+from ballbot.mechanics.parameters import Pivoting, Thesis, load
 from ballbot.mechanics.rows import in_order, mass_matrix, wheel_rows
 from ballbot.mechanics.smooth import FloorFriction, acceleration
 from ballbot.mechanics.vector import each, each_with, subtract
@@ -69,9 +70,8 @@ def evaluate_acceleration(selected, row, q, q_dot, u, out):
         v, w = velocity_of(selected, q_dot[lane]), rates_from_angles(selected, a, rates)
         torques = each_with(_value_at, selected.wheels, u[lane])
         speeds = wheel_speeds(selected, P, a, v, w)
-        signs = each(_nothing, speeds)
-        no_friction = FloorFriction(each(_nothing, v), 0.0)
-        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, signs, no_friction)
+        none, on_floor = each(_nothing, speeds), FloorFriction(each(_nothing, v), 0.0)
+        v_dot, w_dot = acceleration(selected, P, a, v, w, torques, speeds, none, none, on_floor)
         out[lane] = in_order(v_dot, angle_accelerations(selected, a, rates, w_dot))
 
 

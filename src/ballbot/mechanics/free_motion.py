@@ -4,10 +4,9 @@ from typing import NamedTuple
 
 from ballbot.mechanics.accelerations import free_forces
 from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.contacts import box_limits_of
+from ballbot.mechanics.contacts import of_boxes
 from ballbot.mechanics.equations import (
-    Attitude,
-    attitude,
+    balancing_attitude,
     ball_torque,
     rates_of_angles,
     terms,
@@ -24,7 +23,6 @@ class FreeMotion(NamedTuple):
 
     v: tuple
     w: tuple
-    a: Attitude
     system: tuple  #: `Terms` or `SpinTerms`
     f_v: tuple
     f_w: tuple
@@ -42,27 +40,32 @@ def _sum(a, b):
 
 
 @inlined
-def free_motion(selected, P, state, u):
-    """Return the `FreeMotion` of a state under wheel torques u; viscous friction is in it."""
+def free_motion(selected, P, a, state, u):
+    """Return the `FreeMotion` of a state with that attitude under wheel torques u; viscous friction is in it."""
     v, w = ball_velocity(state), (state[7], state[8], state[9])
-    a = attitude((state[2], state[3], state[4]))
     system = terms(selected, P, a, v, w)
     speeds = wheel_speeds(selected, P, a, v, w)
     F, L = wheel_force(selected, P, a, ball_torque(P, each(_free_torque, P.wheels, u, speeds)))
     f_v, f_w = free_forces(system)
-    limits = box_limits_of(selected, P, each(dry_friction, P.wheels, speeds))
-    return FreeMotion(v, w, a, system, each(_sum, f_v, F), add(f_w, L), limits)
+    limits = of_boxes(selected, each(dry_friction, P.wheels, speeds), P.pivoting)
+    return FreeMotion(v, w, system, each(_sum, f_v, F), add(f_w, L), limits)
 
 
 @inlined
-def finished(selected, state, free, v_after, w_after, h):
-    """Return the state after a step: positions by the mean velocity, angles by the midpoint rule; rest stays rest."""
-    middle = scale(add(free.w, w_after), 0.5)
-    rates = rates_of_angles(selected, free.a, middle)
+def finished(selected, state, a, v_after, w_after, h):
+    """Return the state after a step: positions by the mean velocity, angles by the midpoint rule; rest stays rest.
+
+    `a` is the attitude of the state before.
+    """
+    v = ball_velocity(state)
+    middle = scale(add((state[7], state[8], state[9]), w_after), 0.5)
+    rates = rates_of_angles(selected, a, middle)
     half = 0.5 * h
-    a = attitude((state[2] + half * rates[0], state[3] + half * rates[1], state[4] + half * rates[2]))
+    a = balancing_attitude(
+        (state[2] + half * rates[0], state[3] + half * rates[1], state[4] + half * rates[2])
+    )
     angles = advanced((state[2], state[3], state[4]), rates_of_angles(selected, a, middle), h)
-    x, y = state[0] + half * (free.v[0] + v_after[0]), state[1] + half * (free.v[1] + v_after[1])
+    x, y = state[0] + half * (v[0] + v_after[0]), state[1] + half * (v[1] + v_after[1])
     return in_state_order((x, y), angles, v_after, w_after)
 
 

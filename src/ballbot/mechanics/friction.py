@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.mechanics.compiled import inlined
-from ballbot.mechanics.elementary import exponential, logarithm
+from ballbot.mechanics.elementary import binary_logarithm, power_of_two
 from ballbot.robot import Friction
 
 
@@ -36,11 +36,17 @@ def wheel_friction(speed: ArrayLike, friction: Friction) -> NDArray[np.float64]:
     return b * w + (c + s * decay) * np.sign(w)
 
 
+_LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
+_LARGEST_EXPONENT = (
+    9.5  # 2^-2^9.5 is 1e-218: nothing is left of s, and 2^9.5 is a power that two may still be raised to
+)
+
+
 @inlined
 def dry_friction(wheel, speed):
     """Return c + s exp(-|w/v_s|^delta): the size of the friction that has the speed's sign."""
-    decay = exponential(-exponential(wheel.delta * logarithm(abs(speed) * wheel.inv_vs)))
-    return wheel.c + wheel.s * decay
+    exponent = wheel.delta * binary_logarithm(abs(speed) * wheel.inv_vs) + _LOG2_OF_LOG2_E
+    return wheel.c + wheel.s * power_of_two(-power_of_two(min(max(exponent, -1000.0), _LARGEST_EXPONENT)))
 
 
 @inlined

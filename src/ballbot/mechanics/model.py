@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import LARGEST_LEAN, simulate_lanes
+from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.evaluate import (
     evaluate_acceleration,
     evaluate_energy,

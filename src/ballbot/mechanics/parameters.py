@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.vector import loaded
+from ballbot.mechanics.lanes import restored
+from ballbot.mechanics.vector import each_with, written
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-
-#: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
-LANES = 32
 
 RIGID_SIZE = 26  # numbers before the wheels' own
 WHEEL_SIZE = 6  # axle (3), b, c, s
@@ -29,7 +27,11 @@ PLACE_EXPONENT = 9  # delta
 PLACE_ROLLING = 10  # N C_rr
 PLACE_PIVOTING = 13  # limit of the pivoting friction
 
-_SIX = (0, 0, 0, 0, 0, 0)
+# How compiled code takes a row apart
+_SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_COMMON = (0.0, 0.0)  # 1/v_s and delta
+_RIGID = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _COMMON, 0.0, 0.0, 0.0, 0.0, _SIX, _SIX)
+_WHEEL = ((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 
 
 class Exact(NamedTuple):
@@ -161,53 +163,42 @@ def _symmetric(S: NDArray[np.float64]) -> list[float]:
     return [S[0, 0], S[1, 1], S[2, 2], S[0, 1], S[0, 2], S[1, 2]]
 
 
-# --- compiled: one robot's numbers out of a flat array whose row i begins at i * LANES ---
+# --- compiled: one robot's numbers out of a block's work array (`ballbot.mechanics.lanes`) ---
 
 
 @inlined
-def entry(work, row, lane):
-    """Return the number of that row and lane."""
-    return work[
-        np.uint64(row * LANES + lane)
-    ]  # unsigned: no test for an index from the end, which keeps a loop scalar
+def _wheel_of(own, common):
+    return Wheel(own[0], own[1], own[2], own[3], common[0], common[1])
 
 
 @inlined
-def entry_after(work, row, i, lane):
-    """Return the number i rows after `row`."""
-    return entry(work, row + i, lane)
-
-
-@inlined
-def _load_wheel(work, row, wheel, lane):
-    first = row + WHEEL_SIZE * wheel
-    return Wheel(
-        (entry(work, first, lane), entry(work, first + 1, lane), entry(work, first + 2, lane)),
-        entry(work, first + 3, lane),
-        entry(work, first + 4, lane),
-        entry(work, first + 5, lane),
-        entry(work, PLACE_SPEED_SCALE, lane),
-        entry(work, PLACE_EXPONENT, lane),
-    )
+def load_wheel(work, wheel, lane):
+    """Return the `Wheel` of that number of one lane."""
+    own = restored(_WHEEL, work, RIGID_SIZE + WHEEL_SIZE * wheel, lane)
+    return _wheel_of(own, restored(_COMMON, work, PLACE_SPEED_SCALE, lane))
 
 
 @inlined
 def load(selected, work, lane):
     """Return the `Parameters` of one lane."""
-    return Parameters(
-        entry(work, 0, lane),
-        entry(work, 1, lane),
-        entry(work, 2, lane),
-        entry(work, 3, lane),
-        entry(work, 4, lane),
-        entry(work, 5, lane),
-        entry(work, 6, lane),
-        entry(work, 7, lane),
-        entry(work, PLACE_ROLLING, lane),
-        entry(work, 11, lane),
-        entry(work, 12, lane),
-        entry(work, PLACE_PIVOTING, lane),
-        loaded(entry_after, _SIX, work, 14, lane),
-        loaded(entry_after, _SIX, work, 20, lane),
-        loaded(_load_wheel, selected.wheels, work, RIGID_SIZE, lane),
-    )
+    rigid = restored(_RIGID, work, 0, lane)
+    inv_rb, k, m_t, ml, g, d1, d2, d3, common, rolling, ml2, j_b, pivoting, J, D = rigid
+    own = restored(each_with(_second, selected.wheels, _WHEEL), work, RIGID_SIZE, lane)
+    wheels = each_with(_wheel_of, own, common)
+    return Parameters(inv_rb, k, m_t, ml, g, d1, d2, d3, rolling, ml2, j_b, pivoting, J, D, wheels)
+
+
+@inlined
+def _second(first, second):
+    return second
+
+
+def state_like(selected) -> tuple:  # pragma: no cover (compiled form below)
+    """Return zeros, as many as a state has numbers: ten, and the spin where the ball pivots."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(state_like)
+def _state_like(selected):
+    size = 11 if selected.instance_class is Pivoting else 10
+    return written("selected", "(" + "0.0, " * size + ")")

@@ -7,21 +7,27 @@ of the disc. With G = C M^-1 C^T, b = C nu_free and any kappa > 0 the optimality
 
 solved by a semi-smooth Newton method (L. Qi and J. Sun, A nonsmooth version of Newton's method, 1993): with T the
 derivative of P, each round solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. Full stick is tried first, and
-then rest is exactly zero. Five rounds follow, a fixed number, so that a loop over robots is vector code. They do not
-suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimise` takes these.
+then rest is exactly zero. At most five rounds follow, none with a branch, so that a loop over robots is vector code.
+They do not suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimise` takes
+these.
 """
 
 import math
+from typing import NamedTuple
 
 from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.contacts import contact_forces, contact_matrix, contact_speeds
+from ballbot.mechanics.contacts import contact_matrix, contact_speeds, of_boxes, parted, responses
+from ballbot.mechanics.equations import balancing_attitude
 from ballbot.mechanics.free_motion import finished, free_motion
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.vector import advanced, each, each_with, solve_dense, written
+from ballbot.mechanics.smooth import REST, rest_speeds
+from ballbot.mechanics.vector import advanced, each_with, solve_dense, written
+
+#: Newton rounds at most
+ROUNDS = 5
 
 _DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
-_REST = 1e-9  # a contact slower than this [rad/s, m/s] is tried as sticking first
 
 
 @inlined
@@ -118,28 +124,28 @@ def _probe(forces, G, b):
     return written("forces, G, b", f"({', '.join(rows)},)")
 
 
-def first_probe(speeds, held, kappa, limits, rolling) -> tuple:  # pragma: no cover
+def first_probe(speeds, held, rests, limits, rolling) -> tuple:  # pragma: no cover
     """Return where to begin: contacts that move are taken to slide on, the others to stick with the forces `held`.
 
-    `speeds` are those of the contacts at the step's start.
+    `speeds` are those of the contacts at the step's start, `rests` those of the boxes below which they are at rest.
     """
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(first_probe)
-def _first_probe(speeds, held, kappa, limits, rolling):
+def _first_probe(speeds, held, rests, limits, rolling):
     k = len(limits)
     slides = [
-        f"(limits[{i}] + 1.0) * sign(speeds[{i}]) if abs(speeds[{i}]) > {_REST} else held[{i}]"
+        f"(limits[{i}] + 1.0) * sign(speeds[{i}]) if abs(speeds[{i}]) > rests[{i}] else held[{i}]"
         for i in range(k)
     ]
     lines = [
         f"speed = sqrt(speeds[{k}] * speeds[{k}] + speeds[{k + 1}] * speeds[{k + 1}])",
         "size = (rolling + 1.0) / max(speed, 1e-300)",
     ]
-    disc = [f"size * speeds[{k + i}] if speed > {_REST} else held[{k + i}]" for i in range(2)]
+    disc = [f"size * speeds[{k + i}] if speed > {REST} else held[{k + i}]" for i in range(2)]
     return written(
-        "speeds, held, kappa, limits, rolling",
+        "speeds, held, rests, limits, rolling",
         f"({', '.join(slides + disc)},)",
         *lines,
         sign=sign,
@@ -164,7 +170,7 @@ def _disc_agrees(s_x, s_y, after_x, after_y, r_x, r_y, limit):
 
 
 def scaled_problem(G, b, h) -> tuple:  # pragma: no cover
-    """Return (kappa h G, kappa b, kappa) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
+    """Return (kappa h G, kappa b) with kappa = 1/(h G_ii) in each box, and one for both of the disc."""
     raise NotImplementedError("compiled code only")
 
 
@@ -175,11 +181,11 @@ def _scaled_problem(G, b, h):
     lines = [f"c{i} = 1.0 / G[{i}][{i}]" for i in range(m - 2)] + [
         f"c{m - 2} = {disc}",
         f"c{m - 1} = c{m - 2}",
+        "rate = 1.0 / h",
     ]
     rows = ", ".join("(" + ", ".join(f"c{i} * G[{i}][{j}]" for j in range(m)) + ",)" for i in range(m))
-    right = ", ".join(f"c{i} * b[{i}] / h" for i in range(m))
-    kappa = ", ".join(f"c{i} / h" for i in range(m))
-    return written("G, b, h", f"({rows},), ({right},), ({kappa},)", *lines)
+    right = ", ".join(f"c{i} * b[{i}] * rate" for i in range(m))
+    return written("G, b, h", f"({rows},), ({right},)", *lines)
 
 
 def all_stick(forces, limits, rolling) -> float:  # pragma: no cover
@@ -214,6 +220,57 @@ def _still_where_held(v, s, limits, rolling):
     return written("v, s, limits, rolling", f"({', '.join(values)},)", *lines)
 
 
+class ConvexProblem(NamedTuple):
+    """What the Newton rounds of a step need, and what turns their forces into the next velocities."""
+
+    free: tuple  #: velocities v + w at the step's end without dry friction
+    Y: tuple  #: M^-1 C^T, a row for each contact
+    G: tuple  #: kappa h C M^-1 C^T, by rows
+    b: tuple  #: kappa C nu_free
+    limits: tuple  #: of the boxes
+    s: tuple  #: the first probe
+    rests: float  #: 1 where friction holds the whole robot
+
+
+@inlined
+def convex_problem(selected, P, a, state, u, h):
+    """Return the `ConvexProblem` of a step from a state with that attitude."""
+    free = free_motion(selected, P, a, state, u)
+    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
+    v, w = advanced(free.v, v_dot, h), advanced(free.w, w_dot, h)
+    ahead = contact_speeds(selected, P, a, v, w)
+    Y = responses(selected, P, a, free.system, ahead)
+    G, b = scaled_problem(contact_matrix(selected, P, a, Y), ahead, h)
+    held = solve_dense(G, b)
+    rests = all_stick(held, free.limits, P.rolling)
+    rests_below = of_boxes(selected, rest_speeds(P, h), REST)
+    s = first_probe(contact_speeds(selected, P, a, free.v, free.w), held, rests_below, free.limits, P.rolling)
+    return ConvexProblem(v + w, Y, G, b, free.limits, s, rests)
+
+
+@inlined
+def convex_end(selected, P, a, state, problem_free, Y, limits, forces, s, rests, h):
+    """Return the state after a step with these forces and their probe s; rest is exactly zero."""
+    moves = 1.0 - rests
+    v, w = parted(each_with(_product, less_response(problem_free, Y, forces, h), moves))
+    v = still_where_held(v, s, limits, P.rolling)
+    return finished(selected, state, a, v, w, h)
+
+
+def less_response(free, Y, forces, h) -> tuple:  # pragma: no cover (compiled form below)
+    """Return nu_free - h Y^T lambda."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(less_response)
+def _less_response(free, Y, forces, h):
+    m, contacts = len(free), len(forces)
+    sums = (" + ".join(f"Y[{i}][{j}] * forces[{i}]" for i in range(contacts)) for j in range(m))
+    return written(
+        "free, Y, forces, h", "(" + "".join(f"free[{j}] - h * ({one}), " for j, one in enumerate(sums)) + ")"
+    )
+
+
 def convex_step(selected, P, state, u, h) -> tuple:  # pragma: no cover (compiled form below)
     """Take one step in which friction may stick.
 
@@ -235,33 +292,15 @@ def _convex_step(selected, P, state, u, h):
 
 @inlined
 def _three_wheeled_step(selected, P, state, u, h):
-    free = free_motion(selected, P, state, u)
-    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
-    ahead = contact_speeds(selected, P, free.a, advanced(free.v, v_dot, h), advanced(free.w, w_dot, h))
-    G, b, kappa = scaled_problem(contact_matrix(selected, P, free.a, free.system, ahead), ahead, h)
-    held = solve_dense(G, b)
-    rests = all_stick(held, free.limits, P.rolling)
-    s = first_probe(contact_speeds(selected, P, free.a, free.v, free.w), held, kappa, free.limits, P.rolling)
-    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
-    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
-    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
-    _, s, _ = newton_round(s, G, b, free.limits, P.rolling)
-    forces, s, settled = newton_round(s, G, b, free.limits, P.rolling)
-
-    held_v, held_w = contact_forces(selected, P, free.a, forces)
-    v_dot, w_dot = solve(
-        free.system, each(_difference, free.f_v, held_v), each(_difference, free.f_w, held_w)
+    a = balancing_attitude((state[2], state[3], state[4]))
+    problem = convex_problem(selected, P, a, state, u, h)
+    s, forces, settled = problem.s, problem.b, 0.0
+    for _ in range(ROUNDS):
+        forces, s, settled = newton_round(s, problem.G, problem.b, problem.limits, P.rolling)
+    end = convex_end(
+        selected, P, a, state, problem.free, problem.Y, problem.limits, forces, s, problem.rests, h
     )
-    moves = 1.0 - rests  # rest is exactly zero
-    v_after = each_with(_product, advanced(free.v, v_dot, h), moves)
-    v_after = still_where_held(v_after, s, free.limits, P.rolling)
-    w_after = each_with(_product, advanced(free.w, w_dot, h), moves)
-    return finished(selected, state, free, v_after, w_after, h), max(settled, rests)
-
-
-@inlined
-def _difference(a, b):
-    return a - b
+    return end, max(settled, problem.rests)
 
 
 @inlined

@@ -10,6 +10,13 @@ from ballbot.mechanics.equations import SpinTerms, wheel_force
 from ballbot.mechanics.parameters import Pivoting
 
 
+@inlined
+def fill(target, source):
+    """Copy numbers one by one: an array's assignment brings text for its errors, which takes seconds to compile."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
 def in_order(v, w) -> np.ndarray:  # pragma: no cover (compiled form below)
     """Return velocities or accelerations as an array."""
     raise NotImplementedError("compiled code only")
@@ -70,7 +77,7 @@ def wheel_rows(selected, P, a):
     i = 0
     for wheel in P.wheels:
         F, L = wheel_force(selected, P, a, wheel.axle)
-        W[i] = in_order(F, L)
+        fill(W[i], in_order(F, L))
         i += 1
     return W
 
@@ -86,8 +93,10 @@ def _box_rows(selected, P, a):
 
         def with_spin(selected, P, a):
             C = np.zeros((len(P.wheels) + 1, 6))
-            C[:-1] = wheel_rows(selected, P, a)
-            C[-1, 5] = 1.0
+            W = wheel_rows(selected, P, a)
+            for wheel in range(len(W)):
+                fill(C[wheel], W[wheel])
+            C[len(W), 5] = 1.0
             return C
 
         return with_spin

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from ballbot.mechanics.accelerations import free_forces, solve
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.equations import (
-    attitude,
+    balancing_attitude,
     ball_torque,
     rates_of_angles,
     terms,
@@ -20,7 +20,11 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.friction import dry_friction, sign
-from ballbot.mechanics.vector import add, advanced, each, smallest
+from ballbot.mechanics.vector import add, advanced, each, each_with, smallest
+
+#: a ball slower than this [m/s, rad/s] is at rest
+REST = 1e-9
+_MOMENT = 0.01  # of a step: a wheel that friction stops in so short a time is at rest
 
 # A state here is the tuple (x, y, theta, phi, psi, v_x, v_y, w_1, w_2, w_3), and the ball's spin where it pivots.
 
@@ -64,9 +68,35 @@ def smallest_margin(P, signs, speeds):
 
 
 @inlined
-def _wheel_torque(wheel, u, speed, sign_at_start):
+def _rest_speed(wheel, per_torque):
+    return per_torque * (wheel.c + wheel.s)
+
+
+@inlined
+def rest_speeds(P, h):
+    """Return the speed of each wheel below which it is at rest [rad/s]: its step is taken by the convex method.
+
+    A wheel that sticks does not stay at a speed of zero to the last digit, since the robot turns within the step.
+    """
+    return each_with(_rest_speed, P.wheels, _MOMENT * h / P.d1)
+
+
+@inlined
+def _faster(speed, rest):
+    return abs(speed) - rest if rest > 0.0 else 1.0
+
+
+@inlined
+def moving_margin(P, v, speeds, h):
+    """Return what is positive where no contact with dry friction is at rest: its sign is then known at the start."""
+    rolls = v[0] * v[0] + v[1] * v[1] - REST * REST if P.rolling > 0.0 else 1.0
+    return min(rolls, smallest(each(_faster, speeds, rest_speeds(P, h))))
+
+
+@inlined
+def _wheel_torque(wheel, u, speed, sign_at_start, dry):
     """Return u - tau(w) of one wheel."""
-    return u - wheel.b * speed - sign_at_start * dry_friction(wheel, speed)
+    return u - wheel.b * speed - sign_at_start * dry
 
 
 class FloorFriction(NamedTuple):
@@ -106,30 +136,36 @@ def _sum(a, b, c):
 
 
 @inlined
-def acceleration(selected, P, a, v, w, u, speeds, signs, floor):
-    """Return (v_dot, w_dot) with wheel friction of known signs and the floor's friction given."""
+def acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor):
+    """Return (v_dot, w_dot) with the wheels' dry friction, its signs and the floor's friction given."""
     system = terms(selected, P, a, v, w)
-    T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs))
+    T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs, dry))
     F, L = wheel_force(selected, P, a, T)
     f_v, f_w = free_forces(system)
     return solve(system, each(_sum, f_v, F, floor.force), add(f_w, L), floor.holding)
 
 
 @inlined
-def derivative(selected, P, state, u, signs):
-    """Return the state's rate of change, and the wheel speeds."""
-    a = attitude((state[2], state[3], state[4]))
+def rate_of_change(selected, P, a, state, u, speeds, signs, dry):
+    """Return the state's rate of change, with the wheels' dry friction and its signs given."""
     v, w = ball_velocity(state), (state[7], state[8], state[9])
-    speeds = wheel_speeds(selected, P, a, v, w)
-    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, floor_friction(P, v))
-    return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot), speeds
+    v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
+    return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
 
 
 @inlined
-def speeds_of_state(selected, P, state):
-    """Return the wheel speeds of a state."""
-    a = attitude((state[2], state[3], state[4]))
-    return wheel_speeds(selected, P, a, ball_velocity(state), (state[7], state[8], state[9]))
+def derivative(selected, P, state, u, signs):
+    """Return the state's rate of change, and the wheel speeds."""
+    a, speeds = pose(selected, P, state)
+    dry = each(dry_friction, P.wheels, speeds)
+    return rate_of_change(selected, P, a, state, u, speeds, signs, dry), speeds
+
+
+@inlined
+def pose(selected, P, state):
+    """Return the attitude and the wheel speeds of a state."""
+    a = balancing_attitude((state[2], state[3], state[4]))
+    return a, wheel_speeds(selected, P, a, ball_velocity(state), (state[7], state[8], state[9]))
 
 
 @inlined
@@ -172,7 +208,7 @@ def runge_kutta_step(selected, P, state, u, h):
     margin : float
         Positive where no friction changed its sign within the step, so that the step counts.
     """
-    signs = each(sign, speeds_of_state(selected, P, state))
+    signs = each(sign, pose(selected, P, state)[1])
     k1, speeds1 = derivative(selected, P, state, u, signs)
     second = advanced(state, k1, 0.5 * h)
     k2, speeds2 = derivative(selected, P, second, u, signs)
@@ -190,4 +226,5 @@ def runge_kutta_step(selected, P, state, u, h):
         min(floor_margin(P, state, state), floor_margin(P, state, second)),
         min(floor_margin(P, state, third), floor_margin(P, state, fourth)),
     )
-    return end, min(wheels, min(floor, floor_margin(P, state, end)))
+    margin = min(wheels, min(floor, floor_margin(P, state, end)))
+    return end, min(margin, moving_margin(P, ball_velocity(state), speeds1, h))

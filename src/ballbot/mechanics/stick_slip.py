@@ -21,7 +21,8 @@ import math
 
 import numpy as np
 
-from ballbot.mechanics.compiled import compiled
+from ballbot.mechanics.compiled import called, compiled
+from ballbot.mechanics.rows import fill
 
 _GUESSES = 12
 _ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, with which no better guess is sought
@@ -29,7 +30,7 @@ _AT_REST = 1e-12  # of a speed's terms, below which the speed is rounding
 _DISC_STEPS = 60
 
 
-@compiled
+@called
 def solve_in_place(K, right, size):
     """Solve K x = right by Gaussian elimination with partial pivoting; both are overwritten, x is in `right`.
 
@@ -99,13 +100,13 @@ def rest_is_held(M, free, C, limits, rolling, h):
     return low <= high and r_x * r_x + r_y * r_y <= rolling * rolling and not pivots
 
 
-@compiled
+@called
 def _wheel_count(C):
     """Return the number of wheels: all rows of C, but for the spin's where there is a sixth velocity."""
     return C.shape[0] - (1 if C.shape[1] == 6 else 0)
 
 
-@compiled
+@called
 def _idle_force(C, wheel):
     """Return the wheel's part in the forces of four wheels that add up to no torque."""
     a, b, c = (wheel + 1) % 4, (wheel + 2) % 4, (wheel + 3) % 4
@@ -117,16 +118,17 @@ def _idle_force(C, wheel):
     return volume if wheel % 2 == 0 else -volume
 
 
-@compiled
+@called
 def _mobility(M, C):
     """Return Y (n + 2, m) and G (n + 2, n + 2): the velocities and speeds at contacts per unit force at each."""
     n, m = C.shape
     rows, Y = np.zeros((n + 2, m)), np.zeros((n + 2, m))
-    rows[:n] = C
+    for box in range(n):
+        fill(rows[box], C[box])
     rows[n, 0] = rows[n + 1, 1] = 1.0
     for contact in range(n + 2):
         K = M.copy()
-        Y[contact] = rows[contact]
+        fill(Y[contact], rows[contact])
         solve_in_place(K, Y[contact], m)
     G = np.zeros((n + 2, n + 2))
     for i in range(n + 2):
@@ -136,7 +138,7 @@ def _mobility(M, C):
     return Y, G
 
 
-@compiled
+@called
 def _disc_force(v_x, v_y, a, c, b, rolling, h):
     """Return the disc's force and the velocity left: v = v_0 - h G r for the 2 x 2 mobility G = [[a, b], [b, c]].
 
@@ -168,7 +170,7 @@ def _disc_force(v_x, v_y, a, c, b, rolling, h):
     return rolling * n_x, rolling * n_y, speed * n_x, speed * n_y
 
 
-@compiled
+@called
 def _sticking(signs, C, limits, stuck):
     """Fill `stuck` with the boxes that stick; return their number, and whether four wheels do.
 
@@ -186,7 +188,7 @@ def _sticking(signs, C, limits, stuck):
     return count, four
 
 
-@compiled
+@called
 def _speeds_under(forces, G, ahead, h, count, speeds):
     """Fill the speeds at all contacts under the first `count` contacts' forces."""
     for i in range(len(ahead)):
@@ -195,7 +197,7 @@ def _speeds_under(forces, G, ahead, h, count, speeds):
             speeds[i] -= h * G[i, j] * forces[j]
 
 
-@compiled
+@called
 def _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
     """Fill the forces and speeds that follow from a guess: signs[i] is 0 where a box sticks. Returns False if none do.
 
@@ -235,7 +237,7 @@ def _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
     return True
 
 
-@compiled
+@called
 def _share_idle_force(C, limits, forces):
     """Add forces without effect to those of four sticking wheels, to the middle of what the limits allow."""
     low, high = -np.inf, np.inf
@@ -248,7 +250,7 @@ def _share_idle_force(C, limits, forces):
         forces[wheel] += 0.5 * (low + high) * _idle_force(C, wheel)
 
 
-@compiled
+@called
 def _distance_at_most(signs, G, limits, forces, speeds, h):
     """Return how far a guess can be from the minimiser, in the norm of the kinetic energy.
 
@@ -265,7 +267,7 @@ def _distance_at_most(signs, G, limits, forces, speeds, h):
     return distance
 
 
-@compiled
+@called
 def _correct(signs, limits, forces, speeds):
     """Make the next guess: overloaded boxes slide, boxes that slide against their friction stick."""
     for i in range(len(limits)):
@@ -277,7 +279,7 @@ def _correct(signs, limits, forces, speeds):
                 signs[i] = 0.0
 
 
-@compiled
+@called
 def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h):
     """Put forces and speeds of the best guess of all into the rows of `best`."""
     n = len(limits)
@@ -290,13 +292,14 @@ def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h):
         if _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
             distance = _distance_at_most(signs, G, limits, forces, speeds, h)
             if distance < best_distance:
-                best[0], best[1] = forces, speeds
+                fill(best[0], forces)
+                fill(best[1], speeds)
                 best_distance = distance
             if best_distance <= enough:
                 return
 
 
-@compiled
+@called
 def _first_guess(signs, C, limits, start):
     """Let boxes slide as they do at the step's start."""
     n, m = C.shape
@@ -356,7 +359,8 @@ def minimise(M, free, C, limits, rolling, h, start):
             break
         distance = _distance_at_most(signs, G, limits, forces, speeds, h)
         if distance < best_distance:
-            best[0], best[1] = forces, speeds
+            fill(best[0], forces)
+            fill(best[1], speeds)
             best_distance = distance
         if best_distance <= enough:
             break
@@ -366,7 +370,7 @@ def minimise(M, free, C, limits, rolling, h, start):
     return _velocities(free, Y, best[0], best[1], h)
 
 
-@compiled
+@called
 def _velocities(free, Y, forces, speeds, h):
     """Return nu_free - h M^-1 C^T lambda; zero, to the bit, where the ball's path or its spin sticks, or everything."""
     contacts, m = Y.shape

@@ -114,21 +114,6 @@ def _each_with(function, items, shared):
     )
 
 
-def loaded(function, like, work, row, lane) -> tuple:  # pragma: no cover
-    """Return the tuple of function(work, row, i, lane), i = 0, 1, .., as long as `like`; each i is a constant.
-
-    The array is an argument of its own: in a tuple of arguments its reference would be counted in the loop over
-    lanes, which would then not become vector code.
-    """
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(loaded)
-def _loaded(function, like, work, row, lane):
-    calls = (f"function(work, row, {i}, lane)" for i in range(len(like)))
-    return written("function, like, work, row, lane", _tuple(calls))
-
-
 def total(vectors) -> tuple:  # pragma: no cover
     """Return the sum of the wheels' 3-vectors."""
     raise NotImplementedError("compiled code only")

@@ -16,20 +16,12 @@ from ballbot.control.law import control_law
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
-from ballbot.mechanics.engine import (
-    LARGEST_LEAN,
-    ROWS,
-    STEP,
-    TORQUE,
-    load_state,
-    load_torques,
-    over_threads,
-    start_lane,
-    take_steps,
-    write_state,
-)
+from ballbot.mechanics.engine import over_threads
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.lanes import LANES, ROWS, STEP, TORQUE, robot_in
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import LANES, load, pack
+from ballbot.mechanics.parameters import load, pack
+from ballbot.mechanics.steps import load_state, load_torques, start_lane, take_steps, write_state
 from ballbot.robot import Robot
 from ballbot.simulation.floor import lift_off, sinking
 from ballbot.simulation.model_plant import checked_states
@@ -163,21 +155,22 @@ def run_closed_loop_block(
         ended[first + lane] = samples
     for sample in range(samples):
         for lane in range(width):
+            robot = first + robot_in(work, lane)
             write_state(selected, work, lane, state)
-            control_law(laws[_row_of(laws, first + lane)], state, references[sample], held)
+            control_law(laws[_row_of(laws, robot)], state, references[sample], held)
             for i in range(len(held)):
                 work[(TORQUE + i) * LANES + lane] = held[i]
         take_steps(selected, work, width, steps)
         for lane in range(width):
-            limit = lift_offs[_row_of(lift_offs, first + lane)]
-            if ended[first + lane] == samples:
-                _end_where_due(selected, work, lane, limit, sample + 1, ended, lifted, first)
-        if (sample + 1) % every == 0:
-            for lane in range(width):
+            robot = first + robot_in(work, lane)
+            if ended[robot] == samples:
+                limit = lift_offs[_row_of(lift_offs, robot)]
+                _end_where_due(selected, work, lane, limit, sample + 1, ended, lifted, robot)
+            if (sample + 1) % every == 0:
                 record = (sample + 1) // every - 1
-                write_state(selected, work, lane, states[first + lane, record])
+                write_state(selected, work, lane, states[robot, record])
                 for i in range(len(held)):
-                    torques[first + lane, record, i] = work[(TORQUE + i) * LANES + lane]
+                    torques[robot, record, i] = work[(TORQUE + i) * LANES + lane]
 
 
 @inlined
@@ -193,7 +186,7 @@ def _load_robot(work, lane, row):
 
 
 @inlined
-def _end_where_due(selected, work, lane, limit, sample, ended, lifted, first):
+def _end_where_due(selected, work, lane, limit, sample, ended, lifted, robot):
     """Stop a lane that has fallen within the sample or would lift off at its end."""
     state = load_state(selected, work, lane)
     fallen = work[STEP * LANES + lane] == 0.0 or not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN
@@ -202,8 +195,8 @@ def _end_where_due(selected, work, lane, limit, sample, ended, lifted, first):
         P, u = load(selected, work, lane), load_torques(selected, work, lane)
         lifts = not sinking(selected, P, state, u) < limit
     if fallen or lifts:
-        ended[first + lane] = sample
-        lifted[first + lane] = lifts
+        ended[robot] = sample
+        lifted[robot] = lifts
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
 
 

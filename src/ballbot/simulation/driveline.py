@@ -20,7 +20,7 @@ from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.inertia import UNLIMITED, Inertia
 from ballbot.mechanics.friction_laws.interface import FrictionLaw
 from ballbot.mechanics.friction_laws.smoothed import Smoothed
-from ballbot.mechanics.parameters import LANES
+from ballbot.mechanics.lanes import LANES
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.robot.robot import Robot
 from ballbot.simulation.driveline_lanes import run_classical_block, run_lane

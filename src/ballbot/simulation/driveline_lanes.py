@@ -13,7 +13,7 @@ from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.friction_laws.inertia import Inertia, clamped
 from ballbot.mechanics.friction_laws.interface import move, visible_speed
 from ballbot.mechanics.friction_laws.sliding import slide
-from ballbot.mechanics.parameters import LANES, entry
+from ballbot.mechanics.lanes import LANES, entry
 
 # Rows of a block: five numbers of the law, four of the inertia, then
 _SPEED, _ANGLE, _TORQUE, _END, _TRAVEL, _KEPT = 9, 10, 11, 12, 13, 14

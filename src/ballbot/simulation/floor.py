@@ -12,12 +12,13 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.mechanics.compiled import compiled, inlined
-from ballbot.mechanics.engine import ROWS, load_state, start_lane
-from ballbot.mechanics.equations import attitude, rates_of_angles, wheel_speeds
+from ballbot.mechanics.equations import rates_of_angles
 from ballbot.mechanics.evaluate import angle_accelerations
-from ballbot.mechanics.friction import sign
-from ballbot.mechanics.parameters import LANES, load
-from ballbot.mechanics.smooth import acceleration, ball_velocity, floor_friction
+from ballbot.mechanics.friction import dry_friction, sign
+from ballbot.mechanics.lanes import LANES, ROWS
+from ballbot.mechanics.parameters import load
+from ballbot.mechanics.smooth import acceleration, ball_velocity, floor_friction, pose
+from ballbot.mechanics.steps import load_state, start_lane
 from ballbot.mechanics.vector import each, each_with
 from ballbot.robot import Robot
 
@@ -34,11 +35,10 @@ def sinking(selected, P, state, u):
 
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
-    a = attitude((state[2], state[3], state[4]))
+    a, speeds = pose(selected, P, state)
     v, w = ball_velocity(state), (state[7], state[8], state[9])
-    speeds = wheel_speeds(selected, P, a, v, w)
-    signs = each(sign, speeds)
-    _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, floor_friction(P, v))
+    signs, dry = each(sign, speeds), each(dry_friction, P.wheels, speeds)
+    _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
     accelerations = angle_accelerations(selected, a, rates, w_dot)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import LARGEST_LEAN, simulate_lanes
+from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot

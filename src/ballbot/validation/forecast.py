@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.mechanics.engine import LARGEST_LEAN, simulate_lanes
+from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction
 

@@ -1,0 +1,152 @@
+"""The convex step of `proximal` for the robots of a block, in three loops: the problem, Newton rounds, the end."""
+
+from ballbot.mechanics.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.equations import balancing_attitude
+from ballbot.mechanics.lanes import MARGIN, SCRATCH, STATE, STEP, TORQUE, TRIAL, entry, put, restored, stored
+from ballbot.mechanics.parameters import Pivoting, load, state_like
+from ballbot.mechanics.proximal import ROUNDS, convex_end, convex_problem, newton_round
+from ballbot.mechanics.vector import each, each_with, written
+
+# Scratch rows: the problem, the forces and their probe, and which lanes have settled
+_FREE = SCRATCH
+_RESPONSES = _FREE + 6
+_MATRIX = _RESPONSES + 36
+_RIGHT = _MATRIX + 36
+_LIMITS = _RIGHT + 6
+_PROBE = _LIMITS + 4
+_FORCES = _PROBE + 6
+_RESTS = _FORCES + 6
+_SETTLED = _RESTS + 1  # the last of the scratch rows
+
+
+def contacts_like(selected) -> tuple:  # pragma: no cover (compiled form below)
+    """Return a tuple with a number for each contact of three wheels."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(contacts_like)
+def _contacts_like(selected):
+    return written("selected", "(" + "0.0, " * (6 if selected.instance_class is Pivoting else 5) + ")")
+
+
+def boxes_like(selected) -> tuple:  # pragma: no cover (compiled form below)
+    """Return a tuple with a number for each box of three wheels."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(boxes_like)
+def _boxes_like(selected):
+    return written("selected", "(" + "0.0, " * (4 if selected.instance_class is Pivoting else 3) + ")")
+
+
+@inlined
+def _matrix_like(selected):
+    return each_with(_second, contacts_like(selected), contacts_like(selected))
+
+
+@inlined
+def _second(first, second):
+    return second
+
+
+@called
+def _problems(selected, work, first, last):
+    for lane in range(first, last):
+        P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
+        u, h = restored(selected.wheels, work, TORQUE, lane), entry(work, STEP, lane)
+        a = balancing_attitude((state[2], state[3], state[4]))
+        problem = convex_problem(selected, P, a, state, u, h)
+        stored(work, _FREE, lane, problem.free)
+        stored(work, _RESPONSES, lane, problem.Y)
+        stored(work, _MATRIX, lane, problem.G)
+        stored(work, _RIGHT, lane, problem.b)
+        stored(work, _LIMITS, lane, problem.limits)
+        stored(work, _PROBE, lane, problem.s)
+        put(work, _RESTS, lane, problem.rests)
+        # a lane whose trial counts, or that does not move, asks for no rounds
+        counts = entry(work, MARGIN, lane) > 0.0
+        put(work, _SETTLED, lane, 1.0 if counts or problem.rests > 0.0 or not h > 0.0 else 0.0)
+
+
+@called
+def _round(selected, work, first, last):
+    """Take one Newton round; what has settled stays as it is, whatever its neighbours need."""
+    for lane in range(first, last):
+        P, settled = load(selected, work, lane), entry(work, _SETTLED, lane)
+        G, b = (
+            restored(_matrix_like(selected), work, _MATRIX, lane),
+            restored(contacts_like(selected), work, _RIGHT, lane),
+        )
+        s, limits = (
+            restored(contacts_like(selected), work, _PROBE, lane),
+            restored(boxes_like(selected), work, _LIMITS, lane),
+        )
+        forces = restored(contacts_like(selected), work, _FORCES, lane)
+        new_forces, new_s, agrees = newton_round(s, G, b, limits, P.rolling)
+        stored(work, _FORCES, lane, each_with(_chosen, each(_pair, forces, new_forces), settled > 0.0))
+        stored(work, _PROBE, lane, each_with(_chosen, each(_pair, s, new_s), settled > 0.0))
+        put(work, _SETTLED, lane, max(settled, agrees))
+
+
+@inlined
+def _all_settled(work, first, last):
+    least = 1.0
+    for lane in range(first, last):
+        least = min(least, entry(work, _SETTLED, lane))
+    return least > 0.0
+
+
+@called
+def _ends(selected, work, first, last):
+    for lane in range(first, last):
+        P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
+        a = balancing_attitude((state[2], state[3], state[4]))
+        free, Y = (
+            restored(contacts_like(selected), work, _FREE, lane),
+            restored(_matrix_like(selected), work, _RESPONSES, lane),
+        )
+        s, limits = (
+            restored(contacts_like(selected), work, _PROBE, lane),
+            restored(boxes_like(selected), work, _LIMITS, lane),
+        )
+        forces = restored(contacts_like(selected), work, _FORCES, lane)
+        end = convex_end(
+            selected,
+            P,
+            a,
+            state,
+            free,
+            Y,
+            limits,
+            forces,
+            s,
+            entry(work, _RESTS, lane),
+            entry(work, STEP, lane),
+        )
+        counts = entry(work, MARGIN, lane) > 0.0
+        trial = restored(state_like(selected), work, TRIAL, lane)
+        stored(work, TRIAL, lane, each_with(_chosen, each(_pair, trial, end), counts))
+        put(work, MARGIN, lane, 1.0 if counts else entry(work, _SETTLED, lane))
+
+
+@inlined
+def _pair(a, b):
+    return (a, b)
+
+
+@inlined
+def _chosen(pair, first):
+    return pair[0] if first else pair[1]
+
+
+@compiled
+def convex_block(selected, work, first, last):
+    """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
+    if len(selected.wheels) == 4:  # they can strain against each other: G is singular
+        return
+    _problems(selected, work, first, last)
+    for _ in range(ROUNDS):
+        if _all_settled(work, first, last):
+            break
+        _round(selected, work, first, last)
+    _ends(selected, work, first, last)

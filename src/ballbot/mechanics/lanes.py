@@ -1,0 +1,102 @@
+"""Robots side by side: the work array of a block, its rows, and how compiled code reads and writes them.
+
+Row i of a block's flat array begins at i * LANES, and a robot is a column. Loops over lanes become vector code where
+indices are unsigned and no array is put into a tuple. A step is a chain of operations that wait for each other; it is
+therefore taken in short loops over all lanes, one for each part, that leave their results in the scratch rows: while
+one lane's numbers wait, the next lane's are on their way.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numba import types
+
+from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.mechanics.vector import written
+
+#: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
+LANES = 32
+
+#: rows kept for a robot's numbers; the state and the rest follow
+MOST_PARAMETERS = 50
+STATE = MOST_PARAMETERS
+TRIAL = STATE + 11  #: where a step would end
+TORQUE = TRIAL + 11
+STEP = TORQUE + 4
+MARGIN = STEP + 1  #: positive where the trial counts
+ROBOT = MARGIN + 1  #: which of the block's robots the lane holds
+SCRATCH = ROBOT + 1  #: what a step leaves for its own later parts
+ROWS = SCRATCH + 102
+
+#: lanes that one vector instruction of the widest processors takes; ranges of lanes begin and end at multiples
+GROUP = 8
+
+
+@inlined
+def entry(work, row, lane):
+    """Return the number of that row and lane."""
+    # unsigned: no test for an index from the end, which keeps a loop scalar
+    return work[np.uint64(row * LANES + lane)]
+
+
+@inlined
+def put(work, row, lane, value):
+    """Store a number at that row and lane."""
+    work[np.uint64(row * LANES + lane)] = value
+    return 0
+
+
+@inlined
+def robot_in(work, lane):
+    """Return which of the block's robots a lane holds."""
+    return int(entry(work, ROBOT, lane))
+
+
+@inlined
+def swap(work, row, first, second):
+    """Exchange two lanes' numbers of a row."""
+    number = entry(work, row, first)
+    put(work, row, first, entry(work, row, second))
+    put(work, row, second, number)
+
+
+def restored(like, work, row, lane) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the numbers of a lane from `row` on as a tuple, or tuples in tuples, of the shape of `like`.
+
+    The array is an argument of its own: in a tuple of arguments its reference would be counted in the loop over
+    lanes, which would then not become vector code.
+    """
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(restored)
+def _restored(like, work, row, lane):
+    rows = iter(range(sum(1 for _ in _numbers(like, ""))))
+    return written("like, work, row, lane", _entries(like, rows), unsigned=np.uint64)
+
+
+def _entries(shape: types.Type, rows: Iterator[int]) -> str:
+    if isinstance(shape, types.BaseTuple):
+        return "(" + "".join(f"{_entries(item, rows)}, " for item in shape) + ")"
+    # written out: as a call, each row would be a function to compile
+    return f"work[unsigned((row + {next(rows)}) * {LANES} + lane)]"
+
+
+def stored(work, row, lane, value) -> tuple:  # pragma: no cover (compiled form below)
+    """Store the numbers of a tuple, or of tuples in tuples, in the rows from `row` on."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(stored)
+def _stored(work, row, lane, value):
+    puts = "".join(f"put(work, row + {i}, lane, {name}), " for i, name in enumerate(_numbers(value, "value")))
+    return written("work, row, lane, value", f"({puts})", put=put)
+
+
+def _numbers(shape: types.Type, name: str) -> Iterator[str]:
+    """Yield how each number of a tuple is written in code."""
+    if isinstance(shape, types.BaseTuple):
+        for i, item in enumerate(shape):
+            yield from _numbers(item, f"{name}[{i}]")
+    else:
+        yield name
