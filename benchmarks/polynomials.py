@@ -14,7 +14,11 @@ _TINY = mpf("1e-12")  # below it a quotient's limit is taken
 
 def fits() -> dict[str, tuple[list[float], str]]:
     """Return name -> (coefficients, lowest power first; largest error) as `elementary` names them."""
-    mp.dps = 40
+    with mp.workdps(40):
+        return _fits()
+
+
+def _fits() -> dict[str, tuple[list[float], str]]:
     # a little beyond pi/4: where an angle lies between two quadrants is itself rounded
     quarter, lean = (pi / 4 * mpf("1.001")) ** 2, mpf("1.3") ** 2
     largest_f = (sqrt(mpf(2)) - 1) / (sqrt(mpf(2)) + 1)

@@ -1,11 +1,24 @@
 """The convex step of `proximal` for the robots of a block, in three loops: the problem, Newton rounds, the end."""
 
 from ballbot.mechanics.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.contacts import of_boxes
 from ballbot.mechanics.equations import balancing_attitude
-from ballbot.mechanics.lanes import MARGIN, SCRATCH, STATE, STEP, TORQUE, TRIAL, entry, put, restored, stored
-from ballbot.mechanics.parameters import Pivoting, load, state_like
+from ballbot.mechanics.lanes import (
+    MARGIN,
+    ROWS,
+    SCRATCH,
+    STATE,
+    STEP,
+    TORQUE,
+    TRIAL,
+    entry,
+    put,
+    restored,
+    stored,
+)
+from ballbot.mechanics.parameters import load, state_like
 from ballbot.mechanics.proximal import ROUNDS, convex_end, convex_problem, newton_round
-from ballbot.mechanics.vector import each, each_with, written
+from ballbot.mechanics.vector import each, each_with, second
 
 # Scratch rows: the problem, the forces and their probe, and which lanes have settled
 _FREE = SCRATCH
@@ -16,37 +29,30 @@ _LIMITS = _RIGHT + 6
 _PROBE = _LIMITS + 4
 _FORCES = _PROBE + 6
 _RESTS = _FORCES + 6
-_SETTLED = _RESTS + 1  # the last of the scratch rows
+_SETTLED = _RESTS + 1
+assert _SETTLED < ROWS  # compiled code does not look whether a row is in the array
 
 
-def contacts_like(selected) -> tuple:  # pragma: no cover (compiled form below)
-    """Return a tuple with a number for each contact of three wheels."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(contacts_like)
-def _contacts_like(selected):
-    return written("selected", "(" + "0.0, " * (6 if selected.instance_class is Pivoting else 5) + ")")
-
-
-def boxes_like(selected) -> tuple:  # pragma: no cover (compiled form below)
-    """Return a tuple with a number for each box of three wheels."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(boxes_like)
+@inlined
 def _boxes_like(selected):
-    return written("selected", "(" + "0.0, " * (4 if selected.instance_class is Pivoting else 3) + ")")
+    """Return zeros, one for each box."""
+    return of_boxes(selected, each(_zero, selected.wheels), 0.0)
+
+
+@inlined
+def _contacts_like(selected):
+    """Return zeros, one for each contact; three wheels have as many contacts as the robot has velocities."""
+    return _boxes_like(selected) + (0.0, 0.0)
+
+
+@inlined
+def _zero(wheel):
+    return 0.0
 
 
 @inlined
 def _matrix_like(selected):
-    return each_with(_second, contacts_like(selected), contacts_like(selected))
-
-
-@inlined
-def _second(first, second):
-    return second
+    return each_with(second, _contacts_like(selected), _contacts_like(selected))
 
 
 @called
@@ -62,6 +68,7 @@ def _problems(selected, work, first, last):
         stored(work, _RIGHT, lane, problem.b)
         stored(work, _LIMITS, lane, problem.limits)
         stored(work, _PROBE, lane, problem.s)
+        stored(work, _FORCES, lane, _contacts_like(selected))  # what takes no round has none
         put(work, _RESTS, lane, problem.rests)
         # a lane whose trial counts, or that does not move, asks for no rounds
         counts = entry(work, MARGIN, lane) > 0.0
@@ -75,13 +82,13 @@ def _round(selected, work, first, last):
         P, settled = load(selected, work, lane), entry(work, _SETTLED, lane)
         G, b = (
             restored(_matrix_like(selected), work, _MATRIX, lane),
-            restored(contacts_like(selected), work, _RIGHT, lane),
+            restored(_contacts_like(selected), work, _RIGHT, lane),
         )
         s, limits = (
-            restored(contacts_like(selected), work, _PROBE, lane),
-            restored(boxes_like(selected), work, _LIMITS, lane),
+            restored(_contacts_like(selected), work, _PROBE, lane),
+            restored(_boxes_like(selected), work, _LIMITS, lane),
         )
-        forces = restored(contacts_like(selected), work, _FORCES, lane)
+        forces = restored(_contacts_like(selected), work, _FORCES, lane)
         new_forces, new_s, agrees = newton_round(s, G, b, limits, P.rolling)
         stored(work, _FORCES, lane, each_with(_chosen, each(_pair, forces, new_forces), settled > 0.0))
         stored(work, _PROBE, lane, each_with(_chosen, each(_pair, s, new_s), settled > 0.0))
@@ -102,14 +109,14 @@ def _ends(selected, work, first, last):
         P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
         a = balancing_attitude((state[2], state[3], state[4]))
         free, Y = (
-            restored(contacts_like(selected), work, _FREE, lane),
+            restored(_contacts_like(selected), work, _FREE, lane),
             restored(_matrix_like(selected), work, _RESPONSES, lane),
         )
         s, limits = (
-            restored(contacts_like(selected), work, _PROBE, lane),
-            restored(boxes_like(selected), work, _LIMITS, lane),
+            restored(_contacts_like(selected), work, _PROBE, lane),
+            restored(_boxes_like(selected), work, _LIMITS, lane),
         )
-        forces = restored(contacts_like(selected), work, _FORCES, lane)
+        forces = restored(_contacts_like(selected), work, _FORCES, lane)
         end = convex_end(
             selected,
             P,
@@ -142,8 +149,22 @@ def _chosen(pair, first):
 @compiled
 def convex_block(selected, work, first, last):
     """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
-    if len(selected.wheels) == 4:  # they can strain against each other: G is singular
-        return
+    _convex_block(selected, work, first, last)
+
+
+def _convex_block(selected, work, first, last) -> None:  # pragma: no cover (compiled form below)
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(_convex_block)
+def _block_by_wheels(selected, work, first, last):
+    if len(selected.types[0]) == 4:  # four wheels can strain against each other: G is singular
+        return lambda selected, work, first, last: None
+    return lambda selected, work, first, last: _three_wheeled_block(selected, work, first, last)
+
+
+@inlined
+def _three_wheeled_block(selected, work, first, last):
     _problems(selected, work, first, last)
     for _ in range(ROUNDS):
         if _all_settled(work, first, last):

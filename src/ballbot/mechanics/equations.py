@@ -79,7 +79,7 @@ def attitude(angles):
 
 @inlined
 def balancing_attitude(angles):
-    """Return the `Attitude` of a robot that leans by less than 1.3 rad, at which its simulation has ended."""
+    """Return the `Attitude` of a robot that leans by less than 1.3 rad; past `LARGEST_LEAN` its simulation ends."""
     theta, phi, psi = sine_cosine_of_lean(angles[0]), sine_cosine_of_lean(angles[1]), sine_cosine(angles[2])
     return attitude_of(theta + phi + psi)
 

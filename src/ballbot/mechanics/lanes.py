@@ -7,6 +7,7 @@ one lane's numbers wait, the next lane's are on their way.
 """
 
 from collections.abc import Iterator
+from itertools import count
 
 import numpy as np
 from numba import types
@@ -26,9 +27,9 @@ STEP = TORQUE + 4
 MARGIN = STEP + 1  #: positive where the trial counts
 ROBOT = MARGIN + 1  #: which of the block's robots the lane holds
 SCRATCH = ROBOT + 1  #: what a step leaves for its own later parts
-ROWS = SCRATCH + 102
+ROWS = SCRATCH + 102  # as many as `convex_block` needs
 
-#: lanes that one vector instruction of the widest processors takes; ranges of lanes begin and end at multiples
+#: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples
 GROUP = 8
 
 
@@ -41,7 +42,7 @@ def entry(work, row, lane):
 
 @inlined
 def put(work, row, lane, value):
-    """Store a number at that row and lane."""
+    """Store a number at that row and lane; returns a number, so that calls can stand in a tuple (`stored`)."""
     work[np.uint64(row * LANES + lane)] = value
     return 0
 
@@ -71,8 +72,7 @@ def restored(like, work, row, lane) -> tuple:  # pragma: no cover (compiled form
 
 @by_types_of(restored)
 def _restored(like, work, row, lane):
-    rows = iter(range(sum(1 for _ in _numbers(like, ""))))
-    return written("like, work, row, lane", _entries(like, rows), unsigned=np.uint64)
+    return written("like, work, row, lane", _entries(like, count()), unsigned=np.uint64)
 
 
 def _entries(shape: types.Type, rows: Iterator[int]) -> str:

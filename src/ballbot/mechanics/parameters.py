@@ -14,7 +14,7 @@ from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.lanes import restored
-from ballbot.mechanics.vector import each_with, written
+from ballbot.mechanics.vector import each_with, second, written
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 
@@ -183,14 +183,9 @@ def load(selected, work, lane):
     """Return the `Parameters` of one lane."""
     rigid = restored(_RIGID, work, 0, lane)
     inv_rb, k, m_t, ml, g, d1, d2, d3, common, rolling, ml2, j_b, pivoting, J, D = rigid
-    own = restored(each_with(_second, selected.wheels, _WHEEL), work, RIGID_SIZE, lane)
+    own = restored(each_with(second, selected.wheels, _WHEEL), work, RIGID_SIZE, lane)
     wheels = each_with(_wheel_of, own, common)
     return Parameters(inv_rb, k, m_t, ml, g, d1, d2, d3, rolling, ml2, j_b, pivoting, J, D, wheels)
-
-
-@inlined
-def _second(first, second):
-    return second
 
 
 def state_like(selected) -> tuple:  # pragma: no cover (compiled form below)

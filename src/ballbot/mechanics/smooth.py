@@ -1,9 +1,9 @@
 """The motion between two changes of sign: friction is a smooth force there, and RK4 has order four.
 
-A trial step is taken with the signs of its start. It counts only if no speed whose friction matters has
-crossed zero at any stage; otherwise `ballbot.mechanics.stick_slip` takes the step. (A sign that changes between
-the last stage and the end, which differ by h^5, is found by the next step.) A ball that does not spin stays so
-while pivoting friction can hold it, and that is smooth as well.
+A trial step is taken with the signs of its start. It counts only if no wheel nor the rolling ball was at rest at its
+start, and no speed whose friction matters has crossed zero at any stage; otherwise `ballbot.mechanics.proximal` takes
+the step. (A sign that changes between the last stage and the end, which differ by h^5, is found by the next step.) A
+ball that does not spin stays so while pivoting friction can hold it, and that is smooth as well.
 """
 
 import math
@@ -200,7 +200,9 @@ def _rolling_margin(P, start, state):
 
 @inlined
 def runge_kutta_step(selected, P, state, u, h):
-    """Take one RK4 step with the friction's signs of its start.
+    """Take one RK4 step with the friction's signs of its start, in one piece, as a GPU's thread does.
+
+    A block of lanes takes the same step in parts (`smooth_block`).
 
     Returns
     -------

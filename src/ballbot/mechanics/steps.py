@@ -1,7 +1,7 @@
 """Steps of a block of robots: RK4 for those whose contacts all move, the convex step for the others.
 
-The lanes are kept sorted, moving robots first, so that neither method is spent on the other's robots. A robot's step
-depends on nothing but the robot.
+The lanes are kept sorted, moving robots first, so that neither method is spent on the other's robots. But for
+rounding, a robot's step depends on nothing but the robot.
 """
 
 import numpy as np
@@ -36,6 +36,7 @@ from ballbot.mechanics.parameters import load, state_like
 from ballbot.mechanics.rows import box_rows, in_order, mass_matrix
 from ballbot.mechanics.smooth_block import SINES, SPEEDS, begin_steps, smooth_block
 from ballbot.mechanics.stick_slip import minimise
+from ballbot.mechanics.vector import each, each_with
 
 
 @inlined
@@ -91,8 +92,7 @@ def take_steps(selected, work, width, steps):
             _sort(work, width)
         if resting < width:
             smooth_block(selected, work, _whole_groups(width - resting, width))
-        if _count_open(work, 0, width) > 0:
-            _take_open_steps(selected, work, width)
+        _take_open_steps(selected, work, width)
         _accept(selected, work, width)
 
 
@@ -164,19 +164,29 @@ def _take_open_steps(selected, work, width):
 def _accept(selected, work, width):
     """Make the trials the states; past the largest lean a lane takes steps of zero: it stays where it is."""
     for lane in range(width):
-        end = restored(state_like(selected), work, TRIAL, lane)
-        stored(work, STATE, lane, end)
-        put(
-            work,
-            STEP,
-            lane,
-            entry(work, STEP, lane) if max(abs(end[2]), abs(end[3])) <= LARGEST_LEAN else 0.0,
+        h = entry(work, STEP, lane)
+        both = each(
+            _pair, load_state(selected, work, lane), restored(state_like(selected), work, TRIAL, lane)
         )
+        end = each_with(_later, both, h)
+        stored(work, STATE, lane, end)
+        upright = abs(end[2]) <= LARGEST_LEAN and abs(end[3]) <= LARGEST_LEAN
+        put(work, STEP, lane, h if upright else 0.0)
+
+
+@inlined
+def _pair(a, b):
+    return (a, b)
+
+
+@inlined
+def _later(states, h):
+    return states[0] if h == 0.0 else states[1]
 
 
 @inlined
 def start_lane(selected, work, lane, x, h):
-    """Set a lane's state from x (10,), or (11,) where the ball pivots, with Euler-angle rates; and its step."""
+    """Give a lane the robot of its number: state x (10,), (11,) where the ball pivots, with Euler rates, and step h."""
     put(work, STEP, lane, h)
     put(work, ROBOT, lane, float(lane))
     for i in range(len(x)):

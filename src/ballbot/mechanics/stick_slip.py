@@ -349,6 +349,8 @@ def minimise(M, free, C, limits, rolling, h, start):
             ahead[j] += C[j, i] * free[i]
         for j in range(m):
             energy += free[i] * M[i, j] * free[j]
+    if not energy < np.inf:
+        return free.copy()  # no number, and it stays to be seen
     enough = _ACCURATE * math.sqrt(energy)
 
     signs, forces, speeds = np.empty(n), np.zeros(n + 2), np.empty(n + 2)

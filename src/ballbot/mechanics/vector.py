@@ -92,6 +92,12 @@ def _each(function, *tuples):
     return written("function, *tuples", _tuple(f"function({items})" for items in calls))
 
 
+@inlined
+def second(_, value):
+    """Return the second of two, to make a tuple of as many of it as another has items (`each_with`)."""
+    return value
+
+
 def advanced(a, rate, h) -> tuple:  # pragma: no cover
     """Return a + h rate."""
     raise NotImplementedError("compiled code only")
@@ -126,7 +132,7 @@ def _total(vectors):
 
 
 def smallest(numbers) -> float:  # pragma: no cover
-    """Return the smallest of a tuple's numbers; a NaN before the last does not show."""
+    """Return the smallest of a tuple's numbers; a NaN after the first does not show."""
     raise NotImplementedError("compiled code only")
 
 
