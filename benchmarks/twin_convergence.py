@@ -6,14 +6,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot import Model, Robot
+from ballbot.report.style import BLUE, GREEN, INK, ORANGE
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Softness
+from benchmarks.pictures import write_picture
 from benchmarks.section import Section
 
 SAMPLE_TIME = 0.005  # [s]
@@ -22,7 +24,7 @@ SAMPLES = 60  # 0.3 s: the fall multiplies an error by cosh(5.2 t) = 2.5
 #: leaning, rolling and turning
 START = np.array([0, 0, 0.03, -0.02, 0.3, 0.1, -0.05, 0.05, 0.02, 0.4])
 
-FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "twin_convergence.svg"
+COLORS = (BLUE, ORANGE, GREEN, INK)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +96,7 @@ def campaign() -> Section:
         ]
     order = np.polyfit(np.log([one.step for one in TOGETHER]), np.log(series["both"]), 1)[0]
     rows.insert(len(TOGETHER), ["**order in the step**", "", *(f"**{one:.1f}**" for one in order)])
-    _draw(series["both"])
+    picture = write_picture("twin_convergence", lambda: _figure(series["both"]))
     moved = np.ptp(exact, axis=0)
     return Section(
         title="The twin becomes the exact model",
@@ -104,25 +106,20 @@ def campaign() -> Section:
         "step and stiffness together, then with the stiffness alone.",
         columns=["step", "contact stiffness", "x y [m]", "angles [rad]", "velocities [m/s]", "rates [rad/s]"],
         rows=rows,
-        after=f"![errors against the step](figures/{FIGURE.name})",
+        after=f"![errors against the step]({picture})",
     )
 
 
-def _draw(found: NDArray[np.float64]) -> None:
-    import matplotlib
-
-    matplotlib.use("svg")
-    import matplotlib.pyplot as plt
-
+def _figure(found: NDArray[np.float64]) -> Figure:
+    figure = Figure(figsize=(5.4, 3.4), layout="constrained")
+    axes = figure.subplots()
     steps = [1e3 * one.step for one in TOGETHER]
-    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for label, values in zip(
-        ("x y [m]", "angles [rad]", "velocities [m/s]", "rates [rad/s]"), found.T, strict=True
-    ):
-        axes.loglog(steps, values, "o-", label=label)
-    axes.set(xlabel="step [ms]; stiffness grows with its inverse square", ylabel="largest error")
-    axes.legend()
-    axes.grid(which="both", alpha=0.3)
-    FIGURE.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(FIGURE, metadata={"Date": None})
-    plt.close(figure)
+    marks = zip(("x y [m]", "angles [rad]", "velocities [m/s]", "rates [rad/s]"), "os^D", COLORS, strict=True)
+    for (label, mark, color), values in zip(marks, found.T, strict=True):
+        axes.loglog(steps, values, marker=mark, color=color, markersize=4, linewidth=1.2, label=label)
+    axes.set(
+        xlabel="step [ms]; the contacts' stiffness grows with its inverse square", ylabel="largest error"
+    )
+    axes.set_title("The twin's distance from the exact model")
+    axes.legend(loc="lower right")
+    return figure

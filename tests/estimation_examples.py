@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.noise import FilterNoise
@@ -120,9 +121,17 @@ def _sensed(
     attitude[:, 1] -= cosine * slow[:, 0] - sine * slow[:, 1]
     walk = noise.heading_walk * np.sqrt(H) * random.standard_normal(count)
     drift = noise.heading_drift * random.standard_normal() * H * np.arange(count)
-    attitude[:, 2] += noise.start_heading * random.standard_normal() + drift + np.cumsum(walk)
+    attitude = turned(attitude, noise.start_heading * random.standard_normal() + drift + np.cumsum(walk))
     readings = [
         Reading(wheel_angles=a, wheel_speeds=np.zeros(3), gyro=g, attitude=e)
         for a, g, e in zip(angles, gyro, attitude, strict=True)
     ]
     return Run(truth, bias, readings)
+
+
+def turned(attitude: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """theta, phi, psi (N, 3) as an AHRS has them whose frame has turned away by -angle (N,), by scipy's rotations."""
+    away = Rotation.from_euler("Z", angle[:, None]) * Rotation.from_euler("XYZ", attitude)
+    found = away.as_euler("XYZ")
+    turns = np.round((attitude[:, 2] + angle - found[:, 2]) / (2 * np.pi))
+    return np.column_stack((found[:, :2], found[:, 2] + 2 * np.pi * turns))

@@ -11,6 +11,8 @@ from ballbot.errors import InputError
 from ballbot.estimation import OnboardState, Reading
 from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.errors import state_errors
+from ballbot.estimation.kalman import KalmanFilter
+from ballbot.estimation.named import named_estimator
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
@@ -77,6 +79,13 @@ def test_reset_forgets() -> None:
 def test_refuses_a_sample_time_of_zero() -> None:
     with pytest.raises(InputError, match="above 0 s"):
         OnboardState(ALTEN, sample_time=0.0)
+
+
+def test_estimators_by_their_names() -> None:
+    assert isinstance(named_estimator("onboard", ALTEN, sample_time=0.005), OnboardState)
+    assert isinstance(named_estimator("kalman", ALTEN, sample_time=0.005), KalmanFilter)
+    with pytest.raises(InputError, match="there are onboard, kalman"):
+        named_estimator("kalmann", ALTEN, sample_time=0.005)  # type: ignore[arg-type]
 
 
 def test_errors_of_a_run_are_what_was_put_upon_the_truth() -> None:

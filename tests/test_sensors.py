@@ -111,12 +111,11 @@ def test_latency_is_in_whole_samples() -> None:
 
 
 @given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-4, 4))
-def test_a_heading_that_takes_the_lean_along_leaves_the_upward_direction(
+def test_drift_turns_the_whole_frame_and_leaves_the_upward_direction(
     theta: float, phi: float, psi: float
 ) -> None:
     """Body to world is turned about the vertical by the drift, as scipy's rotations have it."""
-    faults = SensorFaults(lean_turns_with_heading=True)
-    imu = AttitudeSensor(replace(QUIET, heading_drift=0.1), np.random.default_rng(0), faults)
+    imu = AttitudeSensor(replace(QUIET, heading_drift=0.1), np.random.default_rng(0))
     _, found = imu.read(5.0, np.zeros(3), np.array([theta, phi, psi]))
     turned = Rotation.from_euler("Z", 0.5) * Rotation.from_euler("XYZ", [theta, phi, psi])
     np.testing.assert_allclose(Rotation.from_euler("XYZ", found).as_matrix(), turned.as_matrix(), atol=1e-12)

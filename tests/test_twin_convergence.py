@@ -1,17 +1,16 @@
 """Samples of the campaigns of `benchmarks.twin_*`: convergence to the exact model, and what the thesis saw."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from ballbot.twin import Scenario
-from benchmarks import twin_convergence, twin_observed
+from benchmarks import observations, twin_convergence
+from benchmarks.twin_observed import PLAY, RESONANCE, Run, closed_loop
 
 
 def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter() -> None:
     """Two independent mechanics, MuJoCo's contacts and the Lagrangian, meet."""
-    robot = twin_observed.ROBOT
+    robot = observations.ROBOT
     exact = twin_convergence.exact_motion(robot)
     contacts = twin_convergence.TOGETHER[:4]  # half a second of computing
     errors = np.array([twin_convergence.errors(robot, exact, one) for one in contacts])
@@ -24,39 +23,30 @@ def test_rollers_ripple_the_wheel_s_speed_and_a_single_point_does_not() -> None:
     """The thesis's bumps (3.2): nine rollers of a row pass in a turn."""
     found = {}
     for name in ("wide_rows", "nominal", "single_point"):
-        scenario = Scenario.named(name, twin_observed.ROBOT)
-        found[name] = twin_observed.roller_order(scenario, seed=1)
+        found[name] = observations.roller_ripple(Scenario.named(name, observations.ROBOT), seed=1)
     for name, times in (("wide_rows", 50.0), ("nominal", 10.0)):  # measured: 150 and 25
-        line, background = found[name]
-        assert line > times * background
-    assert found["wide_rows"][0] > 5 * found["nominal"][0]  # measured: 15
-    assert found["single_point"][0] < 0.2 * found["nominal"][0]  # measured: 0.08
+        assert found[name].line > times * found[name].background
+    assert found["wide_rows"].line > 5 * found["nominal"].line  # measured: 15
+    assert found["single_point"].line < 0.2 * found["nominal"].line  # measured: 0.08
 
 
 @pytest.mark.slow
 def test_play_is_seen_as_impulses() -> None:
     """The thesis's chapter 6; measured 350 and 29 rad/s^2, and 19 and 1.6 times a normal fourth moment."""
-    nominal = Scenario.nominal(twin_observed.ROBOT)
-    found = []
-    for scenario in (nominal, replace(nominal, backlash=0.0)):
-        run = twin_observed.Run(scenario=scenario, reference="square", seed=1, duration=16.0)
-        found.append(twin_observed.impulses(twin_observed.closed_loop(run)))
-    (largest, kurtosis), (without, normal) = found
-    assert largest > 4 * without
-    assert kurtosis > 4 * normal
+    played, without = (
+        observations.impulses(closed_loop(Run(scenario=one, duration=16.0))) for one in PLAY.values()
+    )
+    assert played.largest > 4 * without.largest
+    assert played.kurtosis > 4 * without.kurtosis
 
 
 @pytest.mark.slow
 def test_a_twisting_driveline_shows_in_the_residuals() -> None:
     """Measured: a line 300 times the median near 33 Hz when on, 6 times when off."""
-    robot = twin_observed.ROBOT
-    off = replace(Scenario.nominal(robot), backlash=0.0)
-    on = replace(Scenario.resonant(robot), backlash=0.0)
-    heights = []
-    for scenario in (off, on):
-        run = twin_observed.Run(scenario=scenario, reference="square", seed=1, duration=16.0)
-        frequency, height = twin_observed.residual_peak(twin_observed.closed_loop(run), off.friction)
-        heights.append(height)
-    assert heights[0] < 20
-    assert heights[1] > 100
-    assert 25 < frequency < 40
+    off, on = (
+        observations.residual_spectrum(closed_loop(Run(scenario=one, duration=16.0)), one.friction)
+        for one in RESONANCE["without play"]
+    )
+    assert off.height < 20
+    assert on.height > 100
+    assert 25 < on.peak < 40

@@ -64,7 +64,9 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path) -> None:
     error = np.sqrt((truth["x"] - truth["ref_x"]) ** 2 + (truth["y"] - truth["ref_y"]) ** 2)
     assert found["peak_position_error"] == pytest.approx(error.max())
     lean_error = log["theta"] - truth["theta"]
-    assert found["sensor_rms_error"]["theta"] == pytest.approx(np.sqrt(np.mean(lean_error**2)))
+    lean = np.mean(lean_error**2 + (log["phi"] - truth["phi"]) ** 2)
+    assert found["estimation_errors"]["lean"] == pytest.approx(np.sqrt(lean))
+    assert found["estimation_errors"]["position_drift"] is None  # shorter than a minute
     made = tomllib.loads((one / "record.toml").read_text())
     assert made["run"]["seed"] == 3
     assert tomllib.loads((one / "scenario.toml").read_text())["friction"]["coulomb"] == [0.11, 0.09, 0.12]
@@ -79,6 +81,7 @@ def test_the_command_in_the_folder_makes_the_run_again(
 
     out = tmp_path / "one"
     command = ["record", "resonant", "--experiment", experiment, "--duration", "0.5", "--seed", "7"]
+    command += ["--estimator", "kalman"]
     assert main([*command, "--compensation", "partial", "--reference", "hold", "--out", str(out)]) == 0
     again = tomllib.loads((out / "record.toml").read_text())["run"]["command"].split()
     monkeypatch.chdir(out)
@@ -216,6 +219,25 @@ def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
     assert (tmp_path / "one" / "log.csv").read_bytes() == (tmp_path / "two" / "log.csv").read_bytes()
 
 
+def test_estimator_steers_and_a_batch_of_another_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from ballbot.cli.main import main
+
+    command = ["record", "nominal", "--duration", "2", "--seeds", "1", "--out"]
+    for name in ("onboard", "kalman"):
+        assert main([*command, str(tmp_path / name), "--estimator", name]) == 0
+    onboard, kalman = (tmp_path / name / "seed_0001" for name in ("onboard", "kalman"))
+    rough, quiet = (
+        np.sqrt(np.mean(np.diff(Log.read(folder / "log.csv").torques, axis=0) ** 2))
+        for folder in (onboard, kalman)
+    )
+    assert quiet < rough / 2  # measured: a quarter
+    assert (onboard / "controller.toml").read_bytes() == (kalman / "controller.toml").read_bytes()
+    assert main([*command, str(tmp_path / "kalman")]) == 2
+    assert "record.toml differs" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -228,6 +250,7 @@ def test_record_reads_the_controller_that_it_wrote(tmp_path: Path) -> None:
         ["nominal", "--robot", "altn", "--out", "DIR"],
         ["nominal", "--duration", "-1", "--out", "DIR"],
         ["nominal", "--controller", "absent.toml", "--out", "DIR"],
+        ["nominal", "--estimator", "kalmann", "--out", "DIR"],
         ["nominal"],
     ],
 )

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
-from rich.progress import Progress
 
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import progress_bar, standard_output
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
-from ballbot.control.references import named
+from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs
+from ballbot.experiments.reference_file import reference_of
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment
@@ -31,6 +31,7 @@ def record(
     seeds: str | None = None,
     compensation: Literal["none", "full", "partial"] = "none",
     controller: Path | None = None,
+    estimator: EstimatorName = "onboard",
     format: LogFormat = "csv",
     out: Path,
 ) -> None:
@@ -38,7 +39,7 @@ def record(
 
     Example: ballbot record nominal --robot alten --reference square --duration 40 --seed 1 --out run1
 
-    Example: ballbot record mine.toml --seeds 1-200 --out runs
+    Example: ballbot record mine.toml --estimator kalman --seeds 1-200 --out runs
 
     Parameters
     ----------
@@ -50,7 +51,8 @@ def record(
     experiment
         balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the wheels).
     reference
-        Where a balancing robot is asked to be: hold, square, change_pose, circle or figure_eight.
+        Where a balancing robot is asked to be: hold, square, change_pose, circle, figure_eight, or a file with t,
+        ref_x, ref_y and ref_psi, as ballbot excite writes it.
     duration
         How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down where not given.
     seed
@@ -62,13 +64,16 @@ def record(
         What the controller does about the friction in the robot's file.
     controller
         A controller file, in place of the nominal gain and the compensation.
+    estimator
+        Whose state the controller feeds back and the log has: onboard, the thesis's way (a sum of wheel speeds); or
+        kalman, a filter that also listens to the scenario's fixes.
     format
         Of the log, the truth and the motion capture.
     out
         The folder to write into.
     """
     described = Robot.load(robot)
-    named(reference)  # refused before anything is run
+    reference_of(reference)  # refused before anything is run
     job = Job(
         robot=described,
         scenario=Scenario.load(scenario, described),
@@ -79,6 +84,7 @@ def record(
         ),
         experiment=experiment,
         reference=reference,
+        estimator=estimator,
         duration=DURATIONS[experiment] if duration is None else duration,
         log_format=format,
     )
@@ -90,9 +96,8 @@ def record(
 
 
 def _one(job: Job, seed: int, out: Path, console: Console) -> None:
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(f"recording {job.duration:g} s", total=1.0)
-        outcome = record_run(job, seed, out, progress=lambda share: bar.update(task, completed=share))
+    with progress_bar(console, f"recording {job.duration:g} s") as bar:
+        outcome = record_run(job, seed, out, progress=bar.show)
     for path in sorted(out.iterdir()):
         console.print(str(path), soft_wrap=True)
     if outcome.ended:
@@ -100,9 +105,8 @@ def _one(job: Job, seed: int, out: Path, console: Console) -> None:
 
 
 def _many(job: Job, seeds: list[int], out: Path, console: Console) -> None:
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(f"recording {len(seeds)} runs of {job.duration:g} s", total=len(seeds))
-        outcomes = record_runs(job, seeds, out, progress=lambda done: bar.update(task, completed=done))
+    with progress_bar(console, f"recording {len(seeds)} runs of {job.duration:g} s") as bar:
+        outcomes = record_runs(job, seeds, out, progress=lambda done: bar.show(done / len(seeds)))
     console.print(_summary(outcomes, out), soft_wrap=True)
     for outcome in outcomes:
         if outcome.ended:

@@ -9,9 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cyclopts import App
-from rich.progress import Progress
 
-from ballbot.cli.output import standard_output, table
+from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.seeds import parse_seeds
 from ballbot.files import write_text
 from ballbot.robot import Robot
@@ -103,14 +102,13 @@ def recommendations(
     from ballbot.experiments.twin_recommendations import HEADINGS, rows, try_recommendations
 
     console = standard_output()
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("trying the recommendations", total=1.0)
+    with progress_bar(console, "trying the recommendations") as bar:
         found = try_recommendations(
             Robot.load(robot),
             seeds=parse_seeds(seeds),
             duration=duration,
             threads=os.cpu_count() or 1,
-            progress=lambda share: bar.update(task, completed=share),
+            progress=bar.show,
         )
     scores = {
         name: {kind: [_finite(asdict(one)) for one in runs] for kind, runs in comparison.scores.items()}

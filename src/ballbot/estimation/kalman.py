@@ -54,9 +54,6 @@ class KalmanFilter:
         Time between two updates [s].
     noise : FilterNoise, optional
         What is trusted how far; `FilterNoise.of(robot)` where not given.
-    lean_turns_with_heading : bool
-        True for an AHRS whose theta and phi are as wrong about the world's axes as its heading, as those of one
-        that integrates its gyro are; False where theta and phi are right though the heading has run away.
 
     Raises
     ------
@@ -64,21 +61,13 @@ class KalmanFilter:
         Where the sample time is not positive.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        *,
-        sample_time: float,
-        noise: FilterNoise | None = None,
-        lean_turns_with_heading: bool = False,
-    ) -> None:
+    def __init__(self, robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> None:
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise InputError(f"the sample time of a Kalman filter must be above 0 s, not {sample_time}.")
         self.robot = robot
         self.sample_time = sample_time
         self.noise = noise if noise is not None else FilterNoise.of(robot)
         self._ball_from_wheels = np.ascontiguousarray(transforms(robot).T_obw)
-        self.lean_turns_with_heading = lean_turns_with_heading
         self._model = filter_model(robot, sample_time=sample_time, noise=self.noise)
         self.reset()
 
@@ -92,7 +81,6 @@ class KalmanFilter:
         self._P = _first_covariance(self.noise)
         self._angles: NDArray[np.float64] | None = None
         self._gyro = np.zeros(3)
-        self._psi = 0.0
         self._pivoting = 0.0
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
@@ -109,14 +97,13 @@ class KalmanFilter:
             x, y [m], theta, phi, psi [rad] and their rates, world frame.
         """
         theta, phi, psi = reading.attitude.tolist()
-        heading = heading_of(theta, phi, psi)
+        lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
         if self._angles is None:
             self._x[PSI] = heading
-            self._x[G : G + 2] = lean_of(theta, phi, psi)
+            self._x[G : G + 2] = lean
             self._x[S : S + 2] = self._model.lever @ reading.gyro  # v = 0
         else:
             ball_rate = self._ball_from_wheels @ (reading.wheel_angles - self._angles) / self.sample_time
-            lean = lean_of(theta, phi, psi if self.lean_turns_with_heading else self._psi)
             pivoting = sample(
                 self._x,
                 self._P,
@@ -181,7 +168,6 @@ class KalmanFilter:
     def _state(self) -> NDArray[np.float64]:
         x = self._x
         attitude = attitude_of_swing(x[G : G + 2], float(x[PSI]))
-        self._psi = float(attitude[2])
         forward, left = self._velocity().tolist()
         s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
         velocity = (c3 * forward - s3 * left, s3 * forward + c3 * left)

@@ -36,3 +36,14 @@ def attitude_of_swing(lean: NDArray[np.float64], heading: float) -> NDArray[np.f
     phi = math.asin(max(-1.0, min(1.0, -c * g_x + s * g_y)))
     psi = math.atan2(s * m22 - c * m12, c * m11 - s * m12)
     return np.array([theta, phi, heading + math.remainder(psi - heading, 2.0 * math.pi)])
+
+
+def turned_about_vertical(attitude: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Return theta, phi, psi (3,) of Rz(angle) R [rad]: the same attitude, seen from a frame turned by -angle.
+
+    Where the angle is zero, they are the same to the bit.
+    """
+    if angle == 0.0:
+        return attitude
+    theta, phi, psi = attitude.tolist()
+    return attitude_of_swing(lean_of(theta, phi, psi), heading_of(theta, phi, psi) + angle)

@@ -23,8 +23,9 @@ import tomli_w
 
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
-from ballbot.control.references import named
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.experiments.reference_file import is_file, reference_of, reference_text
 from ballbot.files import write_text
 from ballbot.robot.file import robot_text
 from ballbot.robot.robot import Robot
@@ -53,7 +54,8 @@ class Job:
     scenario: Scenario
     controller: Controller
     experiment: Experiment = "balance"
-    reference: str = "square"  #: a name of `ballbot.control.references`; nothing to the bench
+    reference: str = "square"  #: a name of `ballbot.control.references`, or a file; nothing to the bench
+    estimator: EstimatorName = "onboard"  #: whose state the controller feeds back; nothing to the bench
     duration: float  #: [s]
     log_format: LogFormat = "csv"
 
@@ -171,8 +173,13 @@ def settings(job: Job, seed: int) -> dict[str, str]:
     header = _HEADER
     if job.experiment == "balance":
         texts["controller.toml"] = controller_text(job.controller)
-        run |= {"reference": job.reference, "compensation": job.controller.compensation}
-        options += f" --reference {job.reference} --controller controller.toml"
+        reference = job.reference
+        if is_file(reference):  # its text goes along, so that the folder has all that made the run
+            reference = "reference.csv"
+            texts[reference] = reference_text(job.reference)
+        run |= {"reference": reference, "compensation": job.controller.compensation}
+        run["estimator"] = job.estimator
+        options += f" --reference {reference} --controller controller.toml --estimator {job.estimator}"
         tables["motion_capture"] = asdict(MotionCapture.drawn(seed))
         header += _CAMERAS
     run["command"] = f"ballbot record scenario.toml --robot robot.toml {options} --out again"
@@ -185,8 +192,10 @@ def _record(job: Job, seed: int, progress: Callable[[float], None] | None) -> Re
         return record_bench(
             job.robot, job.scenario, job.experiment, duration=job.duration, seed=seed, progress=progress
         )
-    twin = Twin(job.robot, job.scenario)
-    reference = named(job.reference)
+    sample_time = job.scenario.sensors.sample_time
+    estimator = named_estimator(job.estimator, job.robot, sample_time=sample_time)
+    twin = Twin(job.robot, job.scenario, estimator=estimator)
+    reference = reference_of(job.reference)
     return record_balance(
         twin, job.controller, reference, duration=job.duration, seed=seed, progress=progress
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import square
-from ballbot.estimation.kalman import KalmanFilter
+from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import Comparison, compare
 from ballbot.robot.robot import Robot
 from ballbot.simulation.fixes import FixSource
@@ -34,13 +34,12 @@ class Variant:
 
     name: str
     scenario: Scenario
-    fused: bool = False  #: whether a Kalman filter takes the place of the thesis's on-board state
+    estimator: EstimatorName = "onboard"
 
     def twin(self, robot: Robot) -> Twin:
         """Return the robot."""
-        if not self.fused:
-            return Twin(robot, self.scenario)
-        estimator = KalmanFilter(robot, sample_time=self.scenario.sensors.sample_time)
+        sample_time = self.scenario.sensors.sample_time
+        estimator = named_estimator(self.estimator, robot, sample_time=sample_time)
         return Twin(robot, self.scenario, estimator=estimator)
 
 
@@ -53,8 +52,12 @@ def variants(robot: Robot) -> list[Variant]:
         Variant(name="nominal: hard ball", scenario=nominal),
         Variant(name="single-row wheels", scenario=single_row),
         Variant(name="play 0.1 degrees", scenario=replace(nominal, backlash=_LESS_PLAY)),
-        Variant(name="fix at 10 Hz, fused", scenario=replace(nominal, fix=_FIX), fused=True),
-        Variant(name="all of these", scenario=replace(single_row, backlash=_LESS_PLAY, fix=_FIX), fused=True),
+        Variant(name="fix at 10 Hz, fused", scenario=replace(nominal, fix=_FIX), estimator="kalman"),
+        Variant(
+            name="all of these",
+            scenario=replace(single_row, backlash=_LESS_PLAY, fix=_FIX),
+            estimator="kalman",
+        ),
     ]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
+from ballbot.estimation.swing import turned_about_vertical
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.robot import Robot, Sensors
 
@@ -58,7 +58,7 @@ class Encoders:
 class SensorFaults:
     """What an AHRS does besides being noisy; all of it is off at its default.
 
-    Its heading is the integral of its gyro, so the bias about the vertical makes it run away, in addition to the
+    Its heading is the integral of its gyro, so the bias about the vertical turns its frame away, in addition to the
     drift that the robot's file says.
     """
 
@@ -67,7 +67,6 @@ class SensorFaults:
     lean_error: float = 0.0  #: standard deviation of a slow error of theta and of phi [rad]
     lean_error_time: float = 10.0  #: over which that forgets itself [s]
     latency: float = 0.0  #: gyro and attitude come later by this, in whole samples [s]
-    lean_turns_with_heading: bool = False  #: theta and phi as wrong about the world's axes as the heading
 
     def __post_init__(self) -> None:
         for name in ("gyro_bias", "gyro_bias_walk", "lean_error", "latency"):
@@ -81,7 +80,13 @@ class SensorFaults:
 
 
 class AttitudeSensor:
-    """An AHRS: angular velocity and attitude with white noise, and a heading that runs away at a steady rate.
+    """An AHRS: angular velocity and attitude with white noise, in a frame that turns away from the world's.
+
+    Gravity tells it which way is up and nothing tells it which way is north, so what runs away is not psi alone: its
+    whole frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis
+    has it (Appendix IV): the drift "does not affect the ability of the BBR to balance", but "the world frame of the BBR
+    [...] slowly drifts". A lean that stayed right about the world's axes would be turned away from the wheels by as
+    much as psi is wrong, until the robot falls.
 
     Parameters
     ----------
@@ -108,7 +113,7 @@ class AttitudeSensor:
         Parameters
         ----------
         t : float
-            Time since the start [s]; the heading is right at 0.
+            Time since the start [s]; the frame is the world's at 0.
         body_rate : array (3,)
             True angular velocity, body frame [rad/s].
         attitude : array (3,)
@@ -119,8 +124,7 @@ class AttitudeSensor:
         drift = self._sensors.heading_drift * t
         if self._errors is not None:
             return self._errors.upon(gyro, measured, drift)
-        measured[2] += drift
-        return gyro, measured
+        return gyro, turned_about_vertical(measured, drift)
 
 
 class _SlowErrors:
@@ -144,14 +148,8 @@ class _SlowErrors:
         self, gyro: NDArray[np.float64], attitude: NDArray[np.float64], drift: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return gyro (3,) and attitude (3,) with the faults upon them, drift [rad] being that of the robot's file."""
-        faults = self._faults
-        theta, phi = (attitude[:2] + self._lean).tolist()
-        psi, error = float(attitude[2]), self._heading + drift
-        if faults.lean_turns_with_heading:
-            turned = attitude_of_swing(lean_of(theta, phi, psi), heading_of(theta, phi, psi) + error)
-        else:
-            turned = np.array([theta, phi, psi + error])
-        self._waiting.append((gyro + self._bias, turned))
+        leaning = attitude + np.append(self._lean, 0.0)
+        self._waiting.append((gyro + self._bias, turned_about_vertical(leaning, self._heading + drift)))
         self._wander()
         return self._waiting[0]
 

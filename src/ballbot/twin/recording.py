@@ -7,15 +7,17 @@ motion_capture       the cameras' view, in their own frame and time; not on the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
-from ballbot.log import STATE_NAMES, Log
+from ballbot.estimation.errors import state_errors
+from ballbot.log import Log
 from ballbot.robot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
@@ -108,14 +110,21 @@ def results(log: Log) -> dict[str, object]:
     -------
     dict
         `ended`: why it stopped early, or None; `peak_position_error`, `rms_position_error` [m]: true position
-        from the reference; `sensor_rms_error`: of each measured state, SI units.
+        from the reference; `estimation_errors`: of the on-board state, see `ballbot.estimation.errors`, the drift
+        None where the run is shorter than a minute, and all of it where it has a single row.
     """
     truth = log.truth()
     error = np.hypot(truth["x"] - log["ref_x"], truth["y"] - log["ref_y"])
-    sensors = np.sqrt(np.mean((log.states - truth.states) ** 2, axis=0))
     return {
         "ended": log.ended,
         "peak_position_error": float(error.max()),
         "rms_position_error": float(np.sqrt(np.mean(error**2))),
-        "sensor_rms_error": dict(zip(STATE_NAMES, sensors.tolist(), strict=True)),
+        "estimation_errors": _estimation_errors(log),
     }
+
+
+def _estimation_errors(log: Log) -> dict[str, float | None] | None:
+    if len(log) < 2:
+        return None
+    errors = asdict(state_errors(log.t, log.states, log.truth().states))
+    return {name: value if math.isfinite(value) else None for name, value in errors.items()}

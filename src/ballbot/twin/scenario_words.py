@@ -5,29 +5,19 @@ from __future__ import annotations
 from ballbot.simulation.accelerometer import Accelerometer
 from ballbot.simulation.fixes import FixSource
 from ballbot.simulation.sensors import SensorFaults
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Push,
-    Roughness,
-    Softness,
-    Supply,
-    Timing,
-)
+from ballbot.twin import faults
 
 #: a fault of each kind, of a size that a robot like the thesis's could have
 EXAMPLES: dict[str, object] = {
-    "load_dependence": LoadDependence(share=0.5),
-    "softness": Softness(stiffness=3e4, damping=200.0),
-    "compliance": Compliance(frequency=40.0, damping_ratio=0.1),
-    "current_loop": CurrentLoop(bandwidth=100.0),
-    "supply": Supply(winding_resistance=0.6, internal_resistance=0.15),
-    "payload": Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
-    "roughness": Roughness(height=0.0005, wavelength=0.1, seed=1),
-    "timing": Timing(delay=1, jitter=0.001),
-    "pushes": Push(time=5.0, duration=0.1, force=(20.0, 0.0, 0.0), height=0.4),
+    "load_dependence": faults.LoadDependence(share=0.5),
+    "softness": faults.Softness(stiffness=3e4, damping=200.0),
+    "compliance": faults.Compliance(frequency=40.0, damping_ratio=0.1),
+    "current_loop": faults.CurrentLoop(bandwidth=100.0),
+    "supply": faults.Supply(winding_resistance=0.6, internal_resistance=0.15),
+    "payload": faults.Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
+    "roughness": faults.Roughness(height=0.0005, wavelength=0.1, seed=1),
+    "timing": faults.Timing(delay=1, jitter=0.001),
+    "pushes": faults.Push(time=5.0, duration=0.1, force=(20.0, 0.0, 0.0), height=0.4),
     "sensor_faults": SensorFaults(gyro_bias=0.001, gyro_bias_walk=1e-5, lean_error=0.003, latency=0.005),
     "accelerometer": Accelerometer(),
     "fix": FixSource(rate=10.0),
@@ -100,7 +90,6 @@ MEANINGS: dict[str, str] = {
     "sensor_faults.lean_error": "standard deviation of a slow error of theta and phi [rad]",
     "sensor_faults.lean_error_time": "over which that forgets itself [s]",
     "sensor_faults.latency": "in whole samples [s]",
-    "sensor_faults.lean_turns_with_heading": "theta and phi as wrong about the world's axes as the heading",
     "accelerometer": "An accelerometer on the body: acc_x to acc_z in the log.",
     "accelerometer.position": "from the ball's centre: forward, left, up [m]",
     "accelerometer.noise": "standard deviation of each sample [m/s^2]",

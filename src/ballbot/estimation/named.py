@@ -1,0 +1,38 @@
+"""The estimators by the names that commands and files know them by."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+from ballbot.errors import InputError
+from ballbot.estimation.interface import Estimator
+from ballbot.estimation.onboard import OnboardState
+from ballbot.robot.robot import Robot
+
+#: the thesis's way; the Kalman filter, which also listens to fixes
+EstimatorName = Literal["onboard", "kalman"]
+
+
+def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:
+    """Return a new estimator of that name for a robot.
+
+    Parameters
+    ----------
+    name : {"onboard", "kalman"}
+    robot : Robot
+    sample_time : float
+        Time between two updates [s].
+
+    Raises
+    ------
+    InputError
+        Where there is none of that name, or the sample time is not positive.
+    """
+    match name:
+        case "onboard":
+            return OnboardState(robot, sample_time=sample_time)
+        case "kalman":
+            from ballbot.estimation.kalman import KalmanFilter  # compiled: only who uses it loads Numba
+
+            return KalmanFilter(robot, sample_time=sample_time)
+    raise InputError(f"there is no estimator {name!r}; there are {', '.join(get_args(EstimatorName))}.")
