@@ -1,4 +1,4 @@
-"""`ballbot check-log`: what a log holds and what is wrong with it."""
+"""`ballbot check-log`: what a log holds and what is wrong with it; of a foreign file, how it becomes a log."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.cli.log_proposal import propose_mapping
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.findings import Finding
+from ballbot.log.formats import is_foreign
 from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
 from ballbot.log.summary import ColumnSummary, summarize
 from ballbot.robot import Robot
@@ -27,21 +29,28 @@ def check_log(
 ) -> None:
     """Show a log's columns and what is wrong with it; the exit code is 2 where that is an error.
 
+    Of a file that is none of Ballbot's logs, a mapping is proposed and tested against the robot's kinematics.
+
     Example: `ballbot check-log run1.csv --robot alten`
+
+    Example: `ballbot check-log main_control_1.txt --robot rob311 --out checked` writes mapping.toml and log.csv
 
     Parameters
     ----------
     file
-        The log: CSV or Parquet with Ballbot's column names, or any table with a mapping.
+        The log: CSV or Parquet with Ballbot's column names, or any table of text.
     robot
         A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
     mapping
-        A TOML file that says how a foreign log becomes one of Ballbot's.
+        A TOML file that says how a foreign log becomes one of Ballbot's; without it one is proposed.
     out
-        A folder for results.json.
+        A folder for results.json and, of a foreign file, the mapping and the log that it makes.
     """
-    log = Log.read(file, mapping=mapping)
     described = Robot.load(robot) if robot else None
+    if described and mapping is None and is_foreign(file):
+        propose_mapping(file, described, out=out)
+        return
+    log = Log.read(file, mapping=mapping)
     summaries, findings = summarize(log), check(log, robot=described)
     wheels = wheel_agreement(log, described) if described else None
     _show(file, log, summaries, findings, wheels)

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from ballbot.log.angle_checks import check_gyro, check_lean, check_rates, check_wrap
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
+from ballbot.log.disturbance_check import check_disturbance
 from ballbot.log.findings import Finding
 from ballbot.log.kinematic_check import check_wheels
 from ballbot.log.log import Log
@@ -46,11 +47,15 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         *check_constant(log),
         *check_stuck(log),
         *check_saturation(log, torque_limit=limit),
-        *([*check_speed_limit(log, robot), *check_wheels(log, robot)] if robot else []),
+        *(_of_robot(log, robot) if robot else []),
         *check_names(log),
         *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
     ]
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.severity)))
+
+
+def _of_robot(log: Log, robot: Robot) -> list[Finding]:
+    return [*check_speed_limit(log, robot), *check_wheels(log, robot), *check_disturbance(log, robot)]
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 class TorqueInput:
     """The log holds wheel torques."""
 
+    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the torque that the driver made of the torque logged: the same."""
+        return value
+
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = the value itself."""
         return value
@@ -28,6 +32,10 @@ class CurrentInput:
     gear_ratio: float  #: n [-]
     efficiency: float  #: of the gear, 0..1
 
+    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the current that the driver made of the current logged: the same."""
+        return value
+
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return u [N m] = n k_t efficiency i."""
         return self.gear_ratio * self.torque_constant * self.efficiency * value
@@ -35,17 +43,22 @@ class CurrentInput:
 
 @dataclass(frozen=True, kw_only=True)
 class DutyInput:
-    """The log holds PWM duties of a brushed or field-oriented motor on a stiff supply, inductance "
-    "neglected."""
+    """The log holds PWM duties of a brushed or field-oriented motor on a stiff supply, inductance neglected."""
 
     supply_voltage: float  #: V [V]
     torque_constant: float  #: k_t [N m/A]
     back_emf_constant: float  #: k_e [V s/rad]
     resistance: float  #: R [ohm]
     gear_ratio: float  #: n [-]
+    dead_band: float = 0.0  #: duty that the firmware adds, in the duty's direction, to overcome friction
+    duty_limit: float = 1.0  #: the largest duty that reaches the motor
+
+    def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the duty at the motor: d + dead_band sgn(d), within the limit."""
+        return np.clip(value + self.dead_band * np.sign(value), -self.duty_limit, self.duty_limit)
 
     def torque(self, value: NDArray[np.float64], wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return u [N m] = n k_t (d V - k_e n w) / R."""
+        """Return u [N m] = n k_t (d V - k_e n w) / R of the duty d at the motor."""
         back_emf = self.back_emf_constant * self.gear_ratio * wheel_speed
         current = (value * self.supply_voltage - back_emf) / self.resistance
         return self.gear_ratio * self.torque_constant * current

@@ -1,16 +1,37 @@
 """File formats by suffix: which reader and which writer a path gets."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import KNOWN_NAMES
 from ballbot.log.parquet_table import read_parquet_table, write_parquet_table
 from ballbot.log.text_table import TextLayout, read_text_table, write_text_table
 
 _TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".log")
+
+
+def is_foreign(path: str | Path) -> bool:
+    """Return whether a file can be read and is no log with Ballbot's own column names: t, and another of them.
+
+    A file that Ballbot's own reader refuses, but whose header has these names, is a damaged log and not foreign.
+    """
+    path = Path(path)
+    if not path.is_file():
+        return False
+    if path.suffix.lower() == ".parquet":
+        return not _own(read_parquet_table(path))
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        header = stream.readline()
+    return bool(header.strip()) and not _own(cell.strip().strip('"') for cell in header.split(","))
+
+
+def _own(names: Iterable[str]) -> bool:
+    present = set(names)
+    return "t" in present and len(present & set(KNOWN_NAMES)) > 1
 
 
 def read_columns(path: str | Path, layout: TextLayout | None = None) -> dict[str, NDArray[np.float64]]:

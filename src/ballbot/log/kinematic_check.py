@@ -1,8 +1,8 @@
 """Whether a log's wheel speeds are those that its states make: order, sign and gain of the wheels' columns.
 
 Wheel speed seen by an encoder = A (z - w), z = R^T Omega, Omega = (-y_dot, x_dot, 0)/r_b, w = B(Phi)
-Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (The full proposal of a mapping
-for a foreign log, with the evidence of the next best one, is a larger work that starts here.)
+Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (A foreign log,
+that has no states yet, is for `ballbot.log.proposal`.)
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ class Log:
             NaN.
         """
         from ballbot.log import formats
-        from ballbot.log.mapping import apply_mapping
+        from ballbot.log.apply_mapping import apply_mapping
 
         if isinstance(mapping, str | Path):
             from ballbot.log.mapping_file import read_mapping
@@ -251,7 +251,8 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
 def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     if "t" not in columns:
         raise InputError(
-            "A log needs the column t, the time in seconds; a foreign file comes in through a mapping file."
+            "A log needs the column t, the time in seconds; a foreign file comes in through a mapping file, which "
+            "check-log --robot proposes."
         )
     rows = columns["t"].shape
     if len(rows) != 1 or rows[0] == 0:

@@ -7,6 +7,13 @@ An example with everything in it::
     missing = ["NA"]              # what marks a missing value, beside an empty cell and nan
     header_lines = 1              # lines before the first row, the last of them with the names
     names = ["i", "t_now"]        # the columns' names, where the header lacks them or has them wrong
+    damaged_rows = "drop"         # leave out rows of another width or with words; "refuse" (default)
+    rows = [1, 5000]              # first and last row to take, from 1; may be left out
+
+    [time]                        # may be left out
+    repair = true                 # rows' sensors are of the moments that the encoders reveal (message by message)
+    sample_time = 0.01            # [s], rows at even intervals: sensors read in between, commands averaged
+    keep = [[2.0, 57.5]]          # [s], spans of the file's clock to keep
 
     [columns]
     t = { from = "t_now", unit = "ms" }
@@ -14,10 +21,18 @@ An example with everything in it::
     phi = "pitch"                 # short for { from = "pitch" }: Ballbot's unit and sign
     theta_dot = { derivative_of = "theta" }
 
+    [attitude]                    # instead of theta, phi and psi in [columns]: an IMU's roll, pitch, yaw
+    from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out
+    unit = "deg"
+    sign = [1, 1, 1]              # one for all, or a list
+    turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
+    delay = 0.016
+
     [wheels]
     order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
     sign = [1, 1, -1]             # of angle and speed, for the file's wheels in the file's order
     angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
+    # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it is carried on
     speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
 
     [input]
@@ -31,6 +46,8 @@ An example with everything in it::
     back_emf_constant = 0.01      # [V s/rad], motor side
     resistance = 2.0              # [ohm]
     gear_ratio = 70.0
+    dead_band = 0.0314            # duty that the firmware adds in the duty's direction; 0 by default
+    duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
 
 A current needs torque_constant, gear_ratio and, where it is not 1, efficiency.
 """
@@ -38,6 +55,7 @@ A current needs torque_constant, gear_ratio and, where it is not 1, efficiency.
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -48,14 +66,16 @@ from pydantic_core import ErrorDetails
 from ballbot.errors import InputError
 from ballbot.log.columns import KNOWN_NAMES, unit_of
 from ballbot.log.drive_input import CurrentInput, DriveInput, DutyInput, TorqueInput
-from ballbot.log.mapping import LogMapping, MotorInput, Source
+from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing
 from ballbot.log.mapping_schema import (
     KEYS,
+    AttitudeTable,
     ColumnTable,
     CurrentTable,
     DutyTable,
     FileTable,
     MappingTable,
+    TimeTable,
     TorqueTable,
     WheelColumnsTable,
     WheelsTable,
@@ -76,17 +96,30 @@ def read_mapping(path: str | Path) -> LogMapping:
         right.
     """
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise InputError(f"{path} is not TOML: {error}.") from None
+    return parse_mapping(text, source=str(path))
+
+
+def parse_mapping(text: str, *, source: str) -> LogMapping:
+    """Return the mapping that a mapping file's text says; errors name `source` as where it came from.
+
+    Raises
+    ------
+    InputError
+        As `read_mapping`.
+    """
     try:
-        return _mapping(MappingTable.model_validate(data))
+        return _mapping(MappingTable.model_validate(tomllib.loads(text)))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source} is not TOML: {error}.") from None
     except ValidationError as error:
-        raise InputError(f"{path}: {_sentence(error.errors()[0])}.") from None
+        raise InputError(f"{source}: {_sentence(error.errors()[0])}.") from None
     except InputError as error:
-        raise InputError(f"{path}: {error}.") from None
+        raise InputError(f"{source}: {error}.") from None
 
 
 def _mapping(table: MappingTable) -> LogMapping:
@@ -103,13 +136,43 @@ def _mapping(table: MappingTable) -> LogMapping:
     derivatives |= _wheel_derivatives(table.wheels)
     if "t" not in columns:
         raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
+    attitude = None if table.attitude is None else _attitude(table.attitude, columns)
+    made = {*columns, *(("theta", "phi", "psi") if attitude else ())}
     for name, origin in derivatives.items():
-        if origin not in columns:
+        if origin not in made:
             raise InputError(
                 f"{name} is to be the derivative of {origin}, which the mapping does not take from the file"
             )
     motors = None if table.input is None else _motors(table.input, table.wheels)
-    return LogMapping(layout=_layout(table.file), columns=columns, derivatives=derivatives, motors=motors)
+    return LogMapping(
+        layout=_layout(table.file),
+        columns=columns,
+        derivatives=derivatives,
+        motors=motors,
+        attitude=attitude,
+        timing=_timing(table.time),
+        largest_speed=table.wheels.angle.largest_speed if table.wheels.angle else None,
+    )
+
+
+def _timing(table: TimeTable) -> Timing:
+    for start, end in table.keep or ():
+        if not end > start:
+            raise InputError(f"[time] keep has the span [{start:g}, {end:g}]; write the earlier time first")
+    return Timing(repair=table.repair, sample_time=table.sample_time, keep=table.keep)
+
+
+def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
+    both = [name for name in ("theta", "phi", "psi") if name in columns]
+    if both:
+        raise InputError(f"[columns] has {both[0]}, which [attitude] makes; leave out one of them")
+    factor = _unit_factor("[attitude]", "theta", table.unit, None)
+    signs = _signs("[attitude]", table.sign, len(table.sources), "angles")
+    sources = tuple(
+        Source(column=column, factor=sign * factor, delay=table.delay)
+        for column, sign in zip(table.sources, signs, strict=True)
+    )
+    return Attitude(sources=sources, turn=math.radians(table.turn))
 
 
 def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
@@ -193,10 +256,10 @@ def _order(wheels: WheelsTable, count: int) -> list[int]:
     return [place - 1 for place in order]
 
 
-def _signs(where: str, sign: int | Sequence[int], count: int) -> list[int]:
+def _signs(where: str, sign: int | Sequence[int], count: int, what: str = "wheels") -> list[int]:
     signs = [sign] * count if isinstance(sign, int) else list(sign)
     if len(signs) != count:
-        raise InputError(f"{where} sign has {len(signs)} values for {count} wheels")
+        raise InputError(f"{where} sign has {len(signs)} values for {count} {what}")
     return signs
 
 
@@ -219,6 +282,8 @@ def _drive(table: TorqueTable | CurrentTable | DutyTable) -> DriveInput:
             back_emf_constant=table.back_emf_constant,
             resistance=table.resistance,
             gear_ratio=table.gear_ratio,
+            dead_band=table.dead_band,
+            duty_limit=table.duty_limit,
         )
     if isinstance(table, CurrentTable):
         return CurrentInput(
@@ -237,6 +302,8 @@ def _layout(table: FileTable) -> TextLayout:
         missing=table.missing,
         header_lines=table.header_lines,
         names=table.names,
+        drop_damaged=table.damaged_rows == "drop",
+        rows=table.rows,
     )
 
 

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, NonNegativeInt, PositiveFloat
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+)
 
 from ballbot.log.columns import MAX_WHEELS
 
@@ -24,6 +33,26 @@ class FileTable(Table):
     missing: tuple[str, ...] = ()
     header_lines: NonNegativeInt = 1
     names: tuple[str, ...] | None = None
+    damaged_rows: Literal["refuse", "drop"] = "refuse"
+    rows: tuple[PositiveInt, PositiveInt] | None = None
+
+
+class TimeTable(Table):
+    """[time]: which moments, and at which intervals."""
+
+    repair: bool = False
+    sample_time: PositiveFloat | None = None
+    keep: tuple[tuple[FiniteFloat, FiniteFloat], ...] | None = None
+
+
+class AttitudeTable(Table):
+    """[attitude]: roll, pitch and yaw of an IMU."""
+
+    sources: tuple[str, ...] = Field(alias="from", min_length=2, max_length=3)
+    unit: str | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+    turn: FiniteFloat = 0.0
+    delay: FiniteFloat = 0.0
 
 
 class ColumnTable(Table):
@@ -48,6 +77,7 @@ class WheelColumnsTable(Table):
     counts_per_turn: PositiveFloat | None = None
     scale: FiniteFloat = 1.0
     delay: FiniteFloat = 0.0
+    largest_speed: PositiveFloat | None = None
 
 
 class WheelsTable(Table):
@@ -93,6 +123,8 @@ class DutyTable(MotorsTable):
     back_emf_constant: PositiveFloat
     resistance: PositiveFloat
     gear_ratio: PositiveFloat
+    dead_band: float = Field(0.0, ge=0.0, lt=1.0)
+    duty_limit: float = Field(1.0, gt=0.0, le=1.0)
 
 
 def _column_table(value: object) -> object:
@@ -103,7 +135,9 @@ class MappingTable(Table):
     """A whole mapping file."""
 
     file: FileTable = FileTable()
+    time: TimeTable = TimeTable()
     columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
+    attitude: AttitudeTable | None = None
     wheels: WheelsTable = WheelsTable()
     input: Annotated[TorqueTable | CurrentTable | DutyTable, Field(discriminator="kind")] | None = None
 
@@ -111,6 +145,8 @@ class MappingTable(Table):
 TABLES = (
     MappingTable,
     FileTable,
+    TimeTable,
+    AttitudeTable,
     ColumnTable,
     WheelColumnsTable,
     WheelsTable,

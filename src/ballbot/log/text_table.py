@@ -27,6 +27,10 @@ class TextLayout:
     missing: tuple[str, ...] = ()  #: what marks a missing value, beside an empty cell and "nan"
     header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
     names: tuple[str, ...] | None = None  #: the columns' names where the header has none or wrong ones
+    drop_damaged: bool = False  #: leave out rows of another width or with words, where they would be refused
+    rows: tuple[int, int] | None = (
+        None  #: first and last of the rows to take, from 1, damaged ones not counted
+    )
 
 
 def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[np.float64]]:
@@ -55,8 +59,12 @@ def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[n
     table = _parse_fast(body, names, layout)
     if table is None:
         table = _parse_by_line(path, body, names, layout)
+    if layout.rows is not None:
+        table = table[layout.rows[0] - 1 : layout.rows[1]]
     if not len(table):
-        raise InputError(f"{path} has a header and no rows.")
+        raise InputError(
+            f"{path} has a header and no rows{'' if layout.rows is None else ' of those to take'}."
+        )
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
@@ -133,12 +141,18 @@ def _parse_by_line(
         if not line.strip():
             continue
         cells = _cells(line, layout.separator)
+        if layout.drop_damaged and not _is_row(cells, len(names), missing):
+            continue
         if len(cells) != len(names):
             raise InputError(
                 f"{path}, line {number}: the row has {len(cells)} cells, the header {len(names)}."
             )
         rows.append([_number(path, number, names[i], cell, missing) for i, cell in enumerate(cells)])
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+
+
+def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
+    return len(cells) == width and all(cell in missing or _is_number(cell) for cell in cells)
 
 
 def _cells(line: str, separator: str | None) -> list[str]:

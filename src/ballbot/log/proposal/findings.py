@@ -1,0 +1,212 @@
+"""What a proposal's tests found, as sentences: what is sure, what is not, and what log would tell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ballbot.log.disturbance_check import disturbance_findings
+from ballbot.log.findings import Finding, Severity
+from ballbot.log.local_fit import local_fit
+from ballbot.log.proposal.episodes import fallen
+from ballbot.log.proposal.proposal import Proposal
+from ballbot.log.proposal.signals import INTERVAL
+
+#: a next best placement must fit this many times worse
+CLEAR_MARGIN = 1.5
+#: and a phase be known this well [rad]
+CLEAR_PHASE = np.deg2rad(5.0)
+#: gains over the robot's own within which units and geometry are believed
+GAIN_RANGE = (0.5, 2.0)
+#: a logged speed this far from its angle's [rad/s] is a glitch
+GLITCH = 5.0
+
+
+def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
+    """Return all that is to be known of a proposal, warnings first."""
+    found = [
+        *[_finding("note", "file", note) for note in proposal.table.notes],
+        *_rows(proposal),
+        *_roles(proposal),
+        *_encoders(proposal),
+        *_timing(proposal),
+        *_placement(proposal),
+        *_heading(proposal),
+        *_episodes(proposal),
+        *_commands(proposal),
+        *(disturbance_findings(proposal.lean_test.disturbance) if proposal.lean_test else []),
+    ]
+    return tuple(sorted(found, key=lambda finding: ("error", "warning", "note").index(finding.severity)))
+
+
+def _finding(severity: Severity, kind: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
+    return Finding(severity=severity, kind=kind, sentence=sentence, columns=columns)
+
+
+def _rows(proposal: Proposal) -> list[Finding]:
+    if proposal.rows is None:
+        return []
+    first, last = proposal.rows
+    sentence = f"Time does not rise throughout, as if runs were put together: rows {first} to {last} are the longest."
+    return [_finding("warning", "time", sentence)]
+
+
+def _roles(proposal: Proposal) -> list[Finding]:
+    roles, found = proposal.roles, []
+    if proposal.by_data:
+        sentence = (
+            f"The columns are told by their numbers: {roles.time} is the time, {', '.join(roles.attitude)} roll and "
+            f"pitch, {', '.join(roles.angles)} the wheels' angles, {', '.join(roles.commands) or 'none'} commands."
+        )
+        found.append(_finding("warning", "columns", sentence))
+    if not roles.attitude:
+        sentence = "No roll and pitch: nothing can be said of the wheels' places; the log serves for drivelines only."
+        found.append(_finding("note", "columns", sentence))
+    if not roles.commands and roles.body_commands:
+        sentence = f"The only commands are {', '.join(roles.body_commands)}, about the body's axes; log each motor's."
+        found.append(_finding("warning", "columns", sentence))
+    return found
+
+
+def _encoders(proposal: Proposal) -> list[Finding]:
+    found = []
+    if proposal.largest_speed is not None:
+        sentence = (
+            "A wheel's angle jumps by more than the wheel can turn: its encoder was reset, and is carried on."
+        )
+        found.append(_finding("warning", "reset", sentence, proposal.roles.angles))
+    found += _glitches(proposal)
+    return found
+
+
+def _glitches(proposal: Proposal) -> list[Finding]:
+    """Return a warning where the logged speeds have values that the angles do not bear out."""
+    names = proposal.roles.speeds
+    if not names:
+        return []
+    first, last = proposal.rows or (1, len(next(iter(proposal.table.columns.values()))))
+    columns = {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
+    angles = np.column_stack([columns[name] for name in proposal.roles.angles]) * proposal.wheel.factor
+    logged = np.column_stack([columns[name] for name in names])
+    _, speeds = local_fit(columns[proposal.roles.time or ""], angles, rows=3)
+    wrong = int((np.abs(logged - speeds) > GLITCH).any(axis=1).sum())
+    if not wrong:
+        return []
+    sentence = (
+        f"The logged speeds {', '.join(names)} are far from their angles' in {wrong} rows: the angles are "
+        f"differentiated instead."
+    )
+    return [_finding("warning", "glitch", sentence, names)]
+
+
+def _timing(proposal: Proposal) -> list[Finding]:
+    timing = proposal.timing
+    if timing.before is None:
+        return [
+            _finding(
+                "note", "timing", "The wheels are too slow for the encoders to tell when rows were sampled."
+            )
+        ]
+    if timing.worth_it:
+        sentence = (
+            f"The rows' times are off, alike for all wheels, as where a host logs the latest message: speeds are noisy "
+            f"by {timing.before:.2g} rad/s as logged, and by {timing.after:.2g} rad/s at the times that the encoders "
+            f"reveal (each wheel judged by the others)."
+        )
+        return [_finding("note", "timing", sentence, ("t",))]
+    return []
+
+
+def _placement(proposal: Proposal) -> list[Finding]:
+    tested = proposal.lean_test
+    if tested is None:
+        if not proposal.roles.attitude:
+            return []
+        sentence = "Too little of the log is balancing for the wheels' places to be tested."
+        return [_finding("warning", "wheels", sentence)]
+    best, found = tested.placements[0], []
+    if tested.margin < CLEAR_MARGIN:
+        other = tested.placements[1]
+        sentence = (
+            f"The wheels' places are not clear: '{best.words}' fits only {tested.margin:.2f} times better than "
+            f"'{other.words}'; let the robot sway in all directions and turn its heading to and fro."
+        )
+        found.append(_finding("warning", "wheels", sentence))
+    if tested.phase_error is not None and tested.phase_error > CLEAR_PHASE:
+        sentence = (
+            f"The IMU's turn is known to {math.degrees(tested.phase_error):.0f} deg only; a longer log helps."
+        )
+        found.append(_finding("warning", "wheels", sentence))
+    if not GAIN_RANGE[0] < best.gain < GAIN_RANGE[1]:
+        sentence = (
+            f"The lean answers the wheels {best.gain:.3g} times as much as this robot's should: a unit, a radius or "
+            "the centre of mass is wrong."
+        )
+        found.append(_finding("warning", "scale", sentence))
+    if best.mirrored:
+        sentence = (
+            "The log is a mirror image of the robot: the wheels' order is reversed, which is the same as an IMU with "
+            "one axis (roll or pitch) reversed; which of the two it is, this log cannot tell."
+        )
+        found.append(_finding("note", "wheels", sentence))
+    if best.flipped is not None:
+        sentence = f"Wheel {best.flipped} of the file counts against the others."
+        found.append(_finding("note", "wheels", sentence))
+    return found
+
+
+def _heading(proposal: Proposal) -> list[Finding]:
+    if proposal.lean_test is None or proposal.frame.signs_by_heading:
+        return []
+    sentence = (
+        "The log does not turn its heading enough to say which way round the wheels count, nor to tell a reversed "
+        "wheel from a mirror image for sure: add a heading pulse (all wheels together, a second each way)."
+    )
+    return [_finding("warning", "heading", sentence)]
+
+
+def _episodes(proposal: Proposal) -> list[Finding]:
+    found, signals = [], proposal.signals
+    if signals.lean is not None:
+        down = fallen(signals.lean.value)
+        falls = int((np.diff(down.astype(np.int8)) == 1).sum() + down[0])
+        if falls:
+            time = float(signals.rows[int(np.argmax(down))])
+            sentence = (
+                f"The robot falls, or is not yet on its ball, {falls} times, first at {time:.1f} s; left out."
+            )
+            found.append(_finding("warning", "fall", sentence))
+    if proposal.lean_test is not None and proposal.lean_test.pushed.any():
+        seconds = float(proposal.lean_test.pushed.sum()) * INTERVAL
+        sentence = (
+            f"In {seconds:.1f} s the wheels do not explain the lean: hands on the robot, or pushes; left out."
+        )
+        found.append(_finding("warning", "hands", sentence))
+    return found
+
+
+def _commands(proposal: Proposal) -> list[Finding]:
+    tested = proposal.commands
+    if tested is None:
+        if not proposal.roles.commands:
+            return []
+        sentence = (
+            f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels: check what they are."
+        )
+        return [_finding("warning", "commands", sentence)]
+    found = []
+    if tested.order != tuple(range(1, len(tested.order) + 1)):
+        sentence = f"The commands are numbered otherwise than the wheels: wheels 1, 2, .. have commands {tested.order}."
+        found.append(_finding("warning", "commands", sentence))
+    if len(set(tested.signs)) > 1:
+        sentence = f"The commands' signs differ from wheel to wheel: {list(tested.signs)}."
+        found.append(_finding("warning", "commands", sentence))
+    sentence = (
+        f"Motors answer {1e3 * tested.delay:.0f} ms after the command"
+        + (f", the lean is logged {1e3 * proposal.lean_test.lag:.0f} ms late" if proposal.lean_test else "")
+        + "; torque constant, winding resistance and dead band are assumed: a free-wheel sweep gives their ratios, a "
+        "data sheet the scale."
+    )
+    found.append(_finding("note", "drive", sentence))
+    return found

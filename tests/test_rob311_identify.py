@@ -1,0 +1,75 @@
+"""The course's robot, from its files to an identified model and its prediction of another log: by commands alone.
+
+They are those of docs/real_robots.md, on two logs of one robot (main_control_1 is fitted, main_control_autotune_1
+predicted) and a sweep of the motors with the wheels free.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot import Log, Robot
+from ballbot.cli.main import main
+
+FITTED, PREDICTED, SWEEP = "main_control_1", "main_control_autotune_1", "Test-Results_test_motors_1"
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def folder(shared_data, tmp_path_factory) -> Path:
+    """Return a folder with a mapping of each log and what was identified."""
+    logs, out = shared_data / "rob311", tmp_path_factory.mktemp("rob311")
+    for name in (FITTED, PREDICTED, SWEEP):
+        assert (
+            main(["check-log", str(logs / f"{name}.txt"), "--robot", "rob311", "--out", str(out / name)]) == 0
+        )
+    words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--judge-on", str(logs / f"{PREDICTED}.txt")]
+    for name in (FITTED, PREDICTED):
+        words += ["--mapping", str(out / name / "mapping.toml")]
+    words += ["--law", "coulomb", "--leave-out", "psi,psi_dot", "--out", str(out / "found")]
+    assert main(words) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def results(folder) -> dict:
+    return json.loads((folder / "found" / "results.json").read_text())
+
+
+def test_the_other_log_is_predicted_from_causal_starts(results):
+    horizons = results["judged_on"][PREDICTED]["horizons"]
+    assert horizons["causal_starts"]
+    by_horizon = {round(one["horizon_s"], 3): one for one in horizons["errors"]}
+    # the bounds are the project's targets for these two logs
+    for horizon, speed in ((0.1, 0.5), (0.25, 0.5), (0.5, 0.7)):
+        errors = by_horizon[horizon]
+        assert errors["starts"] > 100
+        assert errors["wheel_speed_rmse"]["with_friction"] <= speed
+        # a fifth less than by a motor's back-EMF alone, at the least
+        assert (
+            errors["wheel_speed_rmse"]["with_friction"] < 0.8 * errors["wheel_speed_rmse"]["without_friction"]
+        )
+    assert np.degrees(by_horizon[0.1]["lean_rmse"]["with_friction"]) <= 1.1
+
+
+def test_friction_is_dry_and_sure(results):
+    c = np.array(results["parameters"]["c"])
+    assert np.all(c > 4.0 * np.array(results["standard_errors"]["c"]))
+
+
+def test_speed_per_duty_is_the_free_wheels(folder, shared_data):
+    robot = Robot.load(folder / "found" / "robot.toml")
+    drive = robot.drive
+    # the torque limit is that of a motor at standstill on full duty, and its back-EMF ends it at the free speed
+    free_speed = drive.speed_constant * drive.supply_voltage / drive.gear_ratio
+    back_emf = drive.torque_limit / free_speed
+    found = drive.torque_limit / (back_emf + np.array(robot.friction.viscous))
+    sweep = Log.read(
+        shared_data / "rob311" / f"{SWEEP}.txt", mapping=folder / SWEEP / "mapping.toml"
+    ).wheel_speeds
+    # the sweep ends at full duty; the highest speeds are a few noisy rows
+    measured = np.percentile(np.abs(sweep), 99.0, axis=0)
+    np.testing.assert_allclose(found, measured, rtol=0.15)
