@@ -13,7 +13,7 @@ test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not slow" -n auto
 	$(BIN)/python -m pytest -m slow -n auto
 
-bench: .venv/.test  ## timings against peers, into benchmarks/README.md
+bench: .venv/.bench  ## timings against peers, into benchmarks/README.md
 	$(BIN)/python -m benchmarks.run
 
 evidence: .venv/.test  ## long campaigns, into docs/evidence.md
@@ -41,6 +41,10 @@ clean:
 
 .venv/.test: .venv/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	touch $@
+
+.venv/.bench: .venv/bin/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[test,peers]"
 	touch $@
 
 .venv/.dev: .venv/bin/python pyproject.toml

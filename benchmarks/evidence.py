@@ -34,6 +34,12 @@ CAMPAIGNS = {
     "estimation": "benchmarks.estimation",
     "twin_speed": "benchmarks.twin_speed",
     "compensation": "benchmarks.compensation",
+    "coverage": "benchmarks.coverage",
+    "one_axis": "benchmarks.one_axis",
+    "drivelines": "benchmarks.drivelines",
+    "resume": "benchmarks.resume",
+    "identified_errors": "benchmarks.identified_errors",
+    "identified_friction": "benchmarks.identified_friction",
 }
 
 _HEAD = """# Evidence

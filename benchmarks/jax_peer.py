@@ -8,10 +8,8 @@ from time import perf_counter
 
 import numpy as np
 
-from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
-from ballbot.robot.derived import reflected_rotor_inertia
-from benchmarks.numpy_form import rate_of_change
+from benchmarks.numpy_form import ROLLING, UNIT_Z, UNIT_Z_CROSS, constants, rate_of_change
 from benchmarks.workloads import nominal_robot, smooth
 
 _ONE_CORE = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
@@ -53,19 +51,9 @@ def jax_rate_of_change(robot: Robot) -> Callable:
     """Return f(state, u) as `rate_of_change` does, in JAX."""
     import jax.numpy as jnp
 
-    r_b, m_r, l, g = robot.ball.radius, robot.body.mass, robot.body.center_of_mass, robot.gravity  # noqa: E741
-    drive, friction = robot.drive, robot.friction
-    j_w = robot.wheels.inertia
-    j_r = reflected_rotor_inertia(
-        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
-    )
-    k, J_0 = 1 + robot.wheels.radius / r_b, robot.body.inertia_about_ball_center()
-    m_t = robot.ball.mass + robot.ball.inertia / r_b**2 + m_r
-    A = transforms(robot).T_owb
-    D = A.T @ A
-    D1, D2, D3 = (j_w + j_r) * D, (j_w * k + j_r) * D, (j_w * (2 * k - 1) + j_r) * D
-    e, E = np.array([0.0, 0.0, 1.0]), np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-    e_cross = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    friction = robot.friction
+    r_b, m_r, l, g, (D1, D2, D3), J_0, m_t, A = constants(robot)  # noqa: E741
+    e, E, e_cross = UNIT_Z, ROLLING, UNIT_Z_CROSS
     b, c, s = (np.array(value) for value in (friction.viscous, friction.coulomb, friction.stribeck))
     rolling = (robot.ball.mass + m_r) * g * friction.rolling
 

@@ -22,9 +22,10 @@ from ballbot.control.nominal import design_gain
 from ballbot.control.references import hold
 from ballbot.files import write_text
 from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.lanes import LANES, ROWS
 from ballbot.mechanics.model import Model
 from ballbot.simulation.batch import simulate_batch
-from benchmarks import peers
+from benchmarks import identification, jax_peer, peers
 from benchmarks.accuracy import accelerations
 from benchmarks.numpy_form import rate_of_change
 from benchmarks.operations import operations_of_a_step, peak_rate
@@ -151,11 +152,13 @@ def main() -> None:
         ("first call in a fresh process, compiled code on disk", f"{cached:.2f} s", "3"),
         ("first call in a fresh process, nothing on disk", f"{cold:.1f} s", "15"),
         ("largest relative error against the NumPy form", f"{largest_error(model):.1e}", "1e-12"),
+        *identification.rows(),
     ]
     others = [
         ("RK4 in plain NumPy", peers.numpy_rk4()),
         ("SciPy solve_ivp (RK45, 1e-8) on the NumPy form", peers.scipy_solve_ivp()),
         ("python-control, nonlinear simulation of the NumPy form", peers.python_control()),
+        ("JAX, the NumPy form jitted and mapped over 4,096 robots, RK4", jax_peer.seconds_a_step()),
         ("MuJoCo, 5 freedoms with friction loss, RK4", peers.mujoco("RK4")),
         ("MuJoCo, 5 freedoms with friction loss, implicitfast", peers.mujoco("implicitfast")),
     ]
@@ -196,13 +199,16 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
 def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -> list[str]:
     """Return the words on a step's operations and what this machine could do at most."""
     compared = counts["fcmp"] + counts["select"]
+    fused, alone = 2 * peak / arithmetic / 1e6, peak / arithmetic / 1e6
+    size = ROWS * LANES * 8 // 1024
     return [
         f"One step with its checks is {arithmetic} additions, multiplications and changes of sign, {counts['fdiv']}",
         f"divisions, {counts['sqrt']} roots and {compared} comparisons and selections in LLVM's code of one lane",
         f"(`benchmarks/operations.py`). This core does {peak / 1e9:.1f} thousand million fused multiply-adds a second,",
-        f"so that the first alone allow {2 * peak / arithmetic / 1e6:.0f} million steps a second if all were fused,",
-        f"and {peak / arithmetic / 1e6:.0f} if none; measured: {batched / 1e6:.1f}. A block's numbers (75 rows of 32)",
-        "stay in the first cache, so that memory does not limit.",
+        f"so that the first alone allow {fused:.0f} million steps a second if all were fused, and {alone:.0f} if none;",
+        f"measured: {batched / 1e6:.1f}. What a block of {LANES} robots needs is {size} KiB at most and stays in the",
+        "first cache: not memory limits but waiting, since a step is a long chain of operations that need each other's",
+        "results.",
     ]
 
 

@@ -8,11 +8,14 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
+from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 
 SAMPLES = 100
+#: standard deviations of good sensors' noise, for x y theta phi psi and their rates
+NOISE = np.array([1e-4, 1e-4, 5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 7e-4, 7e-4, 7e-4])
 
 
 def nominal_robot() -> Robot:
@@ -44,3 +47,11 @@ def balancing(robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     log = simulate(Model(robot), Controller(robot, design_gain(robot).gain), square(), duration=64.0)
     first = np.random.default_rng(1).integers(0, len(log) - SAMPLES, robots)
     return log.states[first], log.torques[first[:, None] + np.arange(SAMPLES)]
+
+
+def measured_square(robot: Robot, *, duration: float, period: float) -> Log:
+    """Return the log of a robot balanced around a square, with `NOISE` in its states."""
+    controller = Controller(robot, design_gain(robot).gain)
+    log = simulate(Model(robot), controller, square(period=period), duration=duration).without_truth()
+    noise = NOISE * np.random.default_rng(1).standard_normal((len(log), 10))
+    return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})

@@ -7,6 +7,7 @@ from identification_examples import balancing_log, noisy
 
 from ballbot import Robot
 from ballbot.cli.main import main
+from ballbot.identification.laws import LAWS
 
 
 @pytest.fixture
@@ -40,6 +41,36 @@ def test_files_tables_and_exit_code(tmp_path, log_file, capsys):
     assert "held out" in shown
 
 
+@pytest.mark.slow
+def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, capsys):
+    other = tmp_path / "other.csv"
+    noisy(balancing_log(), seed=7).between(10.0, 13.0).write(other)
+    bounds = tmp_path / "bounds.toml"
+    bounds.write_text("delay = [0.0, 0.0]\n")
+    options = [
+        "--free",
+        "friction, torque_gain",
+        "--law",
+        "best",
+        "--judge-on",
+        str(other),
+        "--leave-out",
+        "psi,psi_dot",
+    ]
+    words = ["identify", "alten", str(log_file), "--out", str(tmp_path / "out"), "--bounds", str(bounds)]
+    assert main([*words, *options, "--window", "0.05"]) == 0
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert [rung["law"] for rung in results["ladder"]["rungs"]] == [law.name for law in LAWS]
+    assert len(results["parameters"]["gain"]) == 3
+    assert results["parameters"]["delay"] == 0.0
+    assert results["left_out_of_cost"] == ["psi", "psi_dot"]
+    assert results["judged_on"]["other"]["ratios"]["phi"] < 1.0
+    assert (tmp_path / "out" / "ladder.svg").read_text().startswith("<svg")
+    shown = capsys.readouterr().out
+    assert "laws on windows held out" in shown
+    assert "other" in shown
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -47,6 +78,9 @@ def test_files_tables_and_exit_code(tmp_path, log_file, capsys):
         ([], "No log was given"),
         (["{log}", "--bounds", "{log}"], "is not valid TOML"),
         (["{log}", "--window", "1"], "windows of 1 s"),
+        (["{log}", "--free", "frixion"], "did you mean 'friction'?"),
+        (["{log}", "--leave-out", "psy"], "'psy' is no state"),
+        (["{log}", "--mapping", "a", "--mapping", "b"], "--mapping is given 2 times and there are 1 logs"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, log_file, capsys, words, sentence):

@@ -8,13 +8,16 @@ from log_examples import smooth_log
 
 from ballbot import Log
 from ballbot.errors import InputError
-from ballbot.identification.bounds import Bounds, read_bounds
+from ballbot.identification.bounds import read_bounds
 from ballbot.identification.coordinates import scale_between
 from ballbot.identification.excitation import check_excitation
-from ballbot.identification.polish import NormalEquations, Problem
-from ballbot.identification.prediction import Cost, Predictor, frictionless
+from ballbot.identification.prediction import Cost, Predictor
+from ballbot.identification.problem import NormalEquations, Problem
+from ballbot.identification.quantities import Layout
 from ballbot.identification.uncertainty import covariance
 from ballbot.identification.windows import cut_windows, split
+
+NONE = Layout(wheel_count=3).without_friction(TRUTH[None])
 
 
 def predictor(formulation="exact") -> Predictor:
@@ -31,7 +34,7 @@ def test_true_friction_predicts_a_simulated_log_to_rounding(formulation):
     windows = cut_windows([log], wheel_count=3, duration=0.25)
     residuals = predictor(formulation).residuals(TRUTH[None], windows, every=1)
     assert np.abs(residuals).max() < 1e-9  # rounding, grown by at most e^(5.2 * 0.25)
-    assert np.abs(predictor(formulation).residuals(frictionless(3), windows, every=1)).max() > 1e-2
+    assert np.abs(predictor(formulation).residuals(NONE, windows, every=1)).max() > 1e-2
 
 
 def test_windows_lie_end_to_end():
@@ -85,8 +88,11 @@ def test_a_wheel_that_hardly_turns_is_named():
     log = smooth_log(rows=4000)
     ahead = dict.fromkeys(("y", "theta", "psi", "y_dot", "theta_dot", "psi_dot"), np.zeros(len(log)))
     windows = cut_windows([log.with_columns(ahead)], wheel_count=3, duration=0.25)
-    (remark,) = check_excitation(windows, alten())
-    assert remark.startswith("Wheel 1 turns in 0 of")
+    coordinates = scale_between(alten(), free=("friction", "torque_gain"))
+    found = check_excitation(windows, alten(), coordinates)
+    assert found.remarks[0].startswith("Wheel 1 turns in 0 of")
+    refused = [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row]
+    assert refused == ["b1", "c1", "s1", "gain1"]
 
 
 def test_split_is_a_partition():
@@ -100,7 +106,7 @@ def test_split_is_a_partition():
 
 
 def test_coordinates_come_back_and_have_the_slopes_they_say():
-    coordinates = scale_between(Bounds(), 3)
+    coordinates = scale_between(alten())
     scaled = np.random.default_rng(0).uniform(0.05, 0.95, 12)
     step = 1e-6
     slopes = (coordinates.physical(scaled + step) - coordinates.physical(scaled - step)) / (2 * step)
@@ -114,8 +120,8 @@ def test_coordinates_come_back_and_have_the_slopes_they_say():
 
 def test_normal_equations_hold_the_gradient_of_the_cost():
     windows = cut_windows([noisy(balancing_log(duration=12.0), seed=1)], wheel_count=3, duration=0.25)
-    coordinates = scale_between(Bounds(), 3)
-    reference = predictor().square_sums(frictionless(3), windows, every=5)[0]
+    coordinates = scale_between(alten())
+    reference = predictor().square_sums(NONE, windows, every=5)[0]
     problem = Problem(
         predictor=predictor(), windows=windows, coordinates=coordinates, cost=Cost(reference=reference)
     )
@@ -157,13 +163,14 @@ def test_bounds_come_from_a_file(tmp_path):
     bounds = read_bounds(tmp_path / "bounds.toml")
     assert bounds.coulomb == (0.05, 0.2)
     assert bounds.rolling == (0.0, 0.01)
-    assert bounds.viscous == Bounds().viscous
+    assert bounds.viscous is None
+    assert bounds.given == ("coulomb", "rolling")
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("coulom = [0, 1]", "'coulom' is not a friction parameter; did you mean 'coulomb'?"),
+        ("coulom = [0, 1]", "'coulom' is no quantity that can be identified; did you mean 'coulomb'?"),
         ("coulomb = 0.3", "coulomb is 0.3; write two numbers"),
         ("coulomb = [0.3, 0.1]", "write the lower one first"),
         ("stribeck_speed = [0, 1]", "lower bound of stribeck_speed is 0; it must be above zero"),

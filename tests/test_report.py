@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from validation_examples import true_robot
 
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.friction_curve import friction_curve, parameter_covariance
@@ -63,8 +65,7 @@ def test_what_is_not_finite_becomes_null():
 
 
 def _found() -> Identification:
-    errors = WindowErrors(windows=1, samples=1, rmse_with=np.ones(10), rmse_without=np.ones(10))
-    labels = ("b1", "b2", "b3", "c1", "c2", "c3", "s1", "s2", "s3", "v_s", "delta", "C_rr")
+    errors = WindowErrors(window_samples=1, squares_with=np.ones((1, 10)), squares_without=np.ones((1, 10)))
     random = np.random.default_rng(2)
     root = random.normal(size=(12, 12))
     spread = root @ root.T
@@ -81,12 +82,17 @@ def _found() -> Identification:
             "delta": 0.02,
             "C_rr": 1e-4,
         },
-        labels=labels,
+        predictor=Predictor(robot=true_robot(), formulation="exact", step=1e-3),
+        values=Layout(wheel_count=3).values_before(true_robot()),
+        bootstrap_errors={},
+        intervals={},
         correlation=spread / np.outer(scale, scale),
         fit=errors,
         held_out=errors,
         fit_windows=(),
         held_out_windows=(),
+        window=0.25,
+        left_out=(),
         evolution_cost=(),
         polish_cost=(),
         warnings=(),

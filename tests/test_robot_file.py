@@ -204,7 +204,7 @@ MISTAKES = [
     ('about = "ball_center"', "", r"body\.inertia\.about is missing"),
     ('name = "alten"', "name = 3", r"name is 3; it takes a text in quotes"),
     ('name = "alten"', "", r"name is missing; add name = "),
-    ('name = "alten"', "name = ", r"is not valid TOML: .*line 7"),
+    ('name = "alten"', "name = ", r"is not valid TOML: .*line 8"),
     ("[sensors]", "sensors = 3\n[sensor]", r".*"),
 ]
 

@@ -44,3 +44,11 @@ def write_bytes(path: str | Path, data: bytes) -> None:
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file (UTF-8) whole or not at all; see `write_bytes`."""
     write_bytes(path, text.encode("utf-8"))
+
+
+def remove(path: str | Path) -> None:
+    """Delete a file, if there is one, with the parts that a killed `write_bytes` may have left beside it."""
+    path = Path(path)
+    path.unlink(missing_ok=True)
+    for partial in path.parent.glob(f".{path.name}.*"):
+        partial.unlink(missing_ok=True)

@@ -10,9 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
-from rich.progress import Progress
-
-from ballbot.cli.output import standard_output, table
+from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
@@ -71,8 +69,7 @@ def compare(
     described = Robot.load(robot)
     chosen = {name: _controller(name, described) for name in controllers}
     console = standard_output()
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(f"{len(chosen) * seeds} runs on the {plant}", total=1.0)
+    with progress_bar(console, f"{len(chosen) * seeds} runs on the {plant}") as bar:
         comparison = run(
             _plant_factory(plant, described, scenario),
             chosen,
@@ -81,7 +78,7 @@ def compare(
             seeds=range(1, seeds + 1),
             settle=settle,
             threads=os.cpu_count() or 1,
-            progress=lambda share: bar.update(task, completed=share),
+            progress=bar.show,
         )
     write_text(out / "results.json", json.dumps(_results(comparison), indent=2) + "\n")
     headings = ["controller", "peak (m)", "worst (m)", "RMS (m)", "torque (N m)", "change (N m)", "falls"]

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ballbot.cli.output import matrix_text, standard_output, table
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
@@ -13,6 +16,7 @@ from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.robot import Robot
+from ballbot.robot.deviations import Propagated, propagate
 
 
 def design(
@@ -29,7 +33,8 @@ def design(
 
     Example: ballbot design alten --q 20,20,500,500,5,30,30,20,20,2 --r 30 --compensation full --out soft
 
-    Writes controller.toml and results.json (gain and closed-loop poles).
+    Writes controller.toml and results.json (gain and closed-loop poles). Standard deviations in the robot's file are
+    carried through to each entry of the gain.
 
     Parameters
     ----------
@@ -46,13 +51,26 @@ def design(
     out
         The folder to write into.
     """
-    described = Robot.load(robot)
-    found = design_gain(described, state_weights=_weights(q), torque_weight=r, sample_time=sample_time)
+    described, weights = Robot.load(robot), _weights(q)
+
+    def gain_of(one: Robot) -> NDArray[np.float64]:
+        return design_gain(one, state_weights=weights, torque_weight=r, sample_time=sample_time).gain
+
+    found = design_gain(described, state_weights=weights, torque_weight=r, sample_time=sample_time)
+    spread = propagate(described, gain_of)
     controller = Controller(described, found.gain, sample_time=found.sample_time, compensation=compensation)
     write_controller(controller, out / "controller.toml")
-    write_text(out / "results.json", json.dumps(_results(controller, found), indent=2) + "\n")
+    write_text(out / "results.json", json.dumps(_results(controller, found, spread), indent=2) + "\n")
     console = standard_output()
     console.print(matrix_text("K", found.gain), markup=False, soft_wrap=True)
+    if spread.parts:
+        causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+        console.print(
+            f"\nits standard deviation by those in the robot's file ({causes}):\n",
+            markup=False,
+            soft_wrap=True,
+        )
+        console.print(matrix_text("+-", spread.deviation), markup=False, soft_wrap=True)
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.poles]
     console.print(table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=console.is_terminal))
     console.print(str(out / "controller.toml"), soft_wrap=True)
@@ -65,11 +83,13 @@ def _weights(text: str) -> list[float]:
         raise InputError(f"--q is {text!r}; it must be ten numbers with commas between them.") from None
 
 
-def _results(controller: Controller, found: LqrDesign) -> dict[str, object]:
+def _results(controller: Controller, found: LqrDesign, spread: Propagated) -> dict[str, object]:
     return {
         "robot": controller.robot.name,
         "sample_time": controller.sample_time,
         "compensation": controller.compensation,
         "gain": controller.gain.tolist(),
+        "gain_standard_deviation": spread.deviation.tolist() if spread.parts else None,
+        "gain_variance_shares": dict(spread.largest(len(spread.parts))),
         "poles": [[pole.real, pole.imag] for pole in found.poles],
     }

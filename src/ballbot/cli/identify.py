@@ -1,29 +1,48 @@
-"""`ballbot identify`: friction parameters from balancing logs."""
+"""`ballbot identify`: a robot's friction, and what else is asked for, from balancing logs."""
 
 from __future__ import annotations
 
 import json
 import math
 import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
+from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as ProgressBar
-from rich.table import Table
 
-from ballbot.cli.output import standard_output, table
-from ballbot.cli.study import read_logs
+from ballbot.cli.identify_tables import error_table, horizon_table, ladder_table, parameter_table
+from ballbot.cli.long_run import LongRun, long_run
+from ballbot.cli.output import Bar, progress_bar, standard_output
+from ballbot.cli.study import named_files
+from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.identification import Identification, Progress, read_bounds
-from ballbot.identification import identify as find_friction
+from ballbot.identification import (
+    Bounds,
+    Identification,
+    Judged,
+    Ladder,
+    Progress,
+    climb,
+    judge,
+    read_bounds,
+)
+from ballbot.identification import identify as find
+from ballbot.identification.back_emf import back_emf_of
+from ballbot.identification.checkpoint import identity
+from ballbot.identification.horizons import Starts
+from ballbot.identification.laws import LAWS, LawName
+from ballbot.log import Log
+from ballbot.log.causal import causal_states
+from ballbot.log.odometry import with_position
+from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import check_folder
-from ballbot.report.tables import digits
+from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
-
-_UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": "", "C_rr": ""}
 
 
 def identify(
@@ -31,16 +50,27 @@ def identify(
     /,
     *logs: Path,
     out: Path,
-    mapping: Path | None = None,
+    free: str = "friction",
+    law: Literal["viscous", "coulomb", "stribeck", "asymmetric", "load", "best"] = "stribeck",
+    judge_on: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    leave_out: str = "",
+    mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     bounds: Path | None = None,
     seed: int = 0,
     window: float = 0.25,
+    resume: bool = False,
+    cluster: str | None = None,
 ) -> None:
-    """Find a robot's friction in its logs: b, c, s of each wheel, v_s, delta and C_rr.
+    """Find a robot's friction in its logs: b, c, s of each wheel, v_s, delta and C_rr; and more, where asked.
 
-    Writes robot.toml (the robot with that friction) and results.json.
+    Writes robot.toml (the robot with what was found) and results.json; with --law best also ladder.svg.
+
+    While it runs, checkpoint.jsonl in the same folder holds what has been computed: a run that was interrupted or
+    killed goes on from there with --resume, and ends in the same bytes as if it had never stopped.
 
     Example: ballbot identify alten square.csv hold.csv --out found
+
+    Example: ballbot identify alten square.csv --free friction,delay,torque_gain --law best --out found
 
     Parameters
     ----------
@@ -50,78 +80,222 @@ def identify(
         One or more logs of the robot balancing, with torques and states.
     out
         The folder to write into.
+    free
+        What is sought, with commas between: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
+        wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), bias (lean_bias, gyro_bias),
+        pivoting (the ball may pivot on the floor), or single quantities of friction, as viscous.
+    law
+        The law of the wheels' friction; best fits each in turn, shows what it gains on windows held out, and
+        takes the one that earns its place.
+    judge_on
+        A log that is not fitted, to judge what was found on; may be given more than once.
+    leave_out
+        States whose errors do not count, with commas between, as psi,psi_dot on a floor on which the ball pivots.
     mapping
-        A TOML file that says how foreign logs become Ballbot's.
+        A TOML file that says how foreign logs become Ballbot's, as `ballbot check-log` writes it; one for all logs,
+        or given once for each, in the order of the logs and then of those to judge on.
     bounds
-        A TOML file of the bounds within which the friction is sought, as in: coulomb = [0.0, 0.5]
+        A TOML file of the bounds within which each is sought, as in: coulomb = [0.0, 0.5]; equal bounds hold it.
     seed
         Of all that is random; equal seeds give equal results.
     window
         Length of the windows predicted, in seconds.
+    resume
+        Go on with a run into the same folder that was interrupted.
+    cluster
+        The address of a Dask scheduler that spreads the work, such as tcp://10.0.0.5:8786.
     """
-    described = Robot.load(robot)
-    named = read_logs(logs, mapping)
-    within = read_bounds(bounds) if bounds else None
-    folder = check_folder(out)
-    console = standard_output()
-    bar = (
-        TextColumn("identifying"),
-        BarColumn(),
-        TextColumn("error x {task.fields[ratio]}"),
-        TimeElapsedColumn(),
+    asked = _Asked(
+        robot=robot,
+        logs=logs,
+        out=out,
+        free=free,
+        law=law,
+        judge_on=tuple(judge_on or ()),
+        leave_out=leave_out,
+        mappings=tuple(mapping or ()),
+        bounds=bounds,
+        seed=seed,
+        window=window,
     )
-    with ProgressBar(*bar, console=console, disable=not console.is_terminal, transient=True) as shown:
-        task = shown.add_task("", total=1.0, ratio="1.00")
+    described = Robot.load(robot)
+    named, others = _logs(asked, described)
+    within = read_bounds(bounds) if bounds else Bounds()
+    folder, console = check_folder(out), standard_output()
+    belongs_to = identity(described, [one.log for one in named.values()], asked.options | {"bounds": within})
+    with long_run(folder, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run:
+        with progress_bar(console, "identifying") as bar:
+            found, ladder = _find(
+                asked, described, [one.log for one in named.values()], within, run=run, bar=bar
+            )
+        judged = [
+            judge(found, one.log, name=name, starts=one.starts(described)) for name, one in others.items()
+        ]
+        written = _write(asked, found, ladder, judged, folder)
+    _show(found, ladder, judged, console)
+    for path in written:
+        console.print(str(path), markup=False, soft_wrap=True)
 
+
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """The command line."""
+
+    robot: str
+    logs: tuple[Path, ...]
+    out: Path
+    free: str
+    law: LawName | Literal["best"]
+    judge_on: tuple[Path, ...]
+    leave_out: str
+    mappings: tuple[Path, ...]  #: none, one for all logs, or one for each of `logs` and of `judge_on`
+    bounds: Path | None
+    seed: int
+    window: float
+
+    @property
+    def back_emf(self) -> float:
+        """What the motors brake with [N m s/rad]; InputError where the mappings differ in it."""
+        found = {round(back_emf_of(mapping), 12) for mapping in self.mappings}
+        if len(found) > 1:
+            raise InputError(
+                f"The mappings' motors brake with {', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
+                "robot have one motor, so that supply, resistance and constants must agree."
+            )
+        return found.pop() if found else 0.0
+
+    @property
+    def options(self) -> dict[str, object]:
+        """What the numbers depend on besides robot, logs and bounds."""
+        return {
+            "free": self.free,
+            "law": self.law,
+            "leave_out": self.leave_out,
+            "back_emf": self.back_emf,
+            "seed": self.seed,
+            "window": self.window,
+        }
+
+    @property
+    def words(self) -> list[str]:
+        """The command line that makes this again."""
+        words = ["ballbot", "identify", self.robot, *map(str, self.logs), "--out", str(self.out)]
+        words += ["--free", self.free] if self.free != "friction" else []
+        words += ["--law", self.law] if self.law != "stribeck" else []
+        words += [word for path in self.judge_on for word in ("--judge-on", str(path))]
+        words += ["--leave-out", self.leave_out] if self.leave_out else []
+        words += [word for path in self.mappings for word in ("--mapping", str(path))]
+        words += ["--bounds", str(self.bounds)] if self.bounds else []
+        return [*words, "--seed", str(self.seed), "--window", str(self.window)]
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that the result is made from."""
+        robot = [] if self.robot in Robot.presets() else [Path(self.robot)]
+        bounds = [self.bounds] if self.bounds else []
+        return [*robot, *self.logs, *self.judge_on, *self.mappings, *bounds]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Named:
+    """A log and where it came from."""
+
+    log: Log
+    path: Path
+    mapping: Path | None
+
+    def starts(self, robot: Robot) -> Starts | None:
+        """Return what gives the states known at times of its rows; None where its rows are the file's own."""
+        mapping = self.mapping
+        if mapping is None:
+            return None
+        return lambda moments: causal_states(self.path, mapping=mapping, robot=robot, moments=moments)
+
+
+def _logs(asked: _Asked, robot: Robot) -> tuple[dict[str, _Named], dict[str, _Named]]:
+    """Read the logs to fit and those to judge on; a log without a position gets that of its wheels."""
+    named = named_files(asked.logs)
+    others = named_files(asked.judge_on) if asked.judge_on else {}
+    mappings, count = asked.mappings, len(named) + len(others)
+    if len(mappings) not in (0, 1, count):
+        raise InputError(
+            f"--mapping is given {len(mappings)} times and there are {count} logs; give one for all, or one for each."
+        )
+    of_each = iter(mappings if len(mappings) == count else (mappings or (None,)) * count)
+
+    def read(path: Path) -> _Named:
+        mapping = next(of_each)
+        log = Log.read(path, mapping=mapping)
+        return _Named(log=with_position(log, robot), path=path, mapping=mapping)
+
+    fitted = {name: read(path) for name, path in named.items()}
+    return fitted, {name: read(path) for name, path in others.items()}
+
+
+def _find(
+    asked: _Asked, robot: Robot, logs: Sequence[Log], bounds: Bounds, *, run: LongRun, bar: Bar
+) -> tuple[Identification, Ladder | None]:
+    """Fit the law asked for, or climb the ladder."""
+    laws = [law.name for law in LAWS] if asked.law == "best" else [asked.law]
+
+    def fit(law: LawName, start: Identification | None) -> Identification:
         def tell(progress: Progress) -> None:
-            ratio = f"{math.exp(progress.cost):.3f}"
-            shown.update(task, completed=progress.generation / progress.of, ratio=ratio)
+            share = (laws.index(law) + progress.share) / len(laws)
+            bar.show(share, note=f"{law}, error x {math.exp(progress.cost):.3f}")
 
-        found = find_friction(
-            described, list(named.values()), bounds=within, window=window, seed=seed, progress=tell
+        return find(
+            robot,
+            logs,
+            free=_listed(asked.free),
+            law=law,
+            bounds=bounds,
+            window=asked.window,
+            left_out=_listed(asked.leave_out),
+            back_emf=asked.back_emf,
+            start=start,
+            seed=asked.seed,
+            spread=run.spread,
+            recall=run.recall,
+            progress=tell,
         )
 
-    words = ["ballbot", "identify", robot, *map(str, logs), "--out", str(out), "--seed", str(seed)]
-    words += ["--window", str(window)]
-    words += ["--mapping", str(mapping)] if mapping else []
-    words += ["--bounds", str(bounds)] if bounds else []
-    files = [
-        *([] if robot in Robot.presets() else [Path(robot)]),
-        *logs,
-        *(p for p in (mapping, bounds) if p),
-    ]
-    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    if asked.law == "best":
+        ladder = climb(fit)
+        return ladder.best.found, ladder
+    return fit(asked.law, None), None
+
+
+def _listed(names: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in names.split(",") if name.strip())
+
+
+def _write(
+    asked: _Asked, found: Identification, ladder: Ladder | None, judged: Sequence[Judged], folder: Path
+) -> list[Path]:
+    """Write the results and return the paths of what people read."""
+    made = provenance(command=shlex.join(asked.words), files=asked.files, seed=asked.seed)
+    results = found.to_dict()
+    if ladder:
+        results["ladder"] = ladder.to_dict()
+    if judged:
+        results["judged_on"] = {one.name: one.to_dict() for one in judged}
     write_robot(found.robot, folder / "robot.toml")
-    results = found.to_dict() | {"provenance": made.to_dict()}
-    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
-    _show(found, console)
-    console.print(str(folder / "robot.toml"), markup=False, soft_wrap=True)
+    text = json.dumps(results | {"provenance": made.to_dict()}, indent=2, allow_nan=False)
+    write_text(folder / "results.json", text + "\n")
+    if ladder is None:
+        return [folder / "robot.toml"]
+    write_text(folder / "ladder.svg", drawn(lambda: ladder_figure(ladder), name="ladder"))
+    return [folder / "robot.toml", folder / "ladder.svg"]
 
 
-def _show(found: Identification, console: Console) -> None:
-    console.print(_parameter_table(found, framed=console.is_terminal))
-    console.print(_error_table(found, framed=console.is_terminal))
-    for sentence in found.warnings:
+def _show(found: Identification, ladder: Ladder | None, judged: Sequence[Judged], console: Console) -> None:
+    framed = console.is_terminal
+    if ladder:
+        console.print(ladder_table(ladder, framed=framed))
+    console.print(parameter_table(found, framed=framed))
+    console.print(error_table(found, judged, framed=framed))
+    for one in judged:
+        if one.horizons:
+            console.print(horizon_table(one, framed=framed))
+    for sentence in (*found.warnings, *(remark for one in judged for remark in one.remarks)):
         console.print(sentence, markup=False, soft_wrap=True)
-
-
-def _parameter_table(found: Identification, *, framed: bool) -> Table:
-    rows = []
-    for symbol, value in found.parameters.items():
-        values = value if isinstance(value, list) else [value]
-        error = found.standard_errors[symbol]
-        errors = error if isinstance(error, list) else [error]
-        for i, (one, its_error) in enumerate(zip(values, errors, strict=True), start=1):
-            name = f"{symbol}{i}" if isinstance(value, list) else symbol
-            rows.append((name, digits(one), digits(its_error, 2), _UNITS[symbol]))
-    return table("friction", ("parameter", "value", "standard error", "unit"), rows, framed=framed)
-
-
-def _error_table(found: Identification, *, framed: bool) -> Table:
-    judged = found.held_out
-    rows = [
-        (state, digits(judged.with_friction[state]), digits(judged.without_friction[state]), f"{ratio:.2f}")
-        for state, ratio in judged.ratios.items()
-    ]
-    title = f"open-loop error (4.1) on {judged.windows} windows held out"
-    return table(title, ("state", "with friction", "without", "ratio"), rows, framed=framed)

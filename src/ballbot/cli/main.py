@@ -25,7 +25,13 @@ Example: `ballbot study alten square.csv hold.csv --out found`
 
 
 #: packages that not every installation has, and the extra of Ballbot that brings each
-_EXTRAS = {"mujoco": "twin", "pyarrow": "formats", "control": "interop", "sympy": "symbolic"}
+_EXTRAS = {
+    "mujoco": "twin",
+    "pyarrow": "formats",
+    "control": "interop",
+    "sympy": "symbolic",
+    "distributed": "cluster",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +58,34 @@ COMMANDS = (
     ),
     Command(name="record", target="record:record", summary="Record logs from the physics-engine twin."),
     Command(name="twin", target="twin:twin", summary="Write the twin's MuJoCo model or a scenario."),
+    Command(
+        name="excite",
+        target="excite:excite",
+        summary="Design a run that tells the friction, within limits; try it on the twin.",
+    ),
     Command(name="identify", target="identify:identify", summary="Find a robot's friction from its logs."),
+    Command(
+        name="identify-axis",
+        target="identify_axis:identify_axis",
+        summary="Find the mass and friction of any single axis.",
+    ),
+    Command(
+        name="identify-driveline",
+        target="identify_driveline:identify_driveline",
+        summary="Find drivelines' friction from a free-wheel sweep.",
+    ),
+    Command(
+        name="identify-upside-down",
+        target="identify_upside_down:identify_upside_down",
+        summary="Find friction with the ball on the clamped wheels.",
+    ),
+    Command(
+        name="identify-geometry",
+        target="identify_geometry:identify_geometry",
+        summary="Find radii, tilt, azimuths and IMU mounting in logs.",
+    ),
     Command(name="validate", target="validate:validate", summary="Hold a robot's model against its logs."),
+    Command(name="align", target="align:align", summary="Set a log's sensors against motion capture."),
     Command(name="design", target="design:design", summary="Design a controller for a robot."),
     Command(
         name="compare", target="compare:compare", summary="Compare the friction compensations in closed loop."
@@ -117,8 +149,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(
             f"this needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
         )
-    except KeyboardInterrupt:
-        print("ballbot: interrupted; files written so far are whole.", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"ballbot: {str(interrupt) or 'interrupted; files written so far are whole.'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # the reader has gone (`ballbot check alten | head`); Python must not find that out again at exit

@@ -1,16 +1,20 @@
-"""How commands print: tables that are framed on a terminal and plain where the output is piped or kept."""
+"""How commands print: tables framed on a terminal and plain where the output is piped or kept, and progress bars."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 from rich import box
 from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
+
+from ballbot.pace import Pace, as_clock
 
 _WIDTH = 100  #: columns where no terminal says how many there are
 
@@ -19,6 +23,43 @@ def standard_output() -> Console:
     """Return the console that commands print to, plain where it is no terminal."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=_WIDTH)
+
+
+class Bar:
+    """A progress bar that is shown; made by `progress_bar`."""
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        """Move that task of rich's."""
+        self._progress, self._task, self._pace = progress, task, Pace()
+
+    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
+        """Show that a share of the work, 0 to 1, is done, what is being done now, and a short note."""
+        seconds = self._pace.seconds_left(share)
+        left = "" if seconds is None else f"about {as_clock(seconds)} left"
+        self._progress.update(self._task, completed=share, description=doing, note=note, left=left)
+
+
+@contextmanager
+def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
+    """Show a bar with the time gone by and the time left while the block runs, on a terminal only.
+
+    Parameters
+    ----------
+    console : Console
+        From `standard_output`.
+    doing : str
+        What is being done.
+    """
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
+        yield Bar(progress, progress.add_task(doing, total=1.0, note="", left=""))
 
 
 def as_text(parts: Sequence[RenderableType]) -> str:

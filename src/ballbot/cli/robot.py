@@ -6,12 +6,13 @@ import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 from rich.console import RenderableType
+from rich.table import Table
 from rich.text import Text
 
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
@@ -19,9 +20,14 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
+from ballbot.robot.deviations import uncertain
 from ballbot.robot.drawing import robot_drawing
 from ballbot.robot.file import write_robot
 from ballbot.robot.parameters import PARAMETERS, value_of
+
+if TYPE_CHECKING:
+    from ballbot.experiments.pole_spread import PoleSpread
+    from ballbot.experiments.prediction_band import PredictionBand
 
 #: the thesis's names of the matrices, with what each does
 _MATRICES = {
@@ -69,13 +75,17 @@ def new(
     print(f"Wrote {path}. Change its values, then run: ballbot check {path}")
 
 
-def check(robot: str, /, *, figure: Path | None = None, out: Path | None = None) -> None:
+def check(
+    robot: str, /, *, figure: Path | None = None, predict: Path | None = None, out: Path | None = None
+) -> None:
     """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
 
     Prints derived quantities, the thesis's transformation matrices, the poles of the exact model about
-    upright and a drawing to scale.
+    upright and a drawing to scale. Standard deviations in the file are carried through to the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
+
+    Example: `ballbot check mine.toml --predict square.csv --out checked`
 
     Parameters
     ----------
@@ -83,10 +93,12 @@ def check(robot: str, /, *, figure: Path | None = None, out: Path | None = None)
         Robot file, or name of a preset.
     figure : Path
         File for a drawing to print: .svg, .pdf or .png.
+    predict : Path
+        A log; says how far the standard deviations in the file spread predictions of it over 0.25 s.
     out : Path
         Folder for results.json and check.txt.
     """
-    checked = _examine(Robot.load(robot))
+    checked = _examine(Robot.load(robot), predict)
     console = standard_output()
     for part in _report(checked, framed=console.is_terminal):
         console.print(part)
@@ -107,10 +119,13 @@ class _Checked:
     derived: list[Derived]
     matrices: dict[str, NDArray[np.float64]]
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
+    spread: PoleSpread | None  #: None where no value has a standard deviation
+    band: PredictionBand | None
 
 
-def _examine(robot: Robot) -> _Checked:
+def _examine(robot: Robot, predict: Path | None) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
+    from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
     from ballbot.mechanics.model import Model
 
@@ -118,10 +133,19 @@ def _examine(robot: Robot) -> _Checked:
     poles = np.asarray(Model(robot).linearize().poles(), dtype=np.complex128)
     return _Checked(
         robot=robot,
+        spread=pole_spread(robot) if uncertain(robot) else None,
+        band=None if predict is None else _band(robot, predict),
         derived=derived_quantities(robot),
         matrices={name: getattr(found, name) for name in _MATRICES},
         poles=poles[np.argsort(-poles.real)],
     )
+
+
+def _band(robot: Robot, path: Path) -> PredictionBand:
+    from ballbot.experiments.prediction_band import prediction_band
+    from ballbot.log import Log
+
+    return prediction_band(robot, Log.read(path))
 
 
 def _results(checked: _Checked) -> dict[str, object]:
@@ -132,6 +156,9 @@ def _results(checked: _Checked) -> dict[str, object]:
         "matrices": {name: matrix.tolist() for name, matrix in checked.matrices.items()},
         "poles": [[float(pole.real), float(pole.imag)] for pole in checked.poles],
         "unstable_pole": float(checked.poles[0].real),
+        "standard_deviations": dict(checked.robot.standard_deviations),
+        "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
+        "prediction": checked.band.to_dict() if checked.band else None,
     }
 
 
@@ -149,7 +176,10 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     ]
     for name, meaning in _MATRICES.items():
         parts += [Text(f"\n{meaning}"), Text(matrix_text(name, checked.matrices[name]))]
-    return [*parts, *_pole_lines(checked.poles), Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
+    parts += [*_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
+    if checked.band:
+        parts += [Text(""), _band_table(checked.band, framed=framed)]
+    return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
 
 
 def _unit(one: Derived) -> str:
@@ -167,6 +197,24 @@ def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
         Text(listed),
         Text(f"unstable pole: {fastest:.3f} rad/s{time}."),
     ]
+
+
+def _uncertainty_line(spread: PoleSpread | None) -> str:
+    if spread is None:
+        return "No value has a standard_deviation in the file; with some, the pole would have one here."
+    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.causes[:3])
+    return (
+        f"by the standard deviations in the file it is known to {spread.deviation:.2g} rad/s and lies between "
+        f"{spread.lower:.3g} and {spread.upper:.3g} in 95 % of {spread.draws} draws ({causes})."
+    )
+
+
+def _band_table(band: PredictionBand, *, framed: bool) -> Table:
+    rows = [
+        [state, f"{spread:.2g}", f"{band.error_at_end[state]:.2g}"] for state, spread in band.at_end.items()
+    ]
+    title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
+    return table(title, ("state", "spread by the parameters", "error"), rows, framed=framed)
 
 
 def _save_figure(robot: Robot, path: Path) -> None:

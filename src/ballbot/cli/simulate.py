@@ -8,14 +8,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
-from rich.progress import Progress
-
-from ballbot.cli.output import standard_output
+from ballbot.cli.output import progress_bar, standard_output
 from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
-from ballbot.control.references import named
 from ballbot.experiments.compare import SETTLE, score, settled
+from ballbot.experiments.reference_file import reference_of
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
@@ -47,7 +45,8 @@ def simulate(
     robot
         A preset's name or a robot file, with its friction.
     reference
-        Where the robot is asked to be: hold, square, change_pose, circle or figure_eight.
+        Where the robot is asked to be: hold, square, change_pose, circle, figure_eight, or a file with t, ref_x, ref_y
+        and ref_psi, as ballbot excite writes it.
     duration
         How long [s].
     controller
@@ -62,21 +61,20 @@ def simulate(
         The folder to write into.
     """
     described = Robot.load(robot)
-    path = named(reference)
+    path = reference_of(reference)
     chosen = (
         read_controller(controller, described)
         if controller
         else nominal_controller(described, compensation=compensation)
     )
     console = standard_output()
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task(f"simulating {duration:g} s", total=1.0)
+    with progress_bar(console, f"simulating {duration:g} s") as bar:
         log = run(
             Model(described, formulation),
             chosen,
             path,
             duration=duration,
-            progress=lambda share: bar.update(task, completed=share),
+            progress=bar.show,
         )
     log.write(out / f"log.{format}")
     write_text(out / "results.json", json.dumps(_results(log), indent=2) + "\n")

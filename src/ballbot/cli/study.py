@@ -7,13 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-from ballbot.cli.output import standard_output
+from ballbot.cli.long_run import long_run
+from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.experiments.study import study as run_study
 from ballbot.identification import read_bounds
+from ballbot.identification.back_emf import back_emf_of
+from ballbot.identification.checkpoint import identity
 from ballbot.log import Log
+from ballbot.log.odometry import with_position
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import check_folder, write_study
 from ballbot.report.summary import summary
@@ -29,6 +31,8 @@ def study(
     mapping: Path | None = None,
     bounds: Path | None = None,
     seed: int = 0,
+    resume: bool = False,
+    cluster: str | None = None,
 ) -> None:
     """Find a robot's friction in its logs, judge the model, design a controller and show what it gains.
 
@@ -52,43 +56,64 @@ def study(
         A TOML file of the bounds within which the friction is sought.
     seed
         Of all that is random; equal seeds give equal results.
+    resume
+        Go on with a study into the same folder that was interrupted while it identified.
+    cluster
+        The address of a Dask scheduler that spreads the identification, such as tcp://10.0.0.5:8786.
     """
     described = Robot.load(robot)
-    named = read_logs(logs, mapping)
+    named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     within = read_bounds(bounds) if bounds else None
     folder = check_folder(out)
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
     command = _command(robot, logs, out=out, plant=plant, mapping=mapping, bounds=bounds, seed=seed)
     made = provenance(command=command, files=files, seed=seed)
     console = standard_output()
-    bar = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*bar, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task("reading", total=1.0)
-
-        def tell(stage: str, share: float) -> None:
-            progress.update(task, description=stage, completed=share)
-
-        result = run_study(described, named, plant=plant, bounds=within, seed=seed, progress=tell)
-        tell("writing the report", 1.0)
+    back_emf = back_emf_of(mapping)
+    options = {"bounds": within, "back_emf": back_emf, "seed": seed, "plant": plant}
+    belongs_to = identity(described, list(named.values()), options)
+    words = shlex.split(command)
+    with (
+        long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run,
+        progress_bar(console, "reading") as bar,
+    ):
+        result = run_study(
+            described,
+            named,
+            plant=plant,
+            bounds=within,
+            back_emf=back_emf,
+            seed=seed,
+            spread=run.spread,
+            recall=run.recall,
+            progress=lambda stage, share: bar.show(share, doing=stage),
+        )
+        bar.show(1.0, doing="writing the report")
         report = write_study(result, folder, made=made)
-    for heading, words in summary(result):
+    for heading, sentences in summary(result):
         console.print(f"[bold]{heading}[/]: ", end="")
-        console.print(words, markup=False, soft_wrap=True)
+        console.print(sentences, markup=False, soft_wrap=True)
     console.print(str(report), markup=False, soft_wrap=True)
 
 
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
-    """Return the logs by their files' stems, with their folders before them where stems recur.
+    """Return the logs by their names; see `named_files`.
 
     Raises
     ------
     InputError
         Where there is none, one is named twice or cannot be read.
+    """
+    return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
+
+
+def named_files(paths: Sequence[Path]) -> dict[str, Path]:
+    """Return logs' files by their stems, with their folders before them where stems recur.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or one is named twice.
     """
     if not paths:
         raise InputError("No log was given; name one or more files after the robot.")
@@ -97,7 +122,7 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
     for path, name in zip(paths, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"The log {path} was given twice; name each file once.")
-    return {name: Log.read(path, mapping=mapping) for path, name in zip(paths, names, strict=True)}
+    return dict(zip(names, paths, strict=True))
 
 
 def _robot_file(robot: str) -> list[Path]:

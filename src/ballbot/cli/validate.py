@@ -5,10 +5,9 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from ballbot.cli.output import standard_output, table
+from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
@@ -87,17 +86,14 @@ def _validate(
 ) -> dict[str, Validation]:
     """Return the validation on each log; an error says which log it is about."""
     console = standard_output()
-    bar = (TextColumn("validating {task.description}"), BarColumn())
     parts: dict[str, Validation] = {}
-    with Progress(*bar, console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task("", total=len(logs))
-        for name, log in logs.items():
-            progress.update(task, description=name)
+    with progress_bar(console, "validating") as bar:
+        for number, (name, log) in enumerate(logs.items()):
+            bar.show(number / len(logs), doing=f"validating {name}")
             try:
                 parts[name] = validate_log(robot, log, controller=controller, seed=seed)
             except InputError as error:
                 raise InputError(f"{name}: {error}") from None
-            progress.advance(task)
     return parts
 
 

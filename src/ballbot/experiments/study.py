@@ -24,7 +24,9 @@ from ballbot.errors import InputError
 from ballbot.experiments.compare import Comparison, compare, start
 from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.identification import Bounds, Identification, identify
+from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.progress import Progress
+from ballbot.identification.spread import Spread
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
@@ -97,8 +99,11 @@ def study(
     *,
     plant: PlantName = "model",
     bounds: Bounds | None = None,
+    back_emf: float = 0.0,
     seed: int = 0,
     effort: Effort | None = None,
+    spread: Spread | None = None,
+    recall: Recall = afresh,
     progress: StudyProgress | None = None,
 ) -> Study:
     """Find a robot's friction in its logs, judge it, and show what compensating it gains.
@@ -114,10 +119,17 @@ def study(
         is its own.
     bounds : Bounds, optional
         Within which the friction is sought.
+    back_emf : float
+        What a motor driven by voltage brakes with [N m s/rad], if the logs' torques contain it; see
+        `ballbot.identification.back_emf`.
     seed : int
         Of all that is random.
     effort : Effort, optional
         How much work is done.
+    spread : Spread, optional
+        Where the identification does its work; by default a thread for each core.
+    recall : Recall, optional
+        A checkpoint's, for an identification that can be resumed.
     progress : callable, optional
         Told the stage and the share of the whole that is done.
 
@@ -132,7 +144,7 @@ def study(
     )
     check_logs(robot, studied)
     make_plant = plant_factory(robot, plant)
-    found = _identify(robot, studied, bounds, seed, effort, tell)
+    found = _identify(robot, studied, bounds, back_emf, seed, effort, spread, recall, tell)
     by_log = _validate(found.robot, studied, seed, tell)
     sample_time = studied[0].log.sample_time
     design = design_gain(found.robot, sample_time=sample_time)
@@ -217,20 +229,26 @@ def _identify(
     robot: Robot,
     logs: Sequence[StudiedLog],
     bounds: Bounds | None,
+    back_emf: float,
     seed: int,
     effort: Effort,
+    spread: Spread | None,
+    recall: Recall,
     tell: StudyProgress,
 ) -> Identification:
     def told(progress: Progress) -> None:
-        tell("identifying friction", _IDENTIFIED * progress.generation / progress.of)
+        tell("identifying friction", _IDENTIFIED * progress.share)
 
     return identify(
         robot,
         [without(studied.log, studied.held_out) for studied in logs],
         bounds=bounds,
+        back_emf=back_emf,
         held_out=_OWN_HELD_OUT,
         seed=seed,
         generations=effort.generations,
+        spread=spread,
+        recall=recall,
         progress=told,
     )
 

@@ -2,7 +2,20 @@
 
 from ballbot.identification.bounds import Bounds, read_bounds
 from ballbot.identification.identify import identify
+from ballbot.identification.judging import Judged, judge
+from ballbot.identification.ladder import Ladder, climb
 from ballbot.identification.progress import Progress
 from ballbot.identification.result import Identification, WindowErrors
 
-__all__ = ["Bounds", "Identification", "Progress", "WindowErrors", "identify", "read_bounds"]
+__all__ = [
+    "Bounds",
+    "Identification",
+    "Judged",
+    "Ladder",
+    "Progress",
+    "WindowErrors",
+    "climb",
+    "identify",
+    "judge",
+    "read_bounds",
+]

@@ -1,4 +1,4 @@
-"""Within which values each friction parameter is sought; a user may set them, in Python or in a TOML file.
+"""Within which values each quantity is sought; a user may set them, in Python or in a TOML file.
 
     viscous = [0.0, 0.1]             # b [N m s/rad], every wheel's
     coulomb = [0.0, 0.5]             # c [N m]
@@ -6,10 +6,12 @@
     stribeck_speed = [0.1, 3.0]      # v_s [rad/s]
     stribeck_exponent = [0.3, 10.0]  # delta
     rolling = [0.0, 0.05]            # C_rr
+    delay = [0.012, 0.012]           # held at that value [s]
 
-Keys left out keep these defaults, which are wide for a robot of 5 to 50 kg with motors of some N m. Equal bounds
-hold a parameter at that value. A v_s far below the speeds of the log with a large s is friction that hardly ever
-acts, and traps a search: hence the bound at 0.1 rad/s.
+Keys left out keep the defaults of `ballbot.identification.quantities`, which are wide for a robot of 5 to 50 kg with
+motors of some N m. Bounds hold for every number of a quantity, in its unit. Equal bounds hold it at that
+value, so that a value known from elsewhere, as a delay, takes part. A v_s far below the speeds of the log with a large
+s is friction that hardly ever acts, and traps a search: hence the bound at 0.1 rad/s.
 """
 
 from __future__ import annotations
@@ -21,16 +23,12 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from ballbot.errors import InputError
-
-Interval = tuple[float, float]
-
-#: sought on a logarithmic scale, so that their lower bound must be above zero
-LOGARITHMIC = ("stribeck_speed", "stribeck_exponent")
+from ballbot.identification.quantities import BY_NAME, Interval
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """The least and the greatest value of each parameter; the names are those of `ballbot.robot.Friction`.
+    """The least and the greatest value of quantities; None keeps the default.
 
     Raises
     ------
@@ -38,26 +36,46 @@ class Bounds:
         Where a pair is not two finite numbers in rising order, or reaches below what is physical.
     """
 
-    viscous: Interval = (0.0, 0.1)  #: b [N m s/rad], every wheel's
-    coulomb: Interval = (0.0, 0.5)  #: c [N m], every wheel's
-    stribeck: Interval = (0.0, 0.5)  #: s [N m], every wheel's
-    stribeck_speed: Interval = (0.1, 3.0)  #: v_s [rad/s]
-    stribeck_exponent: Interval = (0.3, 10.0)  #: delta [-]
-    rolling: Interval = (0.0, 0.05)  #: C_rr [-]
+    viscous: Interval | None = None  #: b [N m s/rad], every wheel's
+    coulomb: Interval | None = None  #: c [N m], every wheel's
+    stribeck: Interval | None = None  #: s [N m], every wheel's
+    stribeck_speed: Interval | None = None  #: v_s [rad/s]
+    stribeck_exponent: Interval | None = None  #: delta [-]
+    rolling: Interval | None = None  #: C_rr [-]
+    load: Interval | None = None  #: mu [-], every wheel's
+    pivoting: Interval | None = None  #: T_p [N m]
+    center_of_mass: Interval | None = None  #: l [m]
+    second_moment: Interval | None = None  #: S_x, S_y and S_z [kg m^2]
+    ball_inertia: Interval | None = None  #: j_b [kg m^2]
+    wheel_inertia: Interval | None = None  #: j_w [kg m^2]
+    rotor_inertia: Interval | None = None  #: j_r [kg m^2], at the wheel
+    torque_gain: Interval | None = None  #: [-], every motor's
+    torque_offset: Interval | None = None  #: [N m], every motor's
+    delay: Interval | None = None  #: [s]
+    lean_bias: Interval | None = None  #: [rad], about x and about y
+    gyro_bias: Interval | None = None  #: [rad/s], about x, y and z
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            lower, upper = self.interval(field.name)
+        for name in self.given:
+            lower, upper = self.interval(name) or (math.nan, math.nan)
             if not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper):
-                raise InputError(
-                    f"The bounds of {field.name} are [{lower}, {upper}]; write the lower one first."
-                )
-            if lower < 0.0 or (lower == 0.0 and field.name in LOGARITHMIC):
-                least = "above zero" if field.name in LOGARITHMIC else "zero or above"
-                raise InputError(f"The lower bound of {field.name} is {lower:g}; it must be {least}.")
+                raise InputError(f"The bounds of {name} are [{lower}, {upper}]; write the lower one first.")
+            scale = BY_NAME[name].scale
+            if (lower < 0.0 and scale != "signed") or (lower <= 0.0 and scale == "ratio"):
+                least = "above zero" if scale == "ratio" else "zero or above"
+                raise InputError(f"The lower bound of {name} is {lower:g}; it must be {least}.")
+        if self.delay is not None and self.delay[0] < 0.0:
+            raise InputError(
+                f"The lower bound of delay is {self.delay[0]:g}; an effect cannot precede its cause."
+            )
 
-    def interval(self, name: str) -> Interval:
-        """Return the bounds of the parameter of that name."""
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of the quantities that are given bounds."""
+        return tuple(field.name for field in fields(self) if self.interval(field.name) is not None)
+
+    def interval(self, name: str) -> Interval | None:
+        """Return the bounds of the quantity of that name, None where the defaults hold."""
         return getattr(self, name)
 
 
@@ -82,7 +100,7 @@ def read_bounds(path: str | Path) -> Bounds:
     if unknown:
         near = get_close_matches(unknown[0], names, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(names)}."
-        raise InputError(f"{path}: {unknown[0]!r} is not a friction parameter; {hint}")
+        raise InputError(f"{path}: {unknown[0]!r} is no quantity that can be identified; {hint}")
     try:
         return Bounds(**{key: _interval(key, value) for key, value in entries.items()})
     except InputError as error:

@@ -1,41 +1,46 @@
 """The parameters as a search sees them: each scaled to run from 0 to 1 between its bounds.
 
-    p = lower + z (upper - lower)          b, c, s and C_rr
-    p = lower (upper / lower)^z            v_s and delta, of which ratios matter
+    p = lower + z (upper - lower)          amounts and numbers of either sign
+    p = lower (upper / lower)^z            sizes of which ratios matter, as v_s, delta and a torque's gain
 
-The order is [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr], 3 n + 3 numbers for n wheels.
+Their order is that of a `ballbot.identification.quantities.Layout`: friction's 3 n + 3 numbers first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.identification.bounds import LOGARITHMIC, Bounds
-from ballbot.robot import Friction
-
-#: the parameters by their names in `Friction`, with the paper's symbols; the first three are every wheel's own
-SYMBOLS = {
-    "viscous": "b",
-    "coulomb": "c",
-    "stribeck": "s",
-    "stribeck_speed": "v_s",
-    "stribeck_exponent": "delta",
-    "rolling": "C_rr",
-}
-PER_WHEEL = ("viscous", "coulomb", "stribeck")
+from ballbot.errors import InputError
+from ballbot.identification.bounds import Bounds
+from ballbot.identification.quantities import BY_NAME, FRICTION, Layout, Quantity, names_in
+from ballbot.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordinates:
     """How p parameters are scaled."""
 
-    labels: tuple[str, ...]  #: (p,), as "b1" or "C_rr"
+    layout: Layout
+    before: NDArray[np.float64]  #: (p,), the robot's own values, and the neutral ones of inputs and sensors
     lower: NDArray[np.float64]  #: (p,)
     upper: NDArray[np.float64]  #: (p,)
     logarithmic: NDArray[np.bool_]  #: (p,)
+    amounts: NDArray[np.bool_]  #: (p,), those that a random search looks at more closely near zero
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The parameters' labels (p,), as "b1" or "C_rr"."""
+        return self.layout.labels
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantity that each parameter belongs to (p,)."""
+        count = self.layout.wheel_count
+        return tuple(name for name in self.layout.names for _ in BY_NAME[name].labels(count))
 
     @property
     def free(self) -> NDArray[np.bool_]:
@@ -60,7 +65,7 @@ class Coordinates:
 
     def from_search(self, sought: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return scaled parameters from those of a random search, which looks closer near zero: z = y^2 for amounts."""
-        return np.where(self.logarithmic, sought, sought**2)
+        return np.where(self.amounts, sought**2, sought)
 
     def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return dp/dz (..., p): what turns an error of a scaled parameter into one in SI units."""
@@ -69,48 +74,51 @@ class Coordinates:
         return np.where(self.logarithmic, self.physical(scaled) * rate, self.upper - self.lower)
 
 
-def scale_between(bounds: Bounds, wheel_count: int) -> Coordinates:
-    """Return the coordinates of a robot's friction parameters inside these bounds."""
-    labels, names = [], []
-    for name, symbol in SYMBOLS.items():
-        count = wheel_count if name in PER_WHEEL else 1
-        labels += [f"{symbol}{i}" for i in range(1, count + 1)] if name in PER_WHEEL else [symbol]
-        names += [name] * count
-    intervals = np.array([bounds.interval(name) for name in names])
+def scale_between(
+    robot: Robot, *, free: Sequence[str] = FRICTION, bounds: Bounds | None = None
+) -> Coordinates:
+    """Return the coordinates of a robot's parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+    free : sequence of str
+        Names of the quantities sought, or of groups of them. What is given bounds is sought as well; the rest is held.
+    bounds : Bounds, optional
+
+    Raises
+    ------
+    InputError
+        Where a name is none, or a quantity has no default bounds for this robot.
+    """
+    bounds = bounds or Bounds()
+    sought = names_in(free)
+    asked = {*sought, *bounds.given}
+    extra = tuple(name for name in BY_NAME if name not in FRICTION and name in asked)
+    layout = Layout(wheel_count=robot.wheel_count, extra=extra)
+    quantities = [BY_NAME[name] for name in layout.names]
+    intervals = np.concatenate([_interval(one, robot, sought, bounds) for one in quantities])
+    of_each = [one for one in quantities for _ in one.labels(robot.wheel_count)]
     return Coordinates(
-        labels=tuple(labels),
+        layout=layout,
+        before=layout.values_before(robot),
         lower=intervals[:, 0],
         upper=intervals[:, 1],
-        logarithmic=np.array([name in LOGARITHMIC for name in names]),
+        logarithmic=np.array([one.scale == "ratio" for one in of_each]),
+        amounts=np.array([one.scale == "amount" for one in of_each]),
     )
 
 
-def to_friction(values: NDArray[np.float64]) -> Friction:
-    """Return parameters (p,) in the order of the module's text as a `Friction`."""
-    b, c, s, (v_s, delta, C_rr) = _parts(values)
-    return Friction(
-        viscous=tuple(b),
-        coulomb=tuple(c),
-        stribeck=tuple(s),
-        stribeck_speed=v_s,
-        stribeck_exponent=delta,
-        rolling=C_rr,
-    )
-
-
-def from_friction(friction: Friction) -> NDArray[np.float64]:
-    """Return a `Friction` as parameters (p,) in the order of the module's text."""
-    shared = (friction.stribeck_speed, friction.stribeck_exponent, friction.rolling)
-    return np.array([*friction.viscous, *friction.coulomb, *friction.stribeck, *shared])
-
-
-def by_symbol(values: NDArray[np.float64]) -> dict[str, list[float] | float]:
-    """Return parameters (p,) as {b: [..], c: [..], s: [..], v_s, delta, C_rr}."""
-    b, c, s, (v_s, delta, C_rr) = _parts(values)
-    return {"b": b, "c": c, "s": s, "v_s": v_s, "delta": delta, "C_rr": C_rr}
-
-
-def _parts(values: NDArray[np.float64]) -> tuple[list[float], list[float], list[float], list[float]]:
-    n = (len(values) - 3) // 3
-    b, c, s, shared = (part.tolist() for part in np.split(values, [n, 2 * n, 3 * n]))
-    return b, c, s, shared
+def _interval(quantity: Quantity, robot: Robot, sought: Sequence[str], bounds: Bounds) -> NDArray[np.float64]:
+    """Return the least and greatest value of each of a quantity's numbers (k, 2); equal where it is held."""
+    given = bounds.interval(quantity.name)
+    if given is not None:
+        return np.tile(given, (len(quantity.labels(robot.wheel_count)), 1))
+    if quantity.name not in sought:
+        return np.repeat(quantity.values_before(robot)[:, None], 2, axis=1)
+    default = quantity.default_bounds(robot)
+    if not np.all(default[:, 1] > default[:, 0]):
+        raise InputError(
+            f"{quantity.name} is zero in the robot's description, which gives no scale to seek it on; give it bounds."
+        )
+    return default

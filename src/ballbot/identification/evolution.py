@@ -12,6 +12,8 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
+from ballbot.identification.checkpoint import Recall, afresh
+
 #: the search ends early where this many generations together gain less than `LEAST_GAIN`; a polish follows
 PATIENCE = 25
 LEAST_GAIN = 1e-3
@@ -33,6 +35,7 @@ def evolve(
     population: int,
     seed: int,
     report: Callable[[int, float], None],
+    recall: Recall = afresh,
 ) -> Evolved:
     """Minimise a cost over the unit cube.
 
@@ -47,6 +50,8 @@ def evolve(
         The same seed gives the same search, bit for bit.
     report : callable
         Told the number of generations done and the best cost after each.
+    recall : Recall
+        Answers for the costs of a generation; by default they are computed.
     """
     strategy = CMA(
         mean=np.full(size, 0.5),
@@ -55,10 +60,14 @@ def evolve(
         population_size=population,
         seed=seed,
     )
+
+    def costs_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        return recall("evolution", candidates, lambda: [cost_of(candidates)])[0]
+
     best, least, history = np.full(size, 0.5), np.inf, []
     for generation in range(1, generations + 1):
         candidates = np.array([strategy.ask() for _ in range(population)])
-        costs = cost_of(candidates)
+        costs = costs_of(candidates)
         strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
         if costs.min() < least:
             best, least = candidates[costs.argmin()], float(costs.min())

@@ -1,12 +1,21 @@
-"""Whether logs move enough for friction to show in them: asked before anything is estimated."""
+"""Whether logs move enough for a quantity to show in them: asked before anything is estimated.
+
+A log without motion or torque is refused as a whole. Short of that, what a log cannot give is refused by name: such
+parameters take part in the fit, since a wheel that friction holds throughout has friction, but get no number.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.identification.coordinates import Coordinates
+from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.windows import Windows
+from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 
@@ -17,6 +26,25 @@ LEAST_SPEED = 0.1
 LEAST_SHARE = 0.1
 #: windows to fit, for each parameter sought; fewer make no standard error clustered by window
 WINDOWS_PER_PARAMETER = 2
+#: b and c are one number where a wheel's speed varies by less than this share of it
+LEAST_VARIATION = 0.1
+#: what a motor's torque and its changes from row to row must reach, root mean square [N m]
+LEAST_TORQUE = 5e-3
+#: what must move for the rigid body to show: root mean square over the windows, and the states that do
+_MOTIONS = (
+    (("rolling",), ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
+    (("center_of_mass",), ("theta", "phi"), 3e-3, "rad", "the robot hardly leans"),
+    (("second_moment",), ("theta_dot", "phi_dot"), 0.02, "rad/s", "the lean hardly changes"),
+    (("pivoting",), ("psi_dot",), 0.05, "rad/s", "the heading hardly turns"),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Excitation:
+    """What logs can give."""
+
+    refused: NDArray[np.bool_]  #: (p,), parameters sought that they cannot
+    remarks: tuple[str, ...]  #: a sentence for each reason
 
 
 def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
@@ -36,33 +64,98 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         )
 
 
-def check_excitation(windows: Windows, robot: Robot) -> tuple[str, ...]:
-    """Refuse logs without motion; return a sentence for each wheel that alone hardly turns.
+def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
+    """Refuse logs without motion, and of those with it what they cannot give.
 
     Raises
     ------
     InputError
-        Where no wheel turns in enough windows, or no torque is ever applied.
+        Where no wheel turns in enough windows, no torque is ever applied, or nothing that is sought can be given.
     """
     if not np.any(windows.torques):
         raise InputError(
             "The torques u are zero in every window of the logs; friction shows only while motors work."
         )
-    turning = _turning(windows, robot)
-    still = np.flatnonzero(turning.mean(axis=0) < LEAST_SHARE)
-    if len(still) == robot.wheel_count:
+    speeds = Model(robot).wheel_speed(windows.measured[..., :5], windows.measured[..., 5:])
+    turning = np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED
+    if np.all(turning.mean(axis=0) < LEAST_SHARE):
         raise InputError(
             f"The robot stands still: in {turning.any(axis=1).sum()} of {len(windows)} windows a wheel turns faster "
             f"than {LEAST_SPEED:g} rad/s; log it while it moves about, as around a square."
         )
-    return tuple(
-        f"Wheel {i + 1} turns in {turning[:, i].sum()} of {len(windows)} windows only, so that b{i + 1}, c{i + 1} and "
-        f"s{i + 1} rest on little; drive in another direction too."
-        for i in still
-    )
+    found = [*_still_wheels(turning), *_steady_wheels(speeds), *_motors(windows), *_motions(windows)]
+    refused, remarks = np.zeros(len(coordinates.labels), dtype=bool), []
+    for names, wheel, reason in found:
+        rows = _rows(coordinates, names, wheel) & coordinates.free & ~refused
+        if rows.any():
+            labels = [label for label, row in zip(coordinates.labels, rows, strict=True) if row]
+            remarks.append(f"{reason}: no number is given for {', '.join(labels)}.")
+            refused |= rows
+    if np.all(refused[coordinates.free]):
+        raise InputError(f"These logs cannot give what is sought: {' '.join(remarks)}")
+    return Excitation(refused=refused, remarks=tuple(remarks))
 
 
-def _turning(windows: Windows, robot: Robot) -> NDArray[np.bool_]:
-    """Return in which windows each wheel turns, (w, n), by the measured states."""
-    speeds = Model(robot).wheel_speed(windows.measured[..., :5], windows.measured[..., 5:])
-    return np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED
+_Reason = tuple[tuple[str, ...], int | None, str]  # quantities, of which wheel, and why
+
+
+def _still_wheels(turning: NDArray[np.bool_]) -> list[_Reason]:
+    names = ("viscous", "coulomb", "stribeck", "load", "torque_gain", "torque_offset")
+    return [
+        (
+            names,
+            int(i),
+            f"Wheel {i + 1} turns in {turning[:, i].sum()} of {len(turning)} windows only; "
+            "drive in another direction too",
+        )
+        for i in np.flatnonzero(turning.mean(axis=0) < LEAST_SHARE)
+    ]
+
+
+def _steady_wheels(speeds: NDArray[np.float64]) -> list[_Reason]:
+    size = np.abs(speeds).reshape(-1, speeds.shape[-1])
+    steady = size.std(axis=0) < LEAST_VARIATION * size.mean(axis=0)
+    return [
+        (
+            ("viscous",),
+            int(i),
+            f"Wheel {i + 1} turns at one speed, {size[:, i].mean():.2g} rad/s; drive at others too",
+        )
+        for i in np.flatnonzero(steady)
+    ]
+
+
+def _motors(windows: Windows) -> list[_Reason]:
+    size = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
+    weak: list[_Reason] = [
+        (
+            ("torque_gain", "load"),
+            int(i),
+            f"Motor {i + 1} works with {size[i]:.2g} N m only; make it work harder",
+        )
+        for i in np.flatnonzero(size < LEAST_TORQUE)
+    ]
+    change = float(np.sqrt((np.diff(windows.torques, axis=1) ** 2).mean()))
+    if change < LEAST_TORQUE:
+        weak.append((("delay",), None, f"The torques change by {change:.2g} N m a row only; a step would do"))
+    return weak
+
+
+def _motions(windows: Windows) -> list[_Reason]:
+    found: list[_Reason] = []
+    for names, states, least, unit, words in _MOTIONS:
+        columns = [STATE_NAMES.index(state) for state in states]
+        size = float(np.sqrt((windows.measured[..., columns] ** 2).mean()))
+        if size < least:
+            reason = f"For {' and '.join(names)}, {words} ({size:.2g} {unit} root mean square, {least:g} are needed)"
+            found.append((names, None, reason))
+    return found
+
+
+def _rows(coordinates: Coordinates, names: tuple[str, ...], wheel: int | None) -> NDArray[np.bool_]:
+    """Return which parameters (p,) are of these quantities, and of that wheel where one is given."""
+    mine = np.array([name in names for name in coordinates.names])
+    if wheel is None:
+        return mine
+    ends = np.array([label.endswith(str(wheel + 1)) for label in coordinates.labels])
+    return mine & ends & np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])

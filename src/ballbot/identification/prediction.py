@@ -1,33 +1,60 @@
-"""Predictions of windows by many sets of friction parameters in one batched call, and their errors."""
+"""Predictions of windows by many sets of parameters in one batched call, and their errors."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.identification.nuisance import acting_torques, sensor_offsets
+from ballbot.identification.quantities import Layout
+from ballbot.identification.rigid_body import RIGID, with_rigid_body
 from ballbot.identification.windows import Windows
+from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine import simulate_lanes
-from ballbot.mechanics.parameters import Formulation, friction_places, pack, selector
+from ballbot.mechanics.parameters import (
+    PLACE_PIVOTING,
+    PLACE_ROLLING,
+    PLACE_SPEED_SCALE,
+    Formulation,
+    friction_places,
+    pack,
+    selector,
+)
 from ballbot.robot import Robot
 
 #: windows simulated in one call, which bounds the memory and fixes the order of every sum
 CHUNK = 256
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Lanes:
+    """What is simulated side by side; see `simulate_lanes`."""
+
+    set_of: NDArray[np.int64]  #: (lanes,), which row of parameters each takes
+    initial: NDArray[np.float64]
+    initial_of: NDArray[np.int64]
+    torques: NDArray[np.float64]
+    torque_of: NDArray[np.int64]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Predictor:
-    """A robot whose friction varies.
+    """A robot whose parameters vary.
 
     Parameters
     ----------
     robot : Robot
-        Its friction is not used.
+        Its friction is not used, nor what else the layout holds.
     formulation : {"exact", "thesis"}
     step : float
         Longest inner step [s].
+    layout : Layout, optional
+        Which parameters vary; friction's by default. The ball pivots where "pivoting" is one of them.
+    back_emf : float
+        b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.back_emf`.
     threads : int, optional
         All cores by default; the results do not depend on it.
     """
@@ -35,63 +62,146 @@ class Predictor:
     robot: Robot
     formulation: Formulation
     step: float
+    layout: Layout = field(default_factory=lambda: Layout(wheel_count=3))
+    back_emf: float = 0.0
     threads: int | None = None
 
     def residuals(
-        self, friction: NDArray[np.float64], windows: Windows, *, every: int
+        self,
+        values: NDArray[np.float64],
+        windows: Windows,
+        *,
+        every: int,
+        starts: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """Return predicted minus measured states (sets, w, m // every, 10), after every so many samples.
 
         Parameters
         ----------
-        friction : ndarray (sets, p)
-            In SI units, in the order of `ballbot.identification.coordinates`.
+        values : ndarray (sets, p)
+            In SI units, in the order of the layout.
+        starts : ndarray (sets, w, 10), optional
+            States at the windows' starts, in place of those measured, as sensors without noise would see them.
         """
-        sets, count = len(friction), len(windows)
-        window_of = np.tile(np.arange(count), sets)
-        batch = simulate_lanes(
-            selector(self.formulation, self.robot.wheel_count),
-            parameters=self._packed(friction),
-            initial=windows.initial,
-            torques=windows.torques,
-            sample_time=windows.sample_time,
-            steps=max(1, int(np.ceil(windows.sample_time / self.step - 1e-9))),
-            parameter_of=np.repeat(np.arange(sets), count),
-            initial_of=window_of,
-            torque_of=window_of,
-            every=every,
-            threads=self.threads,
+        sets, count = len(values), len(windows)
+        torques = acting_torques(self.layout, values, windows)
+        initial = self._initial(values, windows, starts)
+        window_of, everyone = np.tile(np.arange(count), sets), np.arange(sets * count)
+        lanes = _Lanes(
+            set_of=np.repeat(np.arange(sets), count),
+            initial=windows.initial if initial is None else initial.reshape(sets * count, -1),
+            initial_of=window_of if initial is None else everyone,
+            torques=windows.torques if torques is None else torques.reshape(-1, *torques.shape[2:]),
+            torque_of=window_of if torques is None else everyone,
         )
-        return batch.states.reshape(sets, count, -1, 10) - windows.measured[:, every - 1 :: every]
+        states = self._simulate(values, lanes, sample_time=windows.sample_time, every=every)
+        measured = windows.measured[:, every - 1 :: every]
+        residuals = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)] - measured
+        times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
+        offsets = sensor_offsets(self.layout, values, measured, times)
+        return residuals if offsets is None else residuals + offsets
 
     def square_sums(
-        self, friction: NDArray[np.float64], windows: Windows, *, every: int
+        self, values: NDArray[np.float64], windows: Windows, *, every: int
     ) -> NDArray[np.float64]:
         """Return the residuals' sums of squares over windows and time, (sets, 10)."""
-        sums = np.zeros((len(friction), 10))
+        sums = np.zeros((len(values), 10))
         for chunk in chunks(windows):
-            sums += (self.residuals(friction, chunk, every=every) ** 2).sum(axis=(1, 2))
+            sums += (self.residuals(values, chunk, every=every) ** 2).sum(axis=(1, 2))
         return sums
 
-    def _packed(self, friction: NDArray[np.float64]) -> NDArray[np.float64]:
-        robot = self.robot
-        rows = np.repeat(pack(robot, self.formulation)[None], len(friction), axis=0)
-        values = friction.copy()
-        values[:, -3] = 1.0 / friction[:, -3]
-        values[:, -1] = (robot.ball.mass + robot.body.mass) * robot.gravity * friction[:, -1]
-        rows[:, friction_places(robot.wheel_count)] = values
+    def _initial(
+        self, values: NDArray[np.float64], windows: Windows, starts: NDArray[np.float64] | None
+    ) -> NDArray[np.float64] | None:
+        """Return the true states at the starts (sets, w, 10 or 11); None where they are those measured."""
+        offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
+        pivots = "pivoting" in self.layout.extra
+        if offsets is None and starts is None and not pivots:
+            return None
+        shape = (len(values), *windows.initial.shape)
+        initial = np.broadcast_to(windows.initial, shape) if starts is None else starts
+        if offsets is not None:
+            initial = initial - offsets[:, :, 0]
+        if pivots:
+            spin = np.broadcast_to(windows.spin[:, None], (*shape[:2], 1))
+            initial = np.concatenate([initial, spin], axis=2)
+        return initial
+
+    def _simulate(
+        self, values: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int
+    ) -> NDArray[np.float64]:
+        """Return the states (lanes, m // every, 10 or 11)."""
+        rows = self._packed(values)
+        load = self.layout.part("load", values)
+        if load is None:
+            return self._run(rows, lanes, sample_time=sample_time, every=every)
+        # dry friction that grows with the torque held over a sample is constant over that sample: one call for each
+        n = self.robot.wheel_count
+        coulomb = friction_places(n)[n : 2 * n]
+        own, mu = rows[lanes.set_of], load[lanes.set_of]
+        without_load = own[:, coulomb]
+        everyone = np.arange(len(own))
+        state, recorded = lanes.initial[lanes.initial_of], []
+        for sample in range(lanes.torques.shape[1]):
+            held = lanes.torques[lanes.torque_of, sample]
+            own[:, coulomb] = without_load + mu * np.abs(held)
+            one = _Lanes(
+                set_of=everyone,
+                initial=state,
+                initial_of=everyone,
+                torques=held[:, None],
+                torque_of=everyone,
+            )
+            state = self._run(own, one, sample_time=sample_time, every=1)[:, 0]
+            if (sample + 1) % every == 0:
+                recorded.append(state)
+        return np.stack(recorded, axis=1)
+
+    def _run(
+        self, rows: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int
+    ) -> NDArray[np.float64]:
+        pivots = "pivoting" in self.layout.extra
+        return simulate_lanes(
+            selector(self.formulation, self.robot.wheel_count, pivoting=pivots),
+            parameters=rows,
+            initial=lanes.initial,
+            torques=lanes.torques,
+            sample_time=sample_time,
+            steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
+            parameter_of=lanes.set_of,
+            initial_of=lanes.initial_of,
+            torque_of=lanes.torque_of,
+            every=every,
+            threads=self.threads,
+        ).states
+
+    def _packed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rows of numbers (sets, size) that compiled code reads."""
+        robot, layout = self.robot, self.layout
+        if set(RIGID) & set(layout.extra):
+            rows = np.stack([pack(self._with_rigid_body(one), self.formulation) for one in values])
+        else:
+            rows = np.repeat(pack(robot, self.formulation)[None], len(values), axis=0)
+        n = robot.wheel_count
+        friction, places = values[:, : 3 * n + 3], friction_places(n)
+        rows[:, places] = friction
+        rows[:, places[:n]] += self.back_emf
+        rows[:, PLACE_SPEED_SCALE] = 1.0 / friction[:, -3]
+        rows[:, PLACE_ROLLING] = (robot.ball.mass + robot.body.mass) * robot.gravity * friction[:, -1]
+        pivoting = layout.part("pivoting", values)
+        if pivoting is not None:
+            rows[:, PLACE_PIVOTING] = pivoting[:, 0]
         return rows
+
+    def _with_rigid_body(self, values: NDArray[np.float64]) -> Robot:
+        parts = {name: self.layout.part(name, values) for name in RIGID}
+        return with_rigid_body(self.robot, {name: part for name, part in parts.items() if part is not None})
 
 
 def chunks(windows: Windows) -> Iterator[Windows]:
     """Yield the windows `CHUNK` at a time."""
     for first in range(0, len(windows), CHUNK):
         yield windows.take(np.arange(first, min(first + CHUNK, len(windows))))
-
-
-def frictionless(wheel_count: int) -> NDArray[np.float64]:
-    """Return the parameters (1, p) of a robot without friction; v_s and delta are then without effect."""
-    return np.concatenate([np.zeros(3 * wheel_count), [1.0, 1.0, 0.0]])[None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,9 +214,26 @@ class Cost:
     """
 
     reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows
+    counted: NDArray[np.bool_] = field(default_factory=lambda: np.ones(len(STATE_NAMES), dtype=bool))
+    #: (10,), the states that it counts
 
     def __call__(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the cost (sets,) of sums of squares (sets, 10), infinite where a prediction has no value."""
-        least = 1e-12 * self.reference + np.finfo(float).tiny
-        cost = 0.5 * np.log((square_sums + least) / (self.reference + least)).mean(axis=-1)
+        floor = self._floor()
+        ratios = (square_sums + floor) / (self.reference + floor)
+        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
         return np.where(np.isfinite(cost), cost, np.inf)
+
+    def weights(self, square_sums: NDArray[np.float64], compared: int) -> NDArray[np.float64]:
+        """Return what residuals of each state (10,) are multiplied by: one over their deviation; zero if not counted.
+
+        Parameters
+        ----------
+        square_sums : ndarray (10,)
+            Of the `compared` residuals of each state, where the weights are taken.
+        """
+        # the floor of the cost, and for a state that nothing moves any weight will do
+        return np.where(self.counted, np.sqrt(compared / (square_sums + self._floor())), 0.0)
+
+    def _floor(self) -> NDArray[np.float64]:
+        return 1e-12 * self.reference + np.finfo(float).tiny

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.identification.coordinates import Coordinates
+from ballbot.identification.intervals import Interval
+from ballbot.identification.quantities import FRICTION
 
 #: beyond this correlation, the logs tell two parameters' sum or ratio and not each
 LARGEST_CORRELATION = 0.9
@@ -15,6 +17,37 @@ LARGEST_CORRELATION = 0.9
 MOST_PAIRS = 6
 #: a standard error of this share of the bounds' width leaves a parameter all but open
 LARGEST_ERROR = 0.25
+#: a ridge: so many parameters at least, whose errors would be so many times smaller if all others were known
+LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
+
+_WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r")
+#: symbols, and what would tell any two of them apart
+_EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
+    (
+        frozenset({"c", "s", "v_s", "delta"}),
+        "To tell dry friction at rest from that at speed, log slow motion through standstill: a free wheel swept "
+        "from zero to several times v_s and back.",
+    ),
+    (
+        frozenset({"b", "c", "s", "v_s", "delta"}),
+        "To tell viscous from dry friction, log high and low speeds: runs to and fro at several steady speeds, or "
+        "a free-wheel sweep up to the speed limit.",
+    ),
+    (
+        frozenset({"b", "c", "s", "C_rr", "T_p"}),
+        "To tell the floor's friction from the wheels', log the robot upside down or its wheels free, where the "
+        "floor takes no part.",
+    ),
+    (
+        frozenset({"gain", "l", "S", "j_w", "j_r", "j_b"}),
+        "Torque gain, inertia and height of the centre of mass are nearly interchangeable: hold one at a data "
+        "sheet's value, or fit a free-wheel sweep first.",
+    ),
+    (
+        frozenset({"offset", "lean", "gyro"}),
+        "To tell a torque's offset from a tilted sensor, log the robot at two headings, half a turn apart.",
+    ),
+)
 
 
 def bound_remarks(
@@ -25,7 +58,8 @@ def bound_remarks(
     for i in np.flatnonzero(at_bound):
         lowest = values[i] <= coordinates.lower[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
-        advice = "zero friction of this kind fits best" if bound == 0.0 else "widen it, or hold the parameter"
+        none = "zero friction of this kind" if coordinates.names[i] in FRICTION else "none of it"
+        advice = f"{none} fits best" if bound == 0.0 else "widen it, or hold the parameter"
         remarks.append(
             f"{coordinates.labels[i]} stands at its {side} bound {bound:g} and has no standard error: {advice}."
         )
@@ -52,21 +86,68 @@ def error_remarks(coordinates: Coordinates, scaled_errors: NDArray[np.float64]) 
     ]
 
 
+def interval_remarks(intervals: Mapping[str, Interval]) -> list[str]:
+    """Return a sentence for each parameter that the logs limit on one side only, or not at all."""
+    remarks = []
+    for label, one in intervals.items():
+        if np.isinf(one.lower) and np.isinf(one.upper):
+            remarks.append(f"{label} is not limited by these logs on either side: its number means nothing.")
+        elif np.isinf(one.upper):
+            remarks.append(
+                f"{label} is limited from below only: {one.lower:.3g} or more, with 95 % confidence."
+            )
+        elif np.isinf(one.lower):
+            remarks.append(
+                f"{label} is limited from above only: {one.upper:.3g} or less, with 95 % confidence."
+            )
+    return remarks
+
+
 def correlation_remarks(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[str]:
-    """Return a sentence that names the pairs of parameters that the logs cannot tell apart, if there are any."""
+    """Return sentences that name the pairs of parameters that the logs cannot tell apart, and what would."""
     rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
     strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
-    pairs = [
-        f"{labels[rows[k]]} and {labels[columns[k]]} ({correlation[rows[k], columns[k]]:+.2f})"
-        for k in strongest
-    ]
-    if not pairs:
+    named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
+    if not named:
         return []
-    more = f", and {len(pairs) - MOST_PAIRS} pairs more" if len(pairs) > MOST_PAIRS else ""
+    pairs = [f"{one} and {other} ({value:+.2f})" for one, other, value in named[:MOST_PAIRS]]
+    more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
+    advice = dict.fromkeys(text for one, other, _ in named if (text := _experiment(one, other)))
     return [
-        f"Hard to tell apart in these logs, by their correlation: {', '.join(pairs[:MOST_PAIRS])}{more}; trust the "
-        "common effect of such a pair, not each number."
+        f"Hard to tell apart in these logs, by their correlation: {', '.join(pairs)}{more}; trust the "
+        "common effect of such a pair, not each number.",
+        *advice,
     ]
+
+
+def ridge_remarks(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[str]:
+    """Return a sentence that names parameters each of which the others can stand in for, where more than a pair do.
+
+    The inverse's diagonal tells what knowing all others would take off a parameter's variance.
+    """
+    places = np.flatnonzero(np.isfinite(correlation.diagonal()))
+    if not len(places):
+        return []
+    variance = np.linalg.pinv(correlation[np.ix_(places, places)], hermitian=True).diagonal()
+    inflation = np.sqrt(np.maximum(variance, 1.0))  # less is a rounding error: knowing the others cannot harm
+    together = [labels[i] for i in places[inflation > LEAST_INFLATION]]
+    if len(together) < LEAST_RIDGE:
+        return []
+    least = inflation[inflation > LEAST_INFLATION].min()
+    return [
+        f"{', '.join(together[:-1])} and {together[-1]} lie on a ridge and stand in for one another: each would be "
+        f"known {least:.0f} times better or more if the others were; hold some of them at values measured otherwise."
+    ]
+
+
+def _experiment(one: str, other: str) -> str:
+    """Return what would tell two parameters apart, by their labels; empty where nothing is known."""
+    symbols = {_symbol(one), _symbol(other)}
+    return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
+
+
+def _symbol(label: str) -> str:
+    return label if label in _WHOLE else label.rstrip("0123456789").split("_")[0]
 
 
 def prediction_remarks(ratios: Mapping[str, float]) -> list[str]:

@@ -10,7 +10,7 @@ with encoder counts and gearbox play: no state's error on other windows changed 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,10 @@ class Windows:
     initial: NDArray[np.float64]  #: (w, 10), states at the starts
     torques: NDArray[np.float64]  #: (w, m, n) [N m]
     measured: NDArray[np.float64]  #: (w, m, 10), states after each sample
+    earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the starts
+    spin: NDArray[
+        np.float64
+    ]  #: (w,), the ball's spin about the vertical at the starts [rad/s]; NaN where not measured
     spans: tuple[Span, ...]  #: (w,)
     sample_time: float  #: [s]
 
@@ -69,12 +73,31 @@ class Windows:
             initial=self.initial[rows],
             torques=self.torques[rows],
             measured=self.measured[rows],
+            earlier=self.earlier[rows],
+            spin=self.spin[rows],
             spans=tuple(self.spans[row] for row in rows),
             sample_time=self.sample_time,
         )
 
 
-def cut_windows(logs: Sequence[Log], *, wheel_count: int, duration: float) -> Windows:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Piece:
+    """One log's windows."""
+
+    states: NDArray[np.float64]  #: (w, m + 1, 10)
+    torques: NDArray[np.float64]  #: (w, h + m, n)
+    spin: NDArray[np.float64]  #: (w,)
+    spans: list[Span]
+
+
+def cut_windows(
+    logs: Sequence[Log],
+    *,
+    wheel_count: int,
+    duration: float,
+    before: Callable[[float], int] | None = None,
+    spins: Sequence[NDArray[np.float64]] | None = None,
+) -> Windows:
     """Cut logs into windows that lie end to end.
 
     Parameters
@@ -84,6 +107,10 @@ def cut_windows(logs: Sequence[Log], *, wheel_count: int, duration: float) -> Wi
     wheel_count : int
     duration : float
         Length of a window [s]; rounded to samples, and to a multiple of `COMPARISONS` samples where it has more.
+    before : callable, optional
+        From the sample time to how many rows of torques before its start a window takes along; none by default.
+    spins : sequence of ndarray (N,), optional
+        The ball's spin about the vertical in each row of each log [rad/s].
 
     Raises
     ------
@@ -105,12 +132,21 @@ def cut_windows(logs: Sequence[Log], *, wheel_count: int, duration: float) -> Wi
     samples = round(duration / sample_time)
     samples = COMPARISONS * round(samples / COMPARISONS) if samples >= COMPARISONS else samples
 
-    pieces = [_cut(number, log, wheel_count, samples) for number, log in enumerate(logs)]
+    history = before(sample_time) if before else 0
+    spins = spins or [np.full(len(log), np.nan) for log in logs]
+    pieces = [
+        _cut(number, log, spin, wheel_count=wheel_count, samples=samples, history=history)
+        for number, (log, spin) in enumerate(zip(logs, spins, strict=True))
+    ]
+    torques = np.concatenate([piece.torques for piece in pieces])
+    states = np.concatenate([piece.states for piece in pieces])
     return Windows(
-        initial=np.concatenate([states[:, 0] for states, _, _ in pieces]),
-        torques=np.concatenate([torques for _, torques, _ in pieces]),
-        measured=np.concatenate([states[:, 1:] for states, _, _ in pieces]),
-        spans=tuple(span for _, _, spans in pieces for span in spans),
+        initial=states[:, 0],
+        torques=np.ascontiguousarray(torques[:, history:]),
+        measured=states[:, 1:],
+        earlier=torques[:, :history],
+        spin=np.concatenate([piece.spin for piece in pieces]),
+        spans=tuple(span for piece in pieces for span in piece.spans),
         sample_time=sample_time,
     )
 
@@ -126,14 +162,13 @@ def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64],
 
 
 def _cut(
-    number: int, log: Log, wheel_count: int, samples: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Span]]:
-    """Return a log's windows: states (w, m + 1, 10), torques (w, m, n) and where they lie."""
+    number: int, log: Log, spin: NDArray[np.float64], *, wheel_count: int, samples: int, history: int
+) -> _Piece:
     states = np.column_stack([log[name] for name in STATE_NAMES])
     torques = np.column_stack([log[name] for name in torque_names(wheel_count)])
     runs = _even_runs(log, states, torques)
     starts = np.array(
-        [k for first, end in runs for k in range(first, end - samples, samples)], dtype=np.int64
+        [k for first, end in runs for k in range(first + history, end - samples, samples)], dtype=np.int64
     )
     rows = starts[:, None] + np.arange(samples + 1)
     states = states[rows]
@@ -141,7 +176,8 @@ def _cut(
     turn = 2.0 * np.pi
     states[..., _HEADING] -= turn * np.round((states[..., _HEADING] - states[:, :1, _HEADING]) / turn)
     spans = [Span(log=number, start=float(log.t[k[0]]), end=float(log.t[k[-1]])) for k in rows]
-    return states, torques[rows[:, :-1]], spans
+    acting = torques[starts[:, None] + np.arange(-history, samples)]
+    return _Piece(states=states, torques=acting, spin=spin[starts], spans=spans)
 
 
 def _even_runs(

@@ -3,15 +3,16 @@
     [ball]
     radius = { value = 0.11, unit = "m", source = "measured" }
 
-Units other than SI are converted on reading (`ballbot.robot.units`); a file written by `write_robot` reads
-back as the same floats.
+How well a value is known may stand beside it, in the same unit: `standard_deviation = 0.001`, or a list of one for
+each wheel. Units other than SI are converted on reading (`ballbot.robot.units`); a file written by `write_robot`
+reads back as the same floats.
 """
 
 from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -31,7 +32,8 @@ _HEADER = """\
 #
 # Every number says its value, its unit and its source: measured, data sheet, previous work, calculated,
 # identified or assumed, with detail after a colon where there is more to say. A unit may be changed, as from
-# m to cm or from deg to rad. The body's frame has x forward, y left and z up.
+# m to cm or from deg to rad. How well a number is known may stand beside it, as standard_deviation = 0.001,
+# in the same unit. The body's frame has x forward, y left and z up.
 """
 
 #: what a file says above each of its tables
@@ -99,23 +101,27 @@ def robot_text(robot: Robot) -> str:
 def _lines(robot: Robot, table: str) -> Iterator[str]:
     for parameter in PARAMETERS:
         if parameter.table == table:
-            number, unit = _written(value_of(robot, parameter), parameter)
+            values = [value_of(robot, parameter)]
+            if parameter.name in robot.standard_deviations:
+                values.append(robot.standard_deviations[parameter.name])
+            texts, unit = _written(values, parameter)
             unit_text = "" if unit == DIMENSIONLESS else f"unit = {_quoted(unit)}, "
+            deviation = f"standard_deviation = {texts[1]}, " if len(texts) > 1 else ""
             source = _quoted(robot.sources.get(parameter.name, "assumed"))
             yield f"# {parameter.meaning}"
-            yield f"{parameter.key} = {{ value = {number}, {unit_text}source = {source} }}"
+            yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
 
 
-def _written(value: Value, parameter: Parameter) -> tuple[str, str]:
-    """Return the number as text and its unit: the file's unit where that reads back exactly, else SI."""
+def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], str]:
+    """Return values as texts and their unit: the file's unit where all read back exactly, else SI."""
     if parameter.shape == "whole number":
-        return str(value), parameter.unit
-    numbers = [float(one) for one in (value if isinstance(value, tuple) else (value,))]
-    converted = [from_si(one, parameter.written_in, parameter.unit) for one in numbers]
-    exact = None not in converted
-    texts = [repr(one) for one in (converted if exact else numbers)]
-    text = f"[{', '.join(texts)}]" if isinstance(value, tuple) else texts[0]
-    return text, parameter.written_in if exact else parameter.unit
+        return [str(value) for value in values], parameter.unit
+    numbers = [[float(one) for one in (value if isinstance(value, tuple) else (value,))] for value in values]
+    converted = [[from_si(one, parameter.written_in, parameter.unit) for one in row] for row in numbers]
+    exact = all(None not in row for row in converted)
+    texts = [[repr(one) for one in row] for row in (converted if exact else numbers)]
+    joined = [f"[{', '.join(row)}]" if parameter.shape == "list" else row[0] for row in texts]
+    return joined, parameter.written_in if exact else parameter.unit
 
 
 def _quoted(text: str) -> str:
@@ -153,13 +159,18 @@ def _robot(leaves: Mapping[str, object]) -> Robot:
     inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
     values: dict[str, Value] = {}
     sources: dict[str, str] = {}
+    deviations: dict[str, Value] = {}
     for parameter in PARAMETERS:
         if parameter.name not in leaves:
             raise InputError(
                 f"{parameter.name} is missing; add {example(parameter)} {_place(parameter.name)}."
             )
-        values[parameter.name], sources[parameter.name] = parse_entry(parameter, leaves[parameter.name])
-    return assemble(name=name, inertia_about=inertia_about, values=Values(by_name=values), sources=sources)
+        entry = parse_entry(parameter, leaves[parameter.name])
+        values[parameter.name], sources[parameter.name] = entry.value, entry.source
+        if entry.standard_deviation is not None:
+            deviations[parameter.name] = entry.standard_deviation
+    robot = assemble(name=name, inertia_about=inertia_about, values=Values(by_name=values), sources=sources)
+    return robot.replace(sources=sources, standard_deviations=deviations)
 
 
 def _text(leaves: Mapping[str, object], name: str) -> str:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.robot.checks import check_robot
-from ballbot.robot.parameters import BY_NAME, value_of
+from ballbot.robot.deviations import check_deviations
+from ballbot.robot.parameters import BY_NAME, Value, value_of
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
@@ -154,9 +155,13 @@ class Robot:
     #: where each value came from, by dotted name ("ball.radius": "measured"), with detail after a colon where
     #: there is more to say ("data sheet: Maxon 449470"); not part of equality
     sources: Mapping[str, str] = field(default_factory=dict[str, str], compare=False)
+    #: how well values are known, by dotted name, in SI units and of the value's shape ("ball.radius": 0.001); a
+    #: parameter that is not named counts as known; not part of equality
+    standard_deviations: Mapping[str, Value] = field(default_factory=dict[str, Value], compare=False)
 
     def __post_init__(self) -> None:
         check_robot(self)
+        check_deviations(self)
 
     @property
     def wheel_count(self) -> int:
@@ -175,11 +180,12 @@ class Robot:
         friction: Friction | None = None,
         gravity: float | None = None,
         sources: Mapping[str, str] | None = None,
+        standard_deviations: Mapping[str, Value] | None = None,
     ) -> Robot:
         """Return a copy with the parts given in place of this robot's own.
 
         Without `sources`, values that stay keep their source and values that change lose theirs (a file then
-        says "assumed").
+        says "assumed"); standard deviations likewise.
 
         Raises
         ------
@@ -196,13 +202,14 @@ class Robot:
             friction=friction or self.friction,
             gravity=self.gravity if gravity is None else gravity,
         )
+        stays = {key for key, one in BY_NAME.items() if value_of(copy, one) == value_of(self, one)}
         if sources is None:
-            sources = {
-                key: source
-                for key, source in self.sources.items()
-                if value_of(copy, BY_NAME[key]) == value_of(self, BY_NAME[key])
+            sources = {key: source for key, source in self.sources.items() if key in stays}
+        if standard_deviations is None:
+            standard_deviations = {
+                key: deviation for key, deviation in self.standard_deviations.items() if key in stays
             }
-        return dataclasses.replace(copy, sources=sources)
+        return dataclasses.replace(copy, sources=sources, standard_deviations=standard_deviations)
 
     @staticmethod
     def load(source: str | Path) -> Robot:

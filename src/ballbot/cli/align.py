@@ -1,0 +1,67 @@
+"""`ballbot align`: a log's sensors against motion capture."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.log import Log
+from ballbot.report.alignment_page import alignment_report, alignment_results, error_rows
+from ballbot.report.provenance import provenance
+from ballbot.report.results import as_json
+from ballbot.report.study_files import check_folder
+from ballbot.validation.alignment import align as align_log
+from ballbot.validation.alignment import alignment_findings
+
+
+def align(log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None) -> None:
+    """Set a log's sensors against motion capture of the same run, on any clock and in any frame.
+
+    Finds the clock's offset and rate, both frames, the lever arm and jumps of the markers' frame, then errors and
+    drifts. Writes report.html (Figures IV.1 to IV.4), results.json and aligned.csv: the log with mocap_x, mocap_y,
+    mocap_z, mocap_theta, mocap_phi, mocap_psi on its own rows and in its own world, empty where nothing was seen.
+
+    Example: ballbot align run.csv run_mocap.csv --out aligned
+
+    Parameters
+    ----------
+    log
+        With gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles and x, y, their errors come as well.
+    mocap
+        t, qw qx qy qz of the body and x y z of the ball's centre, or of any point of the body.
+    out
+        The folder to write into.
+    mapping
+        A TOML file that says how a foreign log becomes Ballbot's.
+    """
+    run, film = Log.read(log, mapping=mapping), Log.read(mocap)
+    folder, console = check_folder(out), standard_output()
+    words = ["ballbot", "align", str(log), str(mocap), "--out", str(out)]
+    words += ["--mapping", str(mapping)] if mapping else []
+    made = provenance(command=shlex.join(words), files=[log, mocap, *([mapping] if mapping else [])], seed=0)
+    with progress_bar(console, "aligning") as bar:
+        bar.show(0.0, note=log.stem)
+        try:
+            alignment = align_log(run, film)
+        except InputError as error:
+            raise InputError(f"{log} and {mocap}: {error}") from None
+    alignment.log.write(folder / "aligned.csv")
+    results = alignment_results(alignment)
+    write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))
+    page = alignment_report(
+        alignment,
+        title=f"{log.stem}: sensors against motion capture",
+        lead=f"On {log.name} and {mocap.name}.",
+        made=made,
+    )
+    write_text(folder / "report.html", page)
+    if alignment.sensors is not None:
+        headings = ("", "unit", "RMS", "largest", "drift a minute", "RMS about it", "late by [ms]")
+        rows = error_rows(alignment.sensors)
+        console.print(table("On board less cameras", headings, rows, framed=console.is_terminal))
+    for sentence in alignment_findings(alignment):
+        console.print(sentence, markup=False, soft_wrap=True)
+    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)

@@ -1,0 +1,134 @@
+"""`ballbot identify-axis`: mass and friction of any single axis."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Literal
+
+from rich.console import Console
+
+from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.files import write_text
+from ballbot.identification.axis import AxisIdentification
+from ballbot.identification.axis import identify_axis as identify_record
+from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
+from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
+from ballbot.report.provenance import provenance
+from ballbot.report.results import as_json
+from ballbot.report.study_files import check_folder
+
+
+def identify_axis(
+    record: Path,
+    /,
+    *against: Path,
+    out: Path,
+    time: str = "t",
+    position: str = "position",
+    force: str = "force",
+    force_scale: str = "1",
+    added_force: str | None = None,
+    reference: str | None = None,
+    position_gain: str | None = None,
+    velocity_gain: str | None = None,
+    limit: str | None = None,
+    unit: Literal["m", "rad"] = "m",
+    law: str | None = None,
+    bandwidth: float | None = None,
+    window: float = 1.0,
+    horizon: float | None = None,
+) -> None:
+    """Find the mass (or inertia) and friction of one axis in a record of its force and position.
+
+    Three methods: the inverse model by least squares, output error in closed loop where the loop is known, and output
+    error in open loop. A ladder of friction laws is judged on windows held out. Writes report.html and results.json.
+    For a robot's own drivelines see `ballbot identify-driveline`.
+
+    Example: ballbot identify-axis DATA_EMPS.mat --position qm --force vir --force-scale gtau --out found
+
+    Parameters
+    ----------
+    record
+        A MATLAB file (.mat, its variables by name), CSV or Parquet.
+    against
+        Other records of the same axis, with the same columns: held against what was found, never fitted.
+    out
+        The folder to write into.
+    time
+        The variable of the time, in seconds.
+    position
+        The variable of the position, in metres or radians.
+    force
+        The variable of what drives the axis.
+    force_scale
+        Force over what that variable holds (newtons or newton metres): a number, or a variable of the file.
+    added_force
+        The variable of a force that acts beside it, already in newtons (newton metres).
+    reference
+        The variable of the position's reference; with both gains (--reference qg --position-gain kp --velocity-gain
+        kv in the example), the closed loop is simulated as well.
+    position_gain
+        Of the loop, 1/s: a number, or a variable of the file.
+    velocity_gain
+        From velocity to what the force's variable holds: a number, or a variable of the file.
+    limit
+        Of what the force's variable holds: a number, or a variable of the file.
+    unit
+        Of positions: m for a mass that slides, rad for an inertia that turns.
+    law
+        The friction law to take: viscous, coulomb, stribeck, dahl, lugre or asymmetric; without it the ladder decides.
+    bandwidth
+        Of the motion, in hertz; filters follow from it.
+    window
+        Duration of the windows that the ladder is judged by, in seconds.
+    horizon
+        Duration of the windows that the open-loop fit predicts, in seconds; the whole record without it.
+    """
+    columns = AxisColumns(
+        time=time,
+        position=position,
+        force=force,
+        force_scale=force_scale,
+        added_force=added_force,
+        reference=reference,
+        position_gain=position_gain,
+        velocity_gain=velocity_gain,
+        limit=limit,
+        unit=unit,
+    )
+    read = read_axis_record(record, columns)
+    others = [read_axis_record(path, columns) for path in against]
+    folder = check_folder(out)
+    options: dict[str, object] = {f"--{key.replace('_', '-')}": value for key, value in vars(columns).items()}
+    options |= {"--law": law, "--bandwidth": bandwidth, "--window": window, "--horizon": horizon}
+    words = ["ballbot", "identify-axis", str(record), *map(str, against), "--out", str(out)]
+    words += [str(word) for option, value in options.items() if value is not None for word in (option, value)]
+    made = provenance(command=shlex.join(words), files=[record, *against], seed=0)
+
+    console = standard_output()
+    with progress_bar(console, "inverse model") as bar:
+        found = identify_record(
+            read,
+            law=law,
+            bandwidth=bandwidth,
+            window=window,
+            horizon=horizon,
+            held_against=others,
+            progress=lambda share, doing: bar.show(share, doing=doing),
+        )
+    write_text(folder / "results.json", as_json(found.to_dict() | {"provenance": made.to_dict()}))
+    write_text(folder / "report.html", axis_report(found, read, made))
+    _show(found, console)
+    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)
+
+
+def _show(found: AxisIdentification, console: Console) -> None:
+    framed = console.is_terminal
+    headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
+    console.print(table(f"law {found.chosen.name}", headings, parameter_rows(found), framed=framed))
+    headings = ("method", "law", "record", "open loop, RMS", "closed loop, force", "position")
+    rows = [row for one in found.estimates for row in error_rows(one, found.unit)]
+    console.print(table("errors", headings, rows, framed=framed))
+    for sentence in found.remarks:
+        console.print(sentence, markup=False, soft_wrap=True)

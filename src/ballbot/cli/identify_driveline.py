@@ -1,0 +1,133 @@
+"""`ballbot identify-driveline`: the thesis's first stage, one driveline with its wheel free."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.files import write_text
+from ballbot.identification.axis.driveline import (
+    DrivelineBounds,
+    fit_as_printed,
+    fit_driveline,
+    sweeps_of,
+)
+from ballbot.log import Log
+from ballbot.report.driveline_page import (
+    driveline_report,
+    driveline_results,
+    error_rows,
+    parameter_rows,
+    remarks,
+)
+from ballbot.report.provenance import provenance
+from ballbot.report.results import as_json
+from ballbot.report.study_files import check_folder
+from ballbot.robot import Friction, Robot
+from ballbot.robot.file import write_robot
+
+#: share of a wheel's work that the fit to its pieces is
+_PIECES = 0.5
+
+
+def identify_driveline(
+    robot: str,
+    log: Path,
+    /,
+    *,
+    out: Path,
+    mapping: Path | None = None,
+    speed_limit: float | None = None,
+    lower: tuple[float, float, float, float, float] = DrivelineBounds.lower,
+    upper: tuple[float, float, float, float, float] = DrivelineBounds.upper,
+    seed: int = 0,
+) -> None:
+    """Find b, c, s, v_s and delta of each driveline from a sweep of torque with the wheels free of the ball.
+
+    The first of the thesis's three stages (section 3.1): remakes its Figures 3.1 and 3.2. Writes report.html,
+    results.json and robot.toml (with each wheel's b, c and s, and the means of v_s and delta).
+
+    Example: ballbot identify-driveline alten driveline_sweep.csv --out found
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file; it gives the inertia.
+    log
+        Torques and wheel speeds of a slow sweep.
+    out
+        The folder to write into.
+    mapping
+        A TOML file that says how a foreign log becomes Ballbot's.
+    speed_limit
+        Of the supply, in rad/s; the greatest speed in the log without it.
+    lower
+        The least b, c, s, v_s and delta.
+    upper
+        The greatest b, c, s, v_s and delta.
+    seed
+        Of the search.
+    """
+    described = Robot.load(robot)
+    sweeps = sweeps_of(described, Log.read(log, mapping=mapping), limit=speed_limit)
+    bounds = DrivelineBounds(lower=lower, upper=upper)
+    folder = check_folder(out)
+    words = ["ballbot", "identify-driveline", robot, str(log), "--out", str(out), "--seed", str(seed)]
+    words += ["--mapping", str(mapping)] if mapping else []
+    words += [] if speed_limit is None else ["--speed-limit", str(speed_limit)]
+    words += ["--lower", *map(str, lower), "--upper", *map(str, upper)]
+    files = [*([] if robot in Robot.presets() else [Path(robot)]), log, *([mapping] if mapping else [])]
+    made = provenance(command=shlex.join(words), files=files, seed=seed)
+
+    console = standard_output()
+    fits, printed = [], []
+    with progress_bar(console, "sweep") as bar:
+        for i, sweep in enumerate(sweeps):
+
+            def tell(share: float, note: str, i: int = i) -> None:
+                bar.show((i + share) / len(sweeps), doing=f"wheel {i + 1}", note=note)
+
+            fits.append(
+                fit_driveline(
+                    sweep,
+                    bounds=bounds,
+                    seed=seed,
+                    progress=lambda share, note, tell=tell: tell(_PIECES * share, note),
+                )
+            )
+            printed.append(
+                fit_as_printed(
+                    sweep,
+                    fits[-1],
+                    bounds=bounds,
+                    seed=seed,
+                    progress=lambda share, note, tell=tell: tell(_PIECES + (1.0 - _PIECES) * share, note),
+                )
+            )
+    write_text(folder / "results.json", as_json(driveline_results(fits, printed, made)))
+    write_text(folder / "report.html", driveline_report(described.name, sweeps, fits, printed, made))
+    friction = Friction(
+        viscous=tuple(float(fit.values[0]) for fit in fits),
+        coulomb=tuple(float(fit.values[1]) for fit in fits),
+        stribeck=tuple(float(fit.values[2]) for fit in fits),
+        stribeck_speed=sum(float(fit.values[3]) for fit in fits) / len(fits),
+        stribeck_exponent=sum(float(fit.values[4]) for fit in fits) / len(fits),
+        rolling=described.friction.rolling,
+    )
+    write_robot(described.replace(friction=friction), folder / "robot.toml")
+    framed = console.is_terminal
+    headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
+    console.print(table("friction of the drivelines", headings, parameter_rows(fits), framed=framed))
+    headings = (
+        "",
+        "cost (3.5)",
+        "RMS [rad/s]",
+        "without friction",
+        "(3.2) as printed",
+        "same friction in (3.2)",
+    )
+    console.print(table("speed errors", headings, error_rows(fits, printed), framed=framed))
+    for sentence in remarks(fits, printed):
+        console.print(sentence, markup=False, soft_wrap=True)
+    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)

@@ -1,0 +1,121 @@
+"""`ballbot identify-geometry`: radii, tilt, azimuths and the IMU's mounting, from logs alone."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from pathlib import Path
+
+from ballbot.cli.output import standard_output, table
+from ballbot.cli.study import read_logs
+from ballbot.errors import InputError
+from ballbot.files import write_text
+from ballbot.identification.geometry import (
+    Geometry,
+    Measured,
+    geometry_remarks,
+    robot_with_geometry,
+    survey_geometry,
+)
+from ballbot.log import Log
+from ballbot.report.provenance import provenance
+from ballbot.report.study_files import check_folder
+from ballbot.robot import Robot
+from ballbot.robot.file import write_robot
+
+
+def identify_geometry(
+    robot: str,
+    /,
+    *,
+    upside_down: list[Path] | None = None,
+    balancing: list[Path] | None = None,
+    motion_capture: list[Path] | None = None,
+    mapping: Path | None = None,
+    out: Path,
+) -> None:
+    """Check a robot's tape measure: radii, tilt, azimuths and the IMU's mounting, by kinematics alone.
+
+    Writes results.json and robot.toml (the geometry found, with its standard deviations).
+
+    Example: ballbot identify-geometry alten --upside-down up.csv --balancing run.csv --motion-capture film.csv --out g
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file.
+    upside_down
+        Logs of the robot clamped upside down: wheel angles and ball_omega_x, _y, _z in the robot's frame.
+    balancing
+        Logs of the robot balancing: wheel angles and gyro_x, _y, _z.
+    motion_capture
+        One for each balancing log, in their order: t, x y z of the ball's centre, qw qx qy qz of the body; on any clock
+        and in any frame.
+    mapping
+        A TOML file that says how foreign logs become Ballbot's.
+    out
+        The folder to write into.
+    """
+    described, folder = Robot.load(robot), check_folder(out)
+    on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
+    if len(runs) != len(films):
+        raise InputError(
+            f"There are {len(runs)} balancing logs and {len(films)} of motion capture; give one for each, in order."
+        )
+    found = survey_geometry(
+        described,
+        upside_down=list(read_logs(tuple(on_wheels), mapping).values()) if on_wheels else (),
+        balancing=[
+            (log, Log.read(film))
+            for log, film in zip(read_logs(tuple(runs), mapping).values() if runs else (), films, strict=True)
+        ],
+    )
+    remarks = geometry_remarks(found)
+    try:
+        write_robot(robot_with_geometry(described, found), folder / "robot.toml")
+    except InputError as error:
+        remarks.append(
+            f"No robot.toml was written, for the geometry found makes no robot of this file: {error}"
+        )
+    options = {
+        "--upside-down": on_wheels,
+        "--balancing": runs,
+        "--motion-capture": films,
+        "--mapping": [mapping] if mapping else [],
+    }
+    words = ["ballbot", "identify-geometry", robot, "--out", str(out)]
+    words += [word for option, paths in options.items() for path in paths for word in (option, str(path))]
+    files = [path for paths in options.values() for path in paths]
+    files += [] if robot in Robot.presets() else [Path(robot)]
+    made = provenance(command=shlex.join(words), files=files, seed=0)
+    results = found.to_dict() | {"remarks": remarks, "provenance": made.to_dict()}
+    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+    _show(found, remarks)
+    standard_output().print(str(folder / "results.json"), markup=False, soft_wrap=True)
+
+
+def _show(found: Geometry, remarks: list[str]) -> None:
+    console = standard_output()
+    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
+    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
+    headings = ("quantity", "by the logs", "+-", "in the file", "unit", "off by", "from")
+    console.print(table("Geometry", headings, rows, framed=console.is_terminal))
+    for sentence in remarks:
+        console.print(sentence, markup=False, soft_wrap=True)
+
+
+def _row(one: Measured) -> list[str]:
+    scale, unit = (math.degrees(1.0), "deg") if one.unit == "rad" else (1.0, one.unit)
+    unit = "" if unit == "1" else unit
+    off = f"{one.deviation:+.1f} s.e."
+    error = scale * one.standard_error
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    numbers = (f"{scale * one.value:.{decimals}f}", f"{error:.2g}", f"{scale * one.in_file:.{decimals}f}")
+    return [
+        one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel"),
+        *numbers,
+        unit,
+        off,
+        one.kind,
+    ]

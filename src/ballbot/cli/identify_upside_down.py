@@ -1,0 +1,144 @@
+"""`ballbot identify-upside-down`: friction from the robot clamped upside down, the ball on its wheels."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.study import read_logs
+from ballbot.experiments.ball_movement import ball_movement
+from ballbot.files import write_text
+from ballbot.identification import Progress, read_bounds
+from ballbot.identification.upside_down import UpsideDown
+from ballbot.identification.upside_down import identify_upside_down as find_friction
+from ballbot.report.provenance import provenance
+from ballbot.report.study_files import check_folder
+from ballbot.report.style import drawn
+from ballbot.report.tables import digits
+from ballbot.report.upside_down_figures import movement_figure, prediction_figure
+from ballbot.robot import Friction, Robot
+from ballbot.robot.file import write_robot
+
+_UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
+
+
+def identify_upside_down(
+    robot: str,
+    /,
+    *logs: Path,
+    out: Path,
+    mapping: Path | None = None,
+    bounds: Path | None = None,
+    seed: int = 0,
+    window: float = 1.0,
+) -> None:
+    """Find the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
+
+    The second of the thesis's three stages: the ball lies on the wheels, and a camera gives its angular velocity. Where
+    the robot's file has friction already, as after `ballbot identify`, both are held against the same windows.
+
+    Writes robot.toml (the robot with the friction found), results.json, prediction.svg and movement.svg (the thesis's
+    Figure 3.4).
+
+    Example: ballbot identify-upside-down alten upside_down.csv --out found
+
+    Parameters
+    ----------
+    robot
+        A preset's name or a robot file.
+    logs
+        One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
+    out
+        The folder to write into.
+    mapping
+        A TOML file that says how foreign logs become Ballbot's.
+    bounds
+        A TOML file of the bounds within which the friction is sought, as in: coulomb = [0.0, 0.5]
+    seed
+        Of all that is random; equal seeds give equal results.
+    window
+        Length of the windows predicted, in seconds.
+    """
+    described = Robot.load(robot)
+    named = read_logs(logs, mapping)
+    within = read_bounds(bounds) if bounds else None
+    folder = check_folder(out)
+    console = standard_output()
+    with progress_bar(console, "identifying") as bar:
+
+        def tell(progress: Progress) -> None:
+            bar.show(progress.share, note=f"error {progress.cost:.3f} rad/s")
+
+        found = find_friction(
+            described, list(named.values()), bounds=within, window=window, seed=seed, progress=tell
+        )
+    movement = ball_movement(found.robot)
+    options = {"--mapping": mapping, "--bounds": bounds}
+    given = {option: path for option, path in options.items() if path}
+    words = ["ballbot", "identify-upside-down", robot, *map(str, logs), "--out", str(out)]
+    words += ["--seed", str(seed), "--window", str(window)]
+    words += [word for option, path in given.items() for word in (option, str(path))]
+    files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]
+    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    results = found.to_dict() | {"movement": movement.to_dict(), "provenance": made.to_dict()}
+    first = next(iter(named.values()))
+    write_robot(found.robot, folder / "robot.toml")
+    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+    write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, first), name="prediction"))
+    write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))
+    _show(found, described, console)
+    for name in ("robot.toml", "prediction.svg", "movement.svg"):
+        console.print(str(folder / name), markup=False, soft_wrap=True)
+
+
+def _show(found: UpsideDown, described: Robot, console: Console) -> None:
+    console.print(_parameter_table(found, described, framed=console.is_terminal))
+    console.print(_error_table(found, framed=console.is_terminal))
+    for sentence in (*found.warnings, *_comparison(described)):
+        console.print(sentence, markup=False, soft_wrap=True)
+
+
+def _comparison(described: Robot) -> list[str]:
+    """Return what to make of a friction that stood in the robot's file before."""
+    if described.friction == Friction.none(described.wheel_count):
+        return []
+    return [
+        "A friction from balancing differs from this one for reasons: there the robot's weight lies on the contacts, "
+        "which adds to c and s, and what the model leaves out (play, slip, rollers) is taken up by whichever "
+        "parameter predicts best. Use each where it was found."
+    ]
+
+
+def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Table:
+    friction = described.friction
+    before = {
+        "b": friction.viscous,
+        "c": friction.coulomb,
+        "s": friction.stribeck,
+        "v_s": (friction.stribeck_speed,),
+        "delta": (friction.stribeck_exponent,),
+    }
+    rows = []
+    for symbol, value in found.parameters.items():
+        values = value if isinstance(value, list) else [value]
+        error = found.standard_errors[symbol]
+        errors = error if isinstance(error, list) else [error]
+        for i, (one, its_error, old) in enumerate(zip(values, errors, before[symbol], strict=True), start=1):
+            name = f"{symbol}{i}" if isinstance(value, list) else symbol
+            rows.append((name, digits(one), digits(its_error, 2), digits(old), _UNITS[symbol]))
+    headings = ("parameter", "upside down", "standard error", "robot file", "unit")
+    return table("friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
+
+
+def _error_table(found: UpsideDown, *, framed: bool) -> Table:
+    rows = [
+        (f"Omega_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
+        for i, axis in enumerate("xyz")
+    ]
+    title = f"open-loop RMSE in rad/s on {len(found.held_out_windows)} windows of {found.window:g} s held out"
+    return table(title, ("state", *(f"friction: {name}" for name in found.held_out)), rows, framed=framed)

@@ -1,0 +1,71 @@
+"""What commands that may run for hours share: a checkpoint, a cluster, and a way back after Ctrl-C."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballbot.identification.checkpoint import Recall, open_checkpoint
+from ballbot.identification.spread import Spread, Threads
+
+CHECKPOINT = "checkpoint.jsonl"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LongRun:
+    """What the work is given."""
+
+    recall: Recall
+    spread: Spread
+
+
+@contextmanager
+def long_run(
+    folder: Path,
+    *,
+    words: Sequence[str],
+    belongs_to: Mapping[str, str],
+    resume: bool,
+    cluster: str | None,
+) -> Iterator[LongRun]:
+    """Keep a checkpoint in the folder while the block runs, and delete it when the block has ended well.
+
+    Parameters
+    ----------
+    folder : Path
+    words : sequence of str
+        The command line that makes the run, without --cluster and --resume.
+    belongs_to : mapping of str to str
+        What the run is of; see `ballbot.identification.checkpoint.identity`.
+    resume : bool
+        Go on with the folder's checkpoint.
+    cluster : str, optional
+        The address of a Dask scheduler; the threads of this process do the work where it is not given.
+
+    Raises
+    ------
+    InputError
+        Where the folder's checkpoint is another run's or not to be resumed, or there is no such cluster.
+    KeyboardInterrupt
+        With a sentence that says how to go on.
+    """
+    checkpoint = open_checkpoint(folder / CHECKPOINT, belongs_to=belongs_to, resume=resume)
+    try:
+        with _spread(cluster) as spread:
+            yield LongRun(recall=checkpoint.recall, spread=spread)
+    except KeyboardInterrupt:
+        on_cluster = ["--cluster", cluster] if cluster else []
+        command = shlex.join([*words, *on_cluster, "--resume"])
+        raise KeyboardInterrupt(f"interrupted; go on where it stopped with: {command}") from None
+    checkpoint.remove()
+
+
+def _spread(cluster: str | None) -> AbstractContextManager[Spread]:
+    if cluster is None:
+        return nullcontext(Threads())
+    from ballbot.identification.cluster import Cluster
+
+    return Cluster(cluster)

@@ -1,0 +1,151 @@
+"""The inverse model: force as a linear sum of what the axis did, by least squares (IDIM-LS).
+
+    F = M a + F_v v + F_c sgn(v) + offset                                    ("coulomb")
+    F = M a + (F_v+ v + F_c+) [v > 0] + (F_v- v - F_c-) [v < 0]              ("asymmetric")
+
+Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which takes every row for independent,
+and clustered by blocks of one second, which does not (see `ballbot.identification.axis.covariance`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.identification.axis.covariance import clustered_covariance
+from ballbot.identification.axis.filtering import (
+    Motion,
+    decimated,
+    decimation_factor,
+    default_bandwidth,
+    first_row,
+    smoothed_motion,
+)
+from ballbot.identification.axis.record import AxisRecord
+
+#: residuals within a block may depend on each other [s]
+BLOCK = 1.0
+#: beyond this condition number, of columns of length one, the record does not tell the parameters apart
+LARGEST_CONDITION = 1e4
+
+Form = Literal["coulomb", "asymmetric"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InverseFit:
+    """What the inverse model gives; p parameters."""
+
+    names: tuple[str, ...]  #: (p,)
+    values: NDArray[np.float64]  #: (p,) SI units
+    standard_deviations: NDArray[np.float64]  #: (p,) as published: rows taken for independent
+    clustered_errors: NDArray[np.float64]  #: (p,) rows of one second taken together
+    relative_force_error: float  #: |F - F_hat| / |F|
+    condition: float  #: of the regression's columns, each of length one
+
+    def value(self, name: str) -> float:
+        """Return the parameter of that name."""
+        return float(self.values[self.names.index(name)])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "parameters": dict(zip(self.names, self.values.tolist(), strict=True)),
+            "standard_deviations": dict(zip(self.names, self.standard_deviations.tolist(), strict=True)),
+            "relative_standard_deviations": dict(
+                zip(self.names, (self.standard_deviations / np.abs(self.values)).tolist(), strict=True)
+            ),
+            "clustered_standard_errors": dict(zip(self.names, self.clustered_errors.tolist(), strict=True)),
+            "relative_force_error": self.relative_force_error,
+            "condition": self.condition,
+        }
+
+
+def inverse_fit(record: AxisRecord, *, form: Form = "coulomb", bandwidth: float | None = None) -> InverseFit:
+    """Fit the inverse model.
+
+    Parameters
+    ----------
+    record : AxisRecord
+    form : {"coulomb", "asymmetric"}
+    bandwidth : float, optional
+        Of the motion [Hz]; the filter passes five times as much, the regression keeps twice.
+
+    Raises
+    ------
+    InputError
+        Where the bandwidth does not suit the sampling, or the record cannot give the parameters.
+    """
+    band = default_bandwidth(record) if bandwidth is None else bandwidth
+    columns = _columns(smoothed_motion(record, bandwidth=band), form)
+    start, factor = first_row(record, bandwidth=band), decimation_factor(record, bandwidth=band)
+    names = tuple(columns)
+    X = np.column_stack([decimated(column[start:], factor) for column in columns.values()])
+    F = decimated(record.force[start:], factor)
+    condition = _condition(record, names, X)
+    values = np.linalg.lstsq(X, F, rcond=None)[0]
+    residual = F - X @ values
+    block = (np.arange(len(F)) * factor * record.sample_time // BLOCK).astype(np.int64)
+    deviations = np.std(residual, ddof=1) * np.sqrt(np.linalg.inv(X.T @ X).diagonal())
+    return InverseFit(
+        names=names,
+        values=np.asarray(values, dtype=np.float64),
+        standard_deviations=np.asarray(deviations, dtype=np.float64),
+        clustered_errors=np.sqrt(clustered_covariance(X, residual, block).diagonal()),
+        relative_force_error=float(np.linalg.norm(residual) / np.linalg.norm(F)),
+        condition=condition,
+    )
+
+
+def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.float64]:
+    """Return (F_v- - F_v+)/2 of equal parts of the record, (parts, 2): value and clustered standard error."""
+    edges = np.linspace(0, len(record), parts + 1).astype(int)
+    rows = []
+    for first, last in pairwise(edges):
+        part = AxisRecord(
+            name=record.name,
+            sample_time=record.sample_time,
+            force=record.force[first:last],
+            position=record.position[first:last],
+            unit=record.unit,
+        )
+        fit = inverse_fit(part, form="asymmetric")
+        error = np.hypot(
+            *fit.clustered_errors[[fit.names.index("viscous_plus"), fit.names.index("viscous_minus")]]
+        )
+        rows.append((0.5 * (fit.value("viscous_minus") - fit.value("viscous_plus")), 0.5 * error))
+    return np.array(rows)
+
+
+def _columns(motion: Motion, form: Form) -> dict[str, NDArray[np.float64]]:
+    v, sign = motion.speed, np.sign(motion.speed)
+    if form == "coulomb":
+        return {"mass": motion.acceleration, "viscous": v, "coulomb": sign, "offset": np.ones_like(v)}
+    plus, minus = 0.5 * (1.0 + sign), 0.5 * (1.0 - sign)
+    return {
+        "mass": motion.acceleration,
+        "viscous_plus": v * plus,
+        "coulomb_plus": sign * plus,
+        "viscous_minus": v * minus,
+        "coulomb_minus": sign * minus,
+    }
+
+
+def _condition(record: AxisRecord, names: tuple[str, ...], X: NDArray[np.float64]) -> float:
+    lengths = np.linalg.norm(X, axis=0)
+    if not lengths.all():
+        raise InputError(
+            f"{record.name} says nothing of {names[int(np.argmin(lengths))]}: the axis must move both ways, at "
+            "several speeds."
+        )
+    condition = float(np.linalg.cond(X / lengths))
+    if condition > LARGEST_CONDITION:
+        raise InputError(
+            f"{record.name} does not tell {', '.join(names)} apart (condition number {condition:.2g}); the axis must "
+            "move both ways, at several speeds, and speed up and slow down."
+        )
+    return condition

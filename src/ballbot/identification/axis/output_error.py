@@ -1,0 +1,192 @@
+"""Output error: the parameters whose simulation comes closest to the record, in open or in closed loop.
+
+In open loop the recorded force moves the axis from the state at a window's start, and positions are compared; in
+closed loop the recorded reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with
+central differences wide enough to average over single events of sticking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ballbot.identification.axis.covariance import clustered_covariance
+from ballbot.identification.axis.filtering import Motion, speed_at_start
+from ballbot.identification.axis.laws import PARAMETERS, Rung, Scaling, Values
+from ballbot.identification.axis.motion import Axis
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.evolution import evolve
+
+#: half the central difference, in the scaled parameter
+_DIFFERENCE = 5e-4
+_MOST_STEPS = 30
+#: the descent ends where a step lowers the sum of squares by less than this share
+_ENOUGH = 1e-4
+#: it starts at least this far inside the bounds, and ends at one where it comes closer than `_AT_BOUND`
+_INSIDE, _AT_BOUND = 1e-3, 1e-6
+#: the evolution strategy looks this far around, in scaled parameters
+_REACH, _REACH_LOGARITHMIC = 0.2, 2.0
+_GENERATIONS, _POPULATION = 25, 10
+#: positions are compared this often [s]
+_COMPARED_EVERY = 0.01
+#: residuals up to so many blocks apart are taken for dependent, of the record's blocks one in
+_NEIGHBOURS = 4
+
+Span = tuple[int, int]  #: first row and the row after the last
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """Simulated minus recorded, and in which block of time each lies."""
+
+    values: NDArray[np.float64]  #: (m,)
+    block: NDArray[np.int64]  #: (m,)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OutputErrorFit:
+    """What output error gives."""
+
+    rung: Rung
+    values: dict[str, float]  #: SI units
+    standard_errors: dict[str, float]  #: NaN where a parameter stands at a bound
+    rms: float  #: of the residuals: [m] in open loop, [N] in closed loop
+
+    @property
+    def axis(self) -> Axis:
+        """The axis with these parameters."""
+        return Axis(rung=self.rung, values=self.values)
+
+
+def equal_spans(record: AxisRecord, duration: float) -> list[Span]:
+    """Return windows of about that duration [s], end to end; one of the whole record where that is shorter."""
+    count = max(1, round(len(record) * record.sample_time / duration))
+    edges = np.linspace(0, len(record) - 1, count + 1).astype(int)
+    return [(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+def open_loop_residuals(
+    record: AxisRecord, motion: Motion, spans: Sequence[Span], *, block: float
+) -> Callable[[Axis], Residuals]:
+    """Return what gives an axis's position errors [m] in these windows; blocks are of that duration [s]."""
+    every = max(1, round(_COMPARED_EVERY / record.sample_time))
+    rows = [np.arange(first + every, last + 1, every) for first, last in spans]
+    blocks = (np.concatenate(rows) * record.sample_time // block).astype(np.int64)
+    measured = np.concatenate([record.position[row] for row in rows])
+    speeds = [float(motion.speed[first]) if first else speed_at_start(record) for first, _ in spans]
+
+    def residuals(axis: Axis) -> Residuals:
+        predicted = [
+            axis.open_loop(
+                record.force[first:last],
+                position=float(record.position[first]),
+                speed=speed,
+                sample_time=record.sample_time,
+            )[every - 1 :: every]
+            for (first, last), speed in zip(spans, speeds, strict=True)
+        ]
+        return Residuals(values=np.concatenate(predicted) - measured, block=blocks)
+
+    return residuals
+
+
+def closed_loop_residuals(record: AxisRecord, *, start: int, block: float) -> Callable[[Axis], Residuals]:
+    """Return what gives an axis's force errors [N] in closed loop, from row `start` on."""
+    blocks = (np.arange(start, len(record)) * record.sample_time // block).astype(np.int64)
+    speed = speed_at_start(record)
+
+    def residuals(axis: Axis) -> Residuals:
+        forces = axis.closed_loop(record, speed=speed).forces
+        return Residuals(values=forces[start:] - record.force[start:], block=blocks - blocks[0])
+
+    return residuals
+
+
+def fit_output_error(
+    rung: Rung, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
+) -> OutputErrorFit:
+    """Descend from `start`; `scale` is a usual size of the residuals."""
+    sizes = np.array([abs(start[name]) or 1.0 for name in rung.names])
+    scaling = Scaling(names=rung.names, sizes=sizes)
+    lower, upper = scaling.bounds()
+
+    def errors(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        return residuals_of(Axis(rung=rung, values=scaling.values(z))).values / scale
+
+    def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        columns = []
+        for i in range(len(z)):
+            step = _DIFFERENCE * np.eye(len(z))[i]
+            ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
+            columns.append((errors(ahead) - errors(behind)) / (ahead - behind)[i])
+        return np.column_stack(columns)
+
+    begin = np.maximum(scaling.scaled(start), lower + _INSIDE)
+    found = least_squares(
+        errors,
+        begin,
+        jac=slopes,  # pyright: ignore[reportArgumentType] (SciPy takes a function too)
+        bounds=(lower, upper),
+        x_scale="jac",
+        max_nfev=_MOST_STEPS,
+        ftol=_ENOUGH,
+        xtol=1e-5,
+    )
+    last = residuals_of(Axis(rung=rung, values=scaling.values(found.x)))
+    return OutputErrorFit(
+        rung=rung,
+        values=scaling.values(found.x),
+        standard_errors=_standard_errors(scaling, found.x, found.jac, last, scale),
+        rms=float(np.sqrt(np.mean(last.values**2))),
+    )
+
+
+def search_output_error(
+    rung: Rung, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
+) -> OutputErrorFit:
+    """Descend from the best of an evolution strategy around where a descent from `start` ends.
+
+    Over long windows single events of sticking make many small valleys, of which a descent finds the nearest.
+    """
+    near = fit_output_error(rung, start, residuals_of, scale=scale)
+    scaling = Scaling(
+        names=rung.names, sizes=np.array([abs(near.values[name]) or 1.0 for name in rung.names])
+    )
+    middle, (lower, upper) = scaling.scaled(near.values), scaling.bounds()
+    logarithmic = np.array([PARAMETERS[name].logarithmic and name != "mass" for name in rung.names])
+    reach = np.where(logarithmic, _REACH_LOGARITHMIC, _REACH)
+
+    def z_of(sought: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.clip(middle + (2.0 * sought - 1.0) * reach, lower, upper)
+
+    def costs(population: NDArray[np.float64]) -> NDArray[np.float64]:
+        axes = [Axis(rung=rung, values=scaling.values(z_of(one))) for one in population]
+        return np.array([0.5 * np.log(np.mean(residuals_of(axis).values ** 2)) for axis in axes])
+
+    evolved = evolve(
+        costs,
+        size=len(rung.names),
+        generations=_GENERATIONS,
+        population=_POPULATION,
+        seed=0,
+        report=lambda generation, cost: None,  # noqa: ARG005
+    )
+    found = fit_output_error(rung, scaling.values(z_of(evolved.best)), residuals_of, scale=scale)
+    return min(near, found, key=lambda fit: fit.rms)
+
+
+def _standard_errors(
+    scaling: Scaling, z: NDArray[np.float64], J: NDArray[np.float64], last: Residuals, scale: float
+) -> dict[str, float]:
+    lower, upper = scaling.bounds()
+    kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
+    errors = np.full(len(z), np.nan)
+    neighbours = (int(last.block.max()) + 1) // _NEIGHBOURS
+    covariance = clustered_covariance(J[:, kept], last.values / scale, last.block, neighbours=neighbours)
+    errors[kept] = np.sqrt(covariance.diagonal())
+    return dict(zip(scaling.names, (errors * scaling.slopes(z)).tolist(), strict=True))

@@ -1,0 +1,121 @@
+"""`AxisRecord`: force and position of one axis over time, and the loop that moved it where that is known.
+
+The axis is   M a = F - offset - friction(v)   with F held over a sample. For an axis that turns, M is an inertia
+[kg m^2], forces are torques [N m] and positions angles [rad].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+
+#: rows that make a record too short for any of the methods
+LEAST_ROWS = 200
+#: a sampling interval may differ from the mean one by this share of it
+LARGEST_JITTER = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionVelocityLoop:
+    """A position loop around a velocity loop, both proportional.
+
+    u = k_v (k_p (reference - position) - velocity), within +-limit; force = force_per_input u
+
+    The velocity is the position's difference over `span` samples.
+    """
+
+    position_gain: float  #: k_p [1/s]
+    velocity_gain: float  #: k_v [input s/m]
+    force_per_input: float  #: [N/input]
+    limit: float = np.inf  #: largest |u|
+    span: int = 1  #: samples that the velocity is a difference over
+
+    def __post_init__(self) -> None:
+        for name in ("position_gain", "velocity_gain", "force_per_input", "limit"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"The loop's {name} is {getattr(self, name):g}; it must be above zero.")
+        if self.span < 1:
+            raise InputError(f"The loop's velocity spans {self.span} samples; it must be 1 or more.")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisRecord:
+    """A record at even intervals.
+
+    Raises
+    ------
+    InputError
+        Where lengths differ, values are missing, the axis never moves, or there are too few rows.
+    """
+
+    name: str
+    sample_time: float  #: h [s]
+    force: NDArray[np.float64]  #: (N,) F [N], held from each row to the next
+    position: NDArray[np.float64]  #: (N,) [m]
+    reference: NDArray[np.float64] | None = None  #: (N,) [m]; needed for closed loop
+    loop: PositionVelocityLoop | None = None  #: needed for closed loop
+    unit: Literal["m", "rad"] = "m"
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sample_time < np.inf:
+            raise InputError(
+                f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
+            )
+        columns = {"force": self.force, "position": self.position, "reference": self.reference}
+        for name, values in columns.items():
+            if values is None:
+                continue
+            if values.shape != (len(self.force),):
+                raise InputError(
+                    f"{self.name}: {name} has the shape {values.shape}, force {self.force.shape}."
+                )
+            if not np.isfinite(values).all():
+                row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
+                raise InputError(
+                    f"{self.name}: {name} is missing or not finite at row {row}; every row needs it."
+                )
+        if len(self) < LEAST_ROWS:
+            raise InputError(f"{self.name} has {len(self)} rows; at least {LEAST_ROWS} are needed.")
+        if np.ptp(self.position) == 0.0:
+            raise InputError(
+                f"{self.name}: the position never changes, so that nothing can be told of friction."
+            )
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Time from the record's start (N,) [s]."""
+        return self.sample_time * np.arange(len(self), dtype=np.float64)
+
+    @property
+    def force_unit(self) -> str:
+        """[N], or [N m] for an axis that turns."""
+        return "N" if self.unit == "m" else "N m"
+
+
+def even_sample_time(name: str, t: NDArray[np.float64]) -> float:
+    """Return the sample time [s] of rows at times t (N,).
+
+    Raises
+    ------
+    InputError
+        Where time does not increase, or not by even steps.
+    """
+    if len(t) < 2 or not np.isfinite(t).all():
+        raise InputError(f"{name}: the time has fewer than two rows, or is missing in some.")
+    steps = np.diff(t)
+    mean = float(t[-1] - t[0]) / len(steps)
+    if mean <= 0.0 or np.abs(steps - mean).max() > LARGEST_JITTER * mean:
+        row = int(np.abs(steps - mean).argmax()) + 2
+        raise InputError(
+            f"{name}: time steps by {steps[row - 2]:g} s at row {row} and by {mean:g} s on average; identify-axis "
+            "needs even steps."
+        )
+    return mean

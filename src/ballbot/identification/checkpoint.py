@@ -1,0 +1,212 @@
+"""A long run that can be killed and goes on bit for bit: a journal of what it has computed.
+
+A run is determined by its inputs and by the answers to its expensive questions: the costs of a population, the
+normal equations about a point, a batch of a bootstrap. Each answer is written, with its question, before it is used.
+Resuming is running again: the questions come in the same order, those on file are answered from it, and no private
+state of the search or of its random numbers has to be kept. A question that differs by one bit ends the run.
+
+The file is text, a JSON object a line, floats with as many digits as give the same bits back:
+
+    {"format": "ballbot checkpoint 1", "belongs_to": {"robot": "sha256 ...", "seed": "0", ...}}
+    {"stage": "evolution", "question": {"shape": [24, 12], "values": [...]}, "answer": [{"shape": [24], ...}]}
+
+It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.files import remove, write_bytes
+from ballbot.identification.machine import machine
+from ballbot.log import Log
+from ballbot.robot import Robot
+
+_FORMAT = "ballbot checkpoint 1"
+
+Arrays = tuple[NDArray[np.float64], ...]
+
+
+class Recall(Protocol):
+    """Answers a question, from a checkpoint where the answer is on file."""
+
+    def __call__(
+        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
+    ) -> Arrays:
+        """Return the arrays that `answer` gives.
+
+        Parameters
+        ----------
+        stage : str
+            What part of the run asks.
+        question : ndarray
+            What the answer depends on.
+        answer : callable
+            Computes it; draws no random numbers.
+        """
+        ...
+
+
+def afresh(
+    stage: str,  # noqa: ARG001
+    question: NDArray[np.float64],  # noqa: ARG001
+    answer: Callable[[], Sequence[NDArray[np.float64]]],
+) -> Arrays:
+    """Compute every answer: the `Recall` of a run without a checkpoint."""
+    return tuple(answer())
+
+
+class Checkpoint:
+    """A run's journal; made by `open_checkpoint`."""
+
+    def __init__(self, path: Path, lines: Sequence[bytes]) -> None:
+        """Keep the lines of the file at `path`, the header first."""
+        self._path = path
+        self._lines = list(lines)
+        self._next = 1  # the line that the next question is compared with
+
+    def recall(
+        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
+    ) -> Arrays:
+        """Answer as `Recall` says; a new answer is on file before it is returned.
+
+        Raises
+        ------
+        InputError
+            Where the file has an answer to another question in this place, is damaged or cannot be written.
+        """
+        if self._next == len(self._lines):
+            arrays = tuple(np.asarray(array, float) for array in answer())
+            self._lines.append(_line(stage, question, arrays))
+            write_bytes(self._path, b"".join(self._lines))
+        else:
+            arrays = self._on_file(stage, question)
+        self._next += 1
+        return arrays
+
+    def remove(self) -> None:
+        """Delete the file, as its run's results are kept elsewhere now."""
+        remove(self._path)
+
+    def _on_file(self, stage: str, question: NDArray[np.float64]) -> Arrays:
+        try:
+            entry = json.loads(self._lines[self._next])
+            same = entry["stage"] == stage and _text(entry["question"]) == _text(_plain(question))
+            answered = tuple(_array(one) for one in entry["answer"])
+        except (ValueError, KeyError, TypeError):
+            raise InputError(
+                f"{self._path} is damaged at line {self._next + 1}; delete it to begin anew."
+            ) from None
+        if not same:
+            raise InputError(
+                f"{self._path} cannot be resumed: at line {self._next + 1} the run now asks something else than"
+                " when it was begun; delete it to begin anew."
+            )
+        return answered
+
+
+def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: bool) -> Checkpoint:
+    """Return the journal of a run, a new one or one to go on with; the file is written at the first answer.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the file.
+    belongs_to : mapping of str to str
+        What the answers depend on, each by a plain name; see `identity`.
+    resume : bool
+        Go on with what the file holds; where there is no file, begin.
+
+    Raises
+    ------
+    InputError
+        Where there is a file that is not to be resumed, that belongs to another run or is no checkpoint, or where it
+        cannot be read or written.
+    """
+    path = Path(path)
+    header = json.dumps({"format": _FORMAT, "belongs_to": dict(belongs_to)}, ensure_ascii=False).encode()
+    if not path.exists():
+        return Checkpoint(path, [header + b"\n"])
+    if not resume:
+        raise InputError(
+            f"{path} holds a run that was not finished; resume it (--resume), or delete it to begin anew."
+        )
+    lines = _read(path)
+    _check_same(path, _header(path, lines), belongs_to)
+    return Checkpoint(path, lines)
+
+
+def identity(robot: Robot, logs: Sequence[Log], options: Mapping[str, object]) -> dict[str, str]:
+    """Return what a run belongs to: its robot, logs and options, and the machine's kind and versions."""
+    columns = [(log.names, *(log[name] for name in log.names)) for log in logs]
+    return {
+        "robot": digest(robot).hex(),
+        "logs": digest(*(part for log in columns for part in log)).hex(),
+        **{name: str(value) for name, value in options.items()},
+        **machine(),
+    }
+
+
+def digest(*parts: object) -> bytes:
+    """Return the SHA-256 of arrays and of what has a `repr` that tells all of it."""
+    found = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            found.update(f"{part.dtype} {part.shape}\n".encode())
+            found.update(np.ascontiguousarray(part).tobytes())
+        else:
+            found.update(f"{part!r}\n".encode())
+    return found.digest()
+
+
+def _read(path: Path) -> list[bytes]:
+    try:
+        return path.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+
+
+def _header(path: Path, lines: Sequence[bytes]) -> dict[str, str]:
+    try:
+        header = json.loads(lines[0])
+        if header["format"] == _FORMAT and lines[-1].endswith(b"\n"):
+            return dict(header["belongs_to"])
+    except (IndexError, ValueError, KeyError, TypeError):
+        pass
+    raise InputError(f"{path} is not a whole checkpoint of this version of Ballbot; delete it to begin anew.")
+
+
+def _check_same(path: Path, begun: Mapping[str, str], now: Mapping[str, str]) -> None:
+    differing = [name for name in [*now, *begun] if begun.get(name) != now.get(name)]
+    names = ", ".join(dict.fromkeys(differing))
+    if names:
+        raise InputError(
+            f"{path} belongs to another run, which differs in: {names}; resume with the same,"
+            " or delete it to begin anew."
+        )
+
+
+def _line(stage: str, question: NDArray[np.float64], answer: Arrays) -> bytes:
+    entry = {"stage": stage, "question": _plain(question), "answer": [_plain(array) for array in answer]}
+    return json.dumps(entry).encode() + b"\n"
+
+
+def _plain(array: NDArray[np.float64]) -> dict[str, list]:
+    return {"shape": list(np.shape(array)), "values": np.asarray(array, float).ravel().tolist()}
+
+
+def _array(plain: Mapping[str, list]) -> NDArray[np.float64]:
+    return np.array(plain["values"], float).reshape(plain["shape"])
+
+
+def _text(plain: object) -> str:
+    """Return what the file holds; equal texts are equal bits, but for the many kinds of NaN."""
+    return json.dumps(plain)

@@ -1,0 +1,136 @@
+"""How far off a prediction is after a tenth, a quarter and half a second: the wheels' speeds and the lean.
+
+The speeds are compared with the encoders' where the log has them, so that what the model does not have, as a ball that
+pivots on the floor, counts as an error too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.identification.back_emf import standstill_torques
+from ballbot.identification.prediction import Predictor, chunks
+from ballbot.identification.stages import windows_for
+from ballbot.identification.wheel_speeds import measured_wheel_speeds
+from ballbot.identification.windows import COMPARISONS, Windows
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+
+#: [s]
+HORIZONS = (0.1, 0.25, 0.5)
+
+#: from times of rows (m,) [s] to states (m, 10), NaN where there is none
+Starts = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+_HALF = len(STATE_NAMES) // 2
+_LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """Root mean square errors of predictions, over all starts and all wheels, or both leans."""
+
+    with_friction: float
+    without_friction: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HorizonErrors:
+    """Errors so long after the starts."""
+
+    horizon: float  #: of a whole number of rows [s]
+    starts: int  #: how many predictions have a value there
+    wheel_speed: Errors  #: [rad/s]
+    lean: Errors  #: theta and phi [rad]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "horizon_s": self.horizon,
+            "starts": self.starts,
+            "wheel_speed_rmse": vars(self.wheel_speed),
+            "lean_rmse": vars(self.lean),
+        }
+
+
+def horizon_errors(
+    predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: Starts | None = None
+) -> tuple[HorizonErrors, ...]:
+    """Return the errors by horizon, of predictions that begin one longest horizon after another.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    values : ndarray (p,)
+        Its parameters, SI units.
+    log : Log
+        Of that robot; where motors are driven by voltage, with the torques less the back-EMF's.
+    starts : callable, optional
+        The states to start from; those in the log's rows by default.
+
+    Returns
+    -------
+    tuple of HorizonErrors
+        Empty where the log has no stretch as long as the longest horizon with a known start.
+
+    Raises
+    ------
+    InputError
+        Where the log lacks a column.
+    """
+    sample_time = log.sample_time
+    # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
+    duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
+    supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
+    windows = windows_for(predictor, values, [supplied], duration=duration)
+    initial = windows.initial if starts is None else starts(np.array([one.start for one in windows.spans]))
+    known = np.flatnonzero(np.isfinite(initial).all(axis=1))
+    if not known.size:
+        return ()
+    states = _predicted(predictor, values, windows.take(known), initial[known])
+    spans = [windows.spans[row] for row in known]
+    first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in spans])
+    measured = measured_wheel_speeds(log, predictor.robot)
+    model = Model(predictor.robot)
+    errors = []
+    for horizon in HORIZONS:
+        after = max(1, round(horizon / sample_time))
+        at = states[:, :, after - 1]
+        speeds = model.wheel_speed(at[..., :_HALF], at[..., _HALF:]) - measured[first + after]
+        leans = at[..., _LEANS] - windows.measured[known, after - 1][:, _LEANS]
+        # a robot that fell in a prediction has no value there, nor an encoder that was not read
+        valued = np.isfinite(np.concatenate([speeds, leans], axis=2)).all(axis=(0, 2))
+        if valued.any():
+            errors.append(
+                HorizonErrors(
+                    horizon=after * sample_time,
+                    starts=int(valued.sum()),
+                    wheel_speed=_errors(speeds[:, valued]),
+                    lean=_errors(leans[:, valued]),
+                )
+            )
+    return tuple(errors)
+
+
+def _predicted(
+    predictor: Predictor, values: NDArray[np.float64], windows: Windows, initial: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the states (2, w, m, 10) predicted with friction and without."""
+    both = np.stack([values, predictor.layout.without_friction(values)])
+    parts, done = [], 0
+    for chunk in chunks(windows):
+        begin = initial[done : done + len(chunk)]
+        residuals = predictor.residuals(both, chunk, every=1, starts=np.stack([begin, begin]))
+        parts.append(residuals + chunk.measured)
+        done += len(chunk)
+    return np.concatenate(parts, axis=1)
+
+
+def _errors(differences: NDArray[np.float64]) -> Errors:
+    """Return root mean squares of differences (2, w, k)."""
+    with_friction, without = np.sqrt((differences**2).mean(axis=(1, 2)))
+    return Errors(with_friction=float(with_friction), without_friction=float(without))

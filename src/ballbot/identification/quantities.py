@@ -1,0 +1,317 @@
+"""Every quantity that identification can seek, in one table: name, symbol, unit, scale and default bounds.
+
+Friction always stands first, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]; what else is
+sought follows in the table's order. A quantity that is not sought has its value before: the robot's own, or the neutral
+one of an input and of sensors without fault (gain 1, all others 0).
+
+The bounds keep the robot physical: masses' second moments S_x, S_y, S_z about the centre of mass stand for its
+inertia, J_xx = S_y + S_z and so on in turn, of which any that are positive belong to some body (the triangle inequality
+is S > 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.identification import rigid_body
+from ballbot.robot import Robot
+from ballbot.robot.derived import thin_shell_inertia
+
+#: how a search sees it: an amount from zero, looked at more closely near zero; a size, of which ratios matter; or a
+#: number of either sign
+Scale = Literal["amount", "ratio", "signed"]
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """One line of the table."""
+
+    name: str  #: in options and files
+    symbol: str  #: in results
+    unit: str
+    meaning: str
+    #: what its numbers belong to: "" for one number, "wheels" for one a wheel, or letters, as "xyz"
+    each: str = ""
+    scale: Scale = "amount"
+    #: default bounds of each of its numbers; in shares of `of(robot)`, where that is given
+    bounds: Interval
+    of: Callable[[Robot], Sequence[float]] | None = None
+    #: the values before; zero where there is none
+    before: Callable[[Robot], Sequence[float]] | None = None
+
+    def labels(self, wheel_count: int) -> tuple[str, ...]:
+        """Return the label of each of its numbers, as "b1" or "S_x"."""
+        if self.each == "wheels":
+            return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
+        return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
+
+    def values_before(self, robot: Robot) -> NDArray[np.float64]:
+        """Return its numbers as the robot has them, or as they are where nothing is amiss."""
+        count = len(self.labels(robot.wheel_count))
+        return np.zeros(count) if self.before is None else np.array(self.before(robot), dtype=float)
+
+    def default_bounds(self, robot: Robot) -> NDArray[np.float64]:
+        """Return the least and greatest value of each of its numbers (k, 2)."""
+        unit = np.ones(len(self.labels(robot.wheel_count))) if self.of is None else np.array(self.of(robot))
+        return unit[:, None] * np.array(self.bounds)
+
+
+def _ones(robot: Robot) -> Sequence[float]:
+    return (1.0,) * robot.wheel_count
+
+
+QUANTITIES: tuple[Quantity, ...] = (
+    Quantity(
+        name="viscous",
+        symbol="b",
+        unit="N m s/rad",
+        meaning="viscous friction of each wheel",
+        each="wheels",
+        bounds=(0.0, 0.1),
+        before=lambda robot: robot.friction.viscous,
+    ),
+    Quantity(
+        name="coulomb",
+        symbol="c",
+        unit="N m",
+        meaning="dry friction at speed of each wheel",
+        each="wheels",
+        bounds=(0.0, 0.5),
+        before=lambda robot: robot.friction.coulomb,
+    ),
+    Quantity(
+        name="stribeck",
+        symbol="s",
+        unit="N m",
+        meaning="break-away torque above c of each wheel",
+        each="wheels",
+        bounds=(0.0, 0.5),
+        before=lambda robot: robot.friction.stribeck,
+    ),
+    Quantity(
+        name="stribeck_speed",
+        symbol="v_s",
+        unit="rad/s",
+        meaning="speed over which s fades",
+        scale="ratio",
+        bounds=(0.1, 3.0),
+        before=lambda robot: (robot.friction.stribeck_speed,),
+    ),
+    Quantity(
+        name="stribeck_exponent",
+        symbol="delta",
+        unit="",
+        meaning="how sharply s fades",
+        scale="ratio",
+        bounds=(0.3, 10.0),
+        before=lambda robot: (robot.friction.stribeck_exponent,),
+    ),
+    Quantity(
+        name="rolling",
+        symbol="C_rr",
+        unit="",
+        meaning="rolling friction of the ball on the floor",
+        bounds=(0.0, 0.05),
+        before=lambda robot: (robot.friction.rolling,),
+    ),
+    Quantity(
+        name="load",
+        symbol="mu",
+        unit="",
+        meaning="dry friction that each wheel's drive adds for each N m of its torque",
+        each="wheels",
+        bounds=(0.0, 0.5),
+    ),
+    Quantity(
+        name="pivoting",
+        symbol="T_p",
+        unit="N m",
+        meaning="largest friction against the ball's pivoting on the floor",
+        bounds=(0.0, 0.5),
+    ),
+    Quantity(
+        name="center_of_mass",
+        symbol="l",
+        unit="m",
+        meaning="height of the body's centre of mass above the ball's centre",
+        scale="ratio",
+        bounds=(0.5, 2.0),
+        of=lambda robot: (robot.body.center_of_mass,),
+        before=lambda robot: (robot.body.center_of_mass,),
+    ),
+    Quantity(
+        name="second_moment",
+        symbol="S",
+        unit="kg m^2",
+        meaning="integral of x^2 dm, y^2 dm and z^2 dm over the body about its centre of mass",
+        each="xyz",
+        scale="ratio",
+        bounds=(0.25, 4.0),
+        of=rigid_body.second_moments,
+        before=rigid_body.second_moments,
+    ),
+    Quantity(
+        name="ball_inertia",
+        symbol="j_b",
+        unit="kg m^2",
+        meaning="of the ball about its centre, between a solid ball's and a thin shell's",
+        scale="ratio",
+        bounds=(0.6, 1.0),
+        of=lambda robot: (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),),
+        before=lambda robot: (robot.ball.inertia,),
+    ),
+    Quantity(
+        name="wheel_inertia",
+        symbol="j_w",
+        unit="kg m^2",
+        meaning="of a wheel about its axle",
+        bounds=(0.0, 5.0),
+        of=lambda robot: (robot.wheels.inertia,),
+        before=lambda robot: (robot.wheels.inertia,),
+    ),
+    Quantity(
+        name="rotor_inertia",
+        symbol="j_r",
+        unit="kg m^2",
+        meaning="of a motor's rotor and gear, as felt at the wheel",
+        bounds=(0.0, 5.0),
+        of=rigid_body.rotor_inertia,
+        before=rigid_body.rotor_inertia,
+    ),
+    Quantity(
+        name="torque_gain",
+        symbol="gain",
+        unit="",
+        meaning="torque that acts for each N m logged, of each motor",
+        each="wheels",
+        scale="ratio",
+        bounds=(0.5, 2.0),
+        before=_ones,
+    ),
+    Quantity(
+        name="torque_offset",
+        symbol="offset",
+        unit="N m",
+        meaning="torque that acts when none is logged, of each motor",
+        each="wheels",
+        scale="signed",
+        bounds=(-0.2, 0.2),
+    ),
+    Quantity(
+        name="delay",
+        symbol="delay",
+        unit="s",
+        meaning="from a torque's row in the log to its effect in the states' rows",
+        scale="signed",
+        bounds=(0.0, 0.03),
+    ),
+    Quantity(
+        name="lean_bias",
+        symbol="lean",
+        unit="rad",
+        meaning="tilt of the IMU against the line from the ball's centre to the body's centre of mass",
+        each="xy",
+        scale="signed",
+        bounds=(-0.1, 0.1),
+    ),
+    Quantity(
+        name="gyro_bias",
+        symbol="gyro",
+        unit="rad/s",
+        meaning="what the gyro reads at rest, about the body's axes; that about z turns the heading",
+        each="xyz",
+        scale="signed",
+        bounds=(-0.1, 0.1),
+    ),
+)
+
+BY_NAME = MappingProxyType({quantity.name: quantity for quantity in QUANTITIES})
+FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling")
+#: names that stand for several
+GROUPS = MappingProxyType(
+    {
+        "friction": FRICTION,
+        "rigid_body": ("center_of_mass", "second_moment"),
+        "torque": ("torque_gain", "torque_offset", "delay"),
+        "bias": ("lean_bias", "gyro_bias"),
+    }
+)
+
+
+def names_in(free: Sequence[str]) -> tuple[str, ...]:
+    """Return the quantities' names that these names and names of groups stand for, in the table's order.
+
+    Raises
+    ------
+    InputError
+        Where one is neither.
+    """
+    named: set[str] = set()
+    for word in free:
+        if word not in BY_NAME and word not in GROUPS:
+            choices = [*GROUPS, *BY_NAME]
+            near = get_close_matches(word, choices, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(choices)}."
+            raise InputError(f"{word!r} is no quantity that can be identified; {hint}")
+        named.update(GROUPS.get(word, (word,)))
+    return tuple(name for name in BY_NAME if name in named)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """Which quantities a row of parameters (p,) holds, and where."""
+
+    wheel_count: int
+    extra: tuple[str, ...] = ()  #: names after friction's, in the table's order
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All quantities, in order."""
+        return (*FRICTION, *self.extra)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The label of each number (p,)."""
+        return tuple(label for name in self.names for label in BY_NAME[name].labels(self.wheel_count))
+
+    def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None where it is not among them."""
+        first = 0
+        for other in self.names:
+            size = len(BY_NAME[other].labels(self.wheel_count))
+            if other == name:
+                return values[..., first : first + size]
+            first += size
+        return None
+
+    def values_before(self, robot: Robot) -> NDArray[np.float64]:
+        """Return the parameters (p,) before identification."""
+        return np.concatenate([BY_NAME[name].values_before(robot) for name in self.names])
+
+    def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
+        result = values.copy()
+        for name in (*FRICTION, "load"):
+            part = self.part(name, result)
+            if part is not None:
+                part[...] = 1.0 if name in ("stribeck_speed", "stribeck_exponent") else 0.0
+        return result
+
+    def by_symbol(self, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
+        """Return parameters (p,) as {"b": [..], "c": [..], "s": [..], "v_s": .., "delta": .., "C_rr": .., ..}."""
+        result: dict[str, list[float] | float] = {}
+        for name in self.names:
+            numbers = self.part(name, values)
+            assert numbers is not None
+            quantity = BY_NAME[name]
+            result[quantity.symbol] = numbers.tolist() if quantity.each else float(numbers[0])
+        return result

@@ -1,0 +1,314 @@
+"""The stages of an identification: windows prepared, a basin searched for, the estimate polished, and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.identification.checkpoint import Recall, afresh, digest
+from ballbot.identification.coordinates import Coordinates
+from ballbot.identification.dormant import dormant
+from ballbot.identification.evolution import Evolved, evolve
+from ballbot.identification.excitation import Excitation, check_count, check_excitation
+from ballbot.identification.nuisance import samples_before
+from ballbot.identification.polish import CANDIDATES, Polished, at_bound, polish
+from ballbot.identification.prediction import Cost, Predictor, chunks
+from ballbot.identification.problem import Problem
+from ballbot.identification.progress import Stage, Teller
+from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.spread import Spread
+from ballbot.identification.starts import TRIALS, WORK_OF_STARTS, Finished, finish
+from ballbot.identification.uncertainty import without_influence
+from ballbot.identification.wheel_speeds import ball_spin
+from ballbot.identification.windows import Windows, cut_windows, split
+from ballbot.log import STATE_NAMES, Log
+
+#: inner step of the evolution's simulations [s]; only the basin is asked of them, and the cost differs by 1e-4
+EVOLUTION_STEP = 2.5e-3
+#: what the cost may rise by when a parameter without influence goes back to its value before
+LARGEST_LOSS = 1e-3
+#: steps with freed starts for each step of the polish, at most
+STEPS_WITH_STARTS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How hard to search.
+
+    Raises
+    ------
+    InputError
+        Where a count is too small.
+    """
+
+    generations: int = 150  #: of the evolution, at most
+    population: int = 24  #: sets of parameters in each
+    evolution_windows: int = 64  #: of those to fit, how many the evolution looks at; the polish takes all
+    polish_steps: int = 25  #: at most
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("generations", 1),
+            ("population", 4),
+            ("evolution_windows", 1),
+            ("polish_steps", 1),
+        ):
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prepared:
+    """Windows to fit and to judge by, and what can be asked of them."""
+
+    problem: Problem  #: all windows to fit
+    coarse: Problem  #: some of them and a longer inner step, for the search
+    fit: Windows
+    held_out: Windows
+    excitation: Excitation
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """Where the search ended and what could be told there."""
+
+    polished: Polished  #: windows predicted from their measured starts
+    finished: Finished  #: their starts estimated too: the estimate
+    values: NDArray[np.float64]  #: (p,), SI units
+    no_influence: NDArray[np.bool_]  #: (p,)
+    refused: NDArray[np.bool_]  #: (p,), those that the logs cannot give for want of excitation
+    estimated: NDArray[np.bool_]  #: (p,), those with a standard error
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Which parameters (p,) get no number."""
+        return self.no_influence | self.refused
+
+
+def windows_for(
+    predictor: Predictor, upper: NDArray[np.float64], logs: Sequence[Log], *, duration: float
+) -> Windows:
+    """Cut logs into windows with what the predictor's parameters, up to `upper` (p,), need besides the states."""
+    layout = predictor.layout
+    pivots = "pivoting" in layout.extra
+    return cut_windows(
+        logs,
+        wheel_count=layout.wheel_count,
+        duration=duration,
+        before=lambda sample_time: samples_before(layout, upper, sample_time),
+        spins=[ball_spin(log, predictor.robot) for log in logs] if pivots else None,
+    )
+
+
+def prepare(
+    predictor: Predictor,
+    coordinates: Coordinates,
+    logs: Sequence[Log],
+    *,
+    window: float,
+    held_out: float,
+    seed: int,
+    effort: Effort,
+    counted: NDArray[np.bool_],
+    spread: Spread,
+) -> Prepared:
+    """Cut the logs, set windows aside and ask whether the rest can give the parameters.
+
+    Parameters
+    ----------
+    window : float
+        Length of a window [s].
+    held_out : float
+        Share of the windows that are set aside.
+    counted : ndarray (10,)
+        The states whose errors count.
+    spread : Spread
+        Where the search and the polish do their work.
+
+    Raises
+    ------
+    InputError
+        Where the logs cannot give the parameters.
+    """
+    windows = windows_for(predictor, coordinates.upper, logs, duration=window)
+    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=seed)
+    check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
+    fit = windows.take(fit_rows)
+    excitation = check_excitation(fit, predictor.robot, coordinates)
+    drawn = np.sort(np.random.default_rng(seed).permutation(len(fit))[: effort.evolution_windows])
+    coarse = replace(predictor, step=max(predictor.step, EVOLUTION_STEP))
+    return Prepared(
+        problem=_problem(predictor, fit, coordinates, counted, spread),
+        coarse=_problem(coarse, fit.take(drawn), coordinates, counted, spread),
+        fit=fit,
+        held_out=windows.take(held_rows),
+        excitation=excitation,
+    )
+
+
+def _problem(
+    predictor: Predictor,
+    windows: Windows,
+    coordinates: Coordinates,
+    counted: NDArray[np.bool_],
+    spread: Spread,
+) -> Problem:
+    before = np.clip(coordinates.before, coordinates.lower, coordinates.upper)
+    none = predictor.layout.without_friction(before)
+    reference = predictor.square_sums(none[None], windows, every=windows.comparison_interval)[0]
+    cost = Cost(reference=reference, counted=counted)
+    return Problem(predictor=predictor, windows=windows, coordinates=coordinates, cost=cost, spread=spread)
+
+
+def stages_of(prepared: Prepared, effort: Effort) -> tuple[Stage, ...]:
+    """Return the stages and their work, in simulations of a window by a set of parameters times inner steps."""
+    free = int(prepared.problem.coordinates.free.sum())
+    polishing = CANDIDATES + 2 * free + 2  # candidates, then differences, the point itself and its variances
+    finishing = TRIALS + 2 * free + 2 + WORK_OF_STARTS
+    search = effort.population * _work(prepared.coarse)
+    return (
+        Stage(name="evolution", steps=effort.generations, work=search),
+        Stage(name="polish", steps=effort.polish_steps, work=polishing * _work(prepared.problem)),
+        Stage(
+            name="starts",
+            steps=STEPS_WITH_STARTS * effort.polish_steps,
+            work=finishing * _work(prepared.problem),
+        ),
+    )
+
+
+def _work(problem: Problem) -> float:
+    return len(problem.windows) / problem.predictor.step
+
+
+def inputs_of(
+    prepared: Prepared, *, effort: Effort, seed: int, start: Identification | None
+) -> NDArray[np.float64]:
+    """Return a digest (32,) of all that the search and the polish depend on, as a checkpoint's first question."""
+    problem = prepared.problem
+    parts: list[object] = [effort, seed, None if start is None else (start.layout, start.values.tolist())]
+    for one in (replace(problem.predictor, threads=None), problem.coordinates, prepared.fit):
+        parts += [getattr(one, field.name) for field in fields(one)]
+    parts += [prepared.coarse.windows.spans, prepared.coarse.predictor.step, problem.cost.counted]
+    return np.frombuffer(digest(*parts), dtype=np.uint8).astype(float)
+
+
+def search(problem: Problem, *, effort: Effort, seed: int, told: Teller, recall: Recall = afresh) -> Evolved:
+    """Find the basin: an evolution over the parameters that are free, the others where they are held."""
+    coordinates = problem.coordinates
+    free = coordinates.free
+    held = coordinates.scaled(coordinates.before)
+
+    def points(sought: NDArray[np.float64]) -> NDArray[np.float64]:
+        all_of_them = np.tile(held, (len(sought), 1))
+        all_of_them[:, free] = sought
+        return np.where(free, coordinates.from_search(all_of_them), all_of_them)
+
+    evolved = evolve(
+        lambda population: problem.costs(points(population)),
+        size=int(free.sum()),
+        generations=effort.generations,
+        population=effort.population,
+        seed=seed,
+        report=told.of("evolution"),
+        recall=recall,
+    )
+    return Evolved(best=points(evolved.best[None])[0], history=evolved.history)
+
+
+def refine(
+    prepared: Prepared,
+    start: NDArray[np.float64],
+    *,
+    effort: Effort,
+    told: Teller,
+    recall: Recall = afresh,
+) -> Estimate:
+    """Polish, free the starts; then hold what turned out to be without influence, and finish the rest."""
+    problem = prepared.problem
+    free, steps = problem.coordinates.free, STEPS_WITH_STARTS * effort.polish_steps
+    polish_steps, report = effort.polish_steps, told.of("polish")
+    polished = polish(problem, start, free=free, most_steps=polish_steps, report=report, recall=recall)
+    report = told.of("starts")
+    finished = finish(problem, polished.point, free=free, most_steps=steps, report=report, recall=recall)
+    asleep = dormant(problem, finished, most_steps=steps, recall=recall)
+    no_influence = free & (asleep.dependent | without_influence(finished.equations.normal))
+    if no_influence.any():
+        again = _as_before(problem, finished.point, no_influence & ~asleep.dependent)
+        own = problem.coordinates.scaled(problem.coordinates.before)
+        again = np.where(asleep.through, 0.0, np.where(asleep.dependent, own, again))
+        rest = free & ~no_influence
+        finished = finish(problem, again, free=rest, most_steps=steps, report=report, recall=recall)
+    refused = prepared.excitation.refused & ~no_influence
+    return Estimate(
+        polished=polished,
+        finished=finished,
+        values=problem.coordinates.physical(finished.point),
+        no_influence=no_influence,
+        refused=refused,
+        estimated=free & ~no_influence & ~refused & ~at_bound(finished.point),
+    )
+
+
+def better_start(
+    problem: Problem, evolved: NDArray[np.float64], start: Identification
+) -> NDArray[np.float64]:
+    """Return whichever predicts better: what the evolution found (p,), or an earlier identification's numbers.
+
+    What the earlier one does not have is as it was before.
+    """
+    coordinates = problem.coordinates
+    values = coordinates.before.copy()
+    for name in coordinates.layout.names:
+        mine = coordinates.layout.part(name, values)
+        theirs = start.layout.part(name, start.values)
+        if mine is not None and theirs is not None:
+            mine[...] = theirs
+    points = np.stack([evolved, coordinates.scaled(values)])
+    return points[problem.costs(points).argmin()]
+
+
+def _as_before(
+    problem: Problem, point: NDArray[np.float64], no_influence: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return `point` (p,) with the robot's own values where there is no influence, if that predicts as well.
+
+    It need not: a wheel that friction holds throughout is held by any friction above some size, and not by none.
+    """
+    own = problem.coordinates.scaled(problem.coordinates.before)
+    before = np.where(no_influence, own, point)
+    costs = problem.costs(np.stack([point, before]))
+    return before if costs[1] < costs[0] + LARGEST_LOSS else point
+
+
+def errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
+    """Return the errors of predictions by parameters (p,), with their friction and without."""
+    both = np.stack([values, predictor.layout.without_friction(values)])
+    squares = [(predictor.residuals(both, chunk, every=1) ** 2).sum(axis=2) for chunk in chunks(windows)]
+    with_friction, without = (
+        np.concatenate(squares, axis=1) if squares else np.zeros((2, 0, len(STATE_NAMES)))
+    )
+    return WindowErrors(window_samples=windows.samples, squares_with=with_friction, squares_without=without)
+
+
+def states_counted(left_out: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which states (10,) count where these are left out of the cost.
+
+    Raises
+    ------
+    InputError
+        Where one is no state, or none is left.
+    """
+    for name in left_out:
+        if name not in STATE_NAMES:
+            raise InputError(
+                f"{name!r} is no state that can be left out; there are {', '.join(STATE_NAMES)}."
+            )
+    counted = np.array([name not in left_out for name in STATE_NAMES])
+    if not counted.any():
+        raise InputError("Every state is left out of the cost; at least one must count.")
+    return counted

@@ -1,0 +1,124 @@
+"""Figures of an axis's identification: its friction, its force in closed loop, its position in open loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ballbot.identification.axis import AxisIdentification, AxisRecord
+from ballbot.identification.axis.filtering import default_bandwidth, smoothed_motion, speed_at_start
+from ballbot.identification.axis.motion import Axis
+from ballbot.identification.axis.result import Estimate
+from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, thinned
+
+#: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
+_SLOW = 0.02
+
+
+def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+    """Return force less inertia and offset over speed: what the record shows, and the law taken."""
+    motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
+    inverse = found.inverse["coulomb"]
+    friction = record.force - inverse.value("mass") * motion.acceleration - inverse.value("offset")
+    fastest = float(np.abs(motion.speed).max())
+    moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)[::7]
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(
+        motion.speed[moving], friction[moving], ".", color=MUTED, markersize=1.2, alpha=0.4, label="record"
+    )
+    for estimate, color, dash in _drawn_laws(found):
+        _draw_law(estimate, fastest, color, dash, axes)
+    middle = float(np.quantile(np.abs(friction[moving]), 0.99))
+    axes.set_ylim(-1.3 * middle, 1.3 * middle)
+    axes.set_xlabel(f"speed [{found.unit}/s]")
+    axes.set_ylabel(f"friction [{record.force_unit}]")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
+    drawn = [(found.estimate("inverse"), ORANGE, "--"), (found.best, BLUE, "-")]
+    if found.chosen.symmetric:
+        drawn.append((found.rungs["asymmetric"], GREEN, ":"))
+    return drawn
+
+
+def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
+    speed = np.linspace(1e-4, 1.0, 200) * fastest
+    plus, minus = estimate.rung.laws(estimate.values)
+    label = f"{estimate.rung.name}, {estimate.method}"
+    for side, law in ((1.0, plus), (-1.0, minus)):
+        axes.plot(
+            side * speed,
+            law.steady_friction(side * speed),
+            color=color,
+            linestyle=dash,
+            linewidth=1.4,
+            label=label if side > 0.0 else None,
+        )
+
+
+def closed_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+    """Return the force in closed loop, recorded and simulated, and the difference."""
+    axis = _axis(found.estimate("closed loop"))
+    moved = axis.closed_loop(record, speed=speed_at_start(record))
+    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    t, measured, simulated = thinned(record.t, record.force, moved.forces)
+    upper.plot(t, measured, label="recorded", **MEASURED)
+    upper.plot(t, simulated, color=BLUE, linewidth=0.9, label="simulated in closed loop")
+    upper.set_ylabel(f"force [{record.force_unit}]")
+    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    lower.plot(t, simulated - measured, color=INK, linewidth=0.7)
+    lower.set_ylabel("difference")
+    lower.set_xlabel("time [s]")
+    return figure
+
+
+def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+    """Return the position, and the errors of its simulation from the recorded force alone."""
+    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1, 2))
+    t, position = thinned(record.t, record.position)
+    upper.plot(t, position, label="recorded", **MEASURED)
+    upper.set_ylabel(f"position [{found.unit}]")
+    for estimate, color, dash in _drawn_laws(found):
+        moved = _axis(estimate).open_loop(
+            record.force[:-1],
+            position=float(record.position[0]),
+            speed=speed_at_start(record),
+            sample_time=record.sample_time,
+        )
+        t, error = thinned(record.t[1:], 1e3 * (moved - record.position[1:]))
+        label = f"{estimate.rung.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
+        lower.plot(t, error, color=color, linestyle=dash, linewidth=1.2, label=label)
+    lower.axhline(0.0, color=MUTED, linewidth=0.6)
+    lower.set_ylabel(f"error [m{found.unit}]")
+    lower.set_xlabel("time [s]")
+    lower.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return figure
+
+
+def ladder_figure(found: AxisIdentification) -> Figure:
+    """Return each law's gain on windows held out over the law below, with its 95 % interval."""
+    judged = [one for one in found.ladder if one.rung.below]
+    figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(judged)), layout="constrained")
+    axes = figure.subplots()
+    for place, one in enumerate(reversed(judged)):
+        color = BLUE if one.earned else MUTED
+        low, high = (100.0 * value for value in one.interval)
+        axes.plot([low, high], [place, place], color=color, linewidth=2.0)
+        axes.plot(100.0 * one.gain, place, "o", color=color, markersize=5)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_yticks(
+        range(len(judged)), [f"{one.rung.name} over {one.rung.below}" for one in reversed(judged)]
+    )
+    axes.set_xlim(-60.0, 130.0)
+    axes.set_xlabel("less squared error on windows held out [%]")
+    return figure
+
+
+def _axis(estimate: Estimate) -> Axis:
+    return Axis(rung=estimate.rung, values=estimate.values)

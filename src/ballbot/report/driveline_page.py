@@ -1,0 +1,136 @@
+"""The page of the driveline stage, as HTML, and what its results.json holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from ballbot.identification.axis.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
+from ballbot.report.driveline_figures import (
+    comparison_figure,
+    curve_figure,
+    measured_figure,
+    torque_speed_figure,
+)
+from ballbot.report.page import figure_markup, render
+from ballbot.report.provenance import Provenance
+from ballbot.report.style import drawn
+from ballbot.report.tables import digits, with_error
+
+UNITS = ("N m s/rad", "N m", "N m", "rad/s", "")
+#: beyond this correlation two parameters are better told together
+_CLOSE = 0.9
+
+
+def driveline_report(
+    robot: str,
+    sweeps: Sequence[Sweep],
+    fits: Sequence[DrivelineFit],
+    printed: Sequence[PrintedFit],
+    made: Provenance,
+) -> str:
+    """Return the page."""
+    figures = {
+        "measured_figure": partial(measured_figure, sweeps),
+        "curve_figure": partial(curve_figure, fits, sweeps[0].limit),
+        "torque_speed_figure": partial(torque_speed_figure, sweeps[0], fits[0]),
+    }
+    comparisons = [
+        figure_markup(drawn(partial(comparison_figure, *row), name=f"wheel-{row[0].wheel}"))
+        for row in zip(sweeps, fits, printed, strict=True)
+    ]
+    svgs = {name: figure_markup(drawn(draw, name=name.replace("_", "-"))) for name, draw in figures.items()}
+    seconds = sweeps[0].t[-1] - sweeps[0].t[0]
+    largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
+    values: dict[str, object] = {
+        "title": f"{robot}: friction of the drivelines",
+        "lead": f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
+        "wheels": [f"wheel {fit.wheel}" for fit in fits],
+        "parameters": parameter_rows(fits),
+        "errors": error_rows(fits, printed),
+        "remarks": remarks(fits, printed),
+        "comparison_figures": comparisons,
+        "made": made,
+    }
+    return render("driveline", values | svgs)
+
+
+def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
+    """Return each parameter's symbol, unit and values by wheel, with standard errors."""
+    return [
+        (name, unit, *(with_error(float(fit.values[i]), float(fit.standard_errors[i])) for fit in fits))
+        for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+    ]
+
+
+def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[tuple[str, ...]]:
+    """Return RMS errors [rad/s] by wheel: with friction, without, and with (3.2) as printed."""
+    return [
+        (
+            f"wheel {fit.wheel}",
+            digits(fit.cost),
+            digits(fit.rmse),
+            digits(fit.rmse_without),
+            digits(clamp.rmse),
+            digits(clamp.rmse_restarted),
+        )
+        for fit, clamp in zip(fits, printed, strict=True)
+    ]
+
+
+def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[str]:
+    """Return what the sweep tells and what it does not, as sentences."""
+    sentences = []
+    for fit in fits:
+        errors = fit.standard_errors / fit.values
+        worst = int(np.nanargmax(errors))
+        pairs = [
+            f"{NAMES[i]} and {NAMES[j]} ({fit.correlation[i, j]:+.2f})"
+            for i in range(5)
+            for j in range(i + 1, 5)
+            if abs(fit.correlation[i, j]) > _CLOSE
+        ]
+        close = f" Hard to tell apart: {', '.join(pairs)}." if pairs else ""
+        bound = [NAMES[i] for i in range(5) if not np.isfinite(fit.standard_errors[i])]
+        held = f" At a bound, without a standard error: {', '.join(bound)}." if bound else ""
+        sentences.append(
+            f"Wheel {fit.wheel}: b to {100 * errors[0]:.2g} %, least sure is {NAMES[worst]}, to "
+            f"{100 * errors[worst]:.2g} %.{close}{held}"
+        )
+    ratio = max(clamp.rmse / fit.rmse for fit, clamp in zip(fits, printed, strict=True))
+    sentences.append(
+        "A slow sweep dwells at high speeds and passes the low ones, where s, v_s and delta act, in a few tenths of a "
+        "second each time: these, and c, are known better together than each. The inertia is the robot file's."
+    )
+    sentences.append(
+        f"With the clamp (3.2) as printed, the best five parameters leave up to {ratio:.0f} times the error: the "
+        "integrated speed winds up at the limit and comes back late, and a search makes up for it by friction that is "
+        "not there."
+    )
+    return sentences
+
+
+def driveline_results(
+    fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], made: Provenance
+) -> dict[str, object]:
+    """Return what results.json holds."""
+    return {
+        "parameters": {name: [float(fit.values[i]) for fit in fits] for i, name in enumerate(NAMES)},
+        "standard_errors": {
+            name: [float(fit.standard_errors[i]) for fit in fits] for i, name in enumerate(NAMES)
+        },
+        "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
+        "cost": [fit.cost for fit in fits],
+        "samples": [fit.samples for fit in fits],
+        "rmse": [fit.rmse for fit in fits],
+        "rmse_without_friction": [fit.rmse_without for fit in fits],
+        "clamp_as_printed": {
+            "parameters": {name: [float(one.values[i]) for one in printed] for i, name in enumerate(NAMES)},
+            "rmse": [one.rmse for one in printed],
+            "rmse_of_the_friction_found": [one.rmse_restarted for one in printed],
+        },
+        "remarks": remarks(fits, printed),
+        "provenance": made.to_dict(),
+    }

@@ -1,0 +1,141 @@
+"""The cameras' clock against the log's, first by how fast the body turns, which needs no frame.
+
+    t_camera = offset + (1 + rate) t_log
+
+The speeds of turning, on a grid of both clocks, are correlated over every shift and over rates up to 1 %, each overlap
+normalised by the samples that both have (D. Padfield, IEEE Trans. Image Processing 21 (2012) 2706-2718). A
+repeated motion gives several peaks: all of them are handed on, and the fit of all three axes chooses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from ballbot.errors import InputError
+from ballbot.validation.alignment.turning import Turning
+
+#: of the grid [s]; far below the span, so that a peak is not missed
+_STEP = 0.02
+#: over which the speed of turning is a mean [s]: it calms the cameras' noise and forgives a clock a little wrong
+_SPAN = 0.2
+#: largest rate searched [s/s]
+LARGEST_RATE = 0.01
+#: most of the log that is searched for [s]: more would need a finer grid of rates and tell no more
+_LONGEST = 240.0
+#: and the least that must overlap [s]
+_LEAST_OVERLAP = 4.0
+#: peaks handed on, and how far apart they are [s]
+_PEAKS = 4
+_APART = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """t_camera = offset + (1 + rate) t_log."""
+
+    offset: float  #: the cameras' time at the log's zero [s]
+    rate: float  #: how much faster the cameras' clock runs [s/s]
+
+    def to_log(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return times of the cameras' clock as times of the log's."""
+        return (t - self.offset) / (1.0 + self.rate)
+
+    def to_cameras(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return times of the log's clock as times of the cameras'."""
+        return self.offset + (1.0 + self.rate) * t
+
+
+def candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
+    """Return up to four clocks under which log and cameras turn alike, the likeliest first.
+
+    Raises
+    ------
+    InputError
+        Where the two have too little in common to be compared.
+    """
+    start, end = _liveliest(log)
+    speeds, known = _speeds(log, np.arange(start, end, _STEP))
+    half = 0.5 * (end - start)
+    # a rate wrong by half a step dephases the ends by a quarter of the span
+    count = int(np.ceil(LARGEST_RATE * half / (0.5 * _SPAN)))
+    peaks: list[tuple[float, float, Clock]] = []
+    for rate in np.linspace(-LARGEST_RATE, LARGEST_RATE, 2 * count + 1):
+        begin = cameras.t[0] / (1.0 + rate)
+        grid = np.arange(begin, cameras.t[-1] / (1.0 + rate), _STEP)
+        score = _scores(speeds, known, *_speeds(cameras, (1.0 + rate) * grid))
+        for _ in range(_PEAKS):
+            best = int(np.argmax(score))
+            if not score[best] > 0.0:
+                break
+            shift = begin - start + (best - len(speeds) + 1) * _STEP
+            clock = Clock(offset=float((1.0 + rate) * shift), rate=float(rate))
+            peaks.append((float(score[best]), float(clock.to_cameras(np.array(start + half))), clock))
+            score[max(0, best - int(_APART / _STEP)) : best + int(_APART / _STEP) + 1] = -np.inf
+    if not peaks:
+        raise InputError(
+            "Log and motion capture have nothing in common: under no shift of their clocks do they turn alike over "
+            f"{_LEAST_OVERLAP:g} s."
+        )
+    return _apart(sorted(peaks, key=lambda peak: -peak[0]))
+
+
+def _apart(peaks: list[tuple[float, float, Clock]]) -> list[Clock]:
+    """Return the clocks of the best peaks whose times at the stretch's middle differ."""
+    kept: list[tuple[float, Clock]] = []
+    for _, middle, clock in peaks:
+        if all(abs(middle - other) > _APART for other, _ in kept):
+            kept.append((middle, clock))
+        if len(kept) == _PEAKS:
+            break
+    return [clock for _, clock in kept]
+
+
+def _liveliest(log: Turning) -> tuple[float, float]:
+    """Return start and end of the stretch of the log to search for: where it turns most, if it is long."""
+    start, end = float(log.t[0]), float(log.t[-1])
+    if end - start <= _LONGEST:
+        return start, end
+    speed = np.linalg.norm(log.rate, axis=1)
+    walked = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(log.t))])
+    starts = np.arange(start, end - _LONGEST, 10.0)
+    turned = np.interp(starts + _LONGEST, log.t, walked) - np.interp(starts, log.t, walked)
+    best = float(starts[int(np.argmax(turned))])
+    return best, best + _LONGEST
+
+
+def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean speeds of turning (k,) [rad/s] about times (k,), and 1 where they are known, else 0."""
+    span = turning.at(t + 0.5 * _SPAN) - turning.at(t - 0.5 * _SPAN)
+    known = turning.covers(t - 0.5 * _SPAN, t + 0.5 * _SPAN)
+    return np.where(known, np.linalg.norm(span, axis=1) / _SPAN, 0.0), known.astype(np.float64)
+
+
+def _scores(
+    a: NDArray[np.float64], a_known: NDArray[np.float64], b: NDArray[np.float64], b_known: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how sure (len(a) + len(b) - 1,) each shift of `a` along `b` is: z-scored correlation, -inf where short."""
+    size = fft.next_fast_len(len(a) + len(b) - 1, real=True)
+
+    def spectrum(values: NDArray[np.float64]) -> NDArray[np.complex128]:
+        return np.asarray(fft.rfft(values, size))
+
+    def shifted(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
+        return np.asarray(fft.irfft(left * right, size))[: len(a) + len(b) - 1]
+
+    A, A1, A2 = (spectrum(values[::-1]) for values in (a, a_known, a * a))
+    B, B1, B2 = (spectrum(values) for values in (b, b_known, b * b))
+    n = np.round(shifted(A1, B1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sum_a, sum_b = shifted(A, B1), shifted(A1, B)
+        covariance = shifted(A, B) - sum_a * sum_b / n
+        spread_a = shifted(A2, B1) - sum_a**2 / n
+        spread_b = shifted(A1, B2) - sum_b**2 / n
+        correlation = covariance / np.sqrt(spread_a * spread_b)
+    useful = (n * _STEP >= _LEAST_OVERLAP) & (spread_a > 1e-9) & (spread_b > 1e-9) & np.isfinite(correlation)
+    # Fisher's z over its standard error: a long overlap counts for more than a short one that fits by chance
+    z = np.arctanh(np.clip(np.where(useful, correlation, 0.0), -0.9999, 0.9999)) * np.sqrt(np.maximum(n, 1.0))
+    return np.where(useful, z, -np.inf)

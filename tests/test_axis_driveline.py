@@ -1,0 +1,94 @@
+"""The driveline stage: known friction found in a simulated sweep, and the command on the shared one."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot import Log, Robot
+from ballbot.cli.main import main
+from ballbot.errors import InputError
+from ballbot.identification.axis.driveline import (
+    DrivelineBounds,
+    Sweep,
+    classical,
+    fit_driveline,
+    sweeps_of,
+)
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
+
+TRUTH = np.array([0.012, 0.05, 0.03, 0.7, 1.5])
+SAMPLE_TIME = 5e-3
+
+
+def silent(share: float, note: str) -> None:
+    assert 0.0 <= share <= 1.0
+    assert note
+
+
+@pytest.fixture(scope="module")
+def sweep() -> Sweep:
+    """Return a sweep of 30 s with noise, limited by a stiff torque-speed curve."""
+    t = np.arange(6000) * SAMPLE_TIME
+    torque = np.sin(2.0 * np.pi * t / 20.0)
+    limit = TorqueSpeedCurve(no_load_speed=27.7, stall_torque=200.0)
+    line = Driveline(inertia=0.003, friction=classical(TRUTH), speed_limit=limit)
+    motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME)
+    speed = np.concatenate([[0.0], motion.speeds[0]])
+    noise = 0.03 * np.random.default_rng(1).standard_normal(len(t))
+    return Sweep(wheel=1, t=t, torque=torque, speed=speed + noise, limit=27.7, inertia=0.003)
+
+
+def test_pieces_leave_out_where_the_supply_limits(sweep):
+    pieces = sweep.pieces()
+    assert len(pieces) == 4  # up; down through zero, twice; and the rest
+    for first, end in pieces:
+        assert np.abs(sweep.speed[first:end]).max() < 27.7
+
+
+def test_known_friction_comes_back(sweep):
+    found = fit_driveline(sweep, bounds=DrivelineBounds(), seed=0, generations=60, progress=silent)
+    # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
+    assert np.all(np.abs(found.values - TRUTH) < 5.0 * found.standard_errors + 0.01 * TRUTH)
+    assert np.all(found.standard_errors[:3] < 0.1 * TRUTH[:3])
+    assert found.rmse == pytest.approx(0.03, rel=0.3)
+    assert found.rmse_without > 100.0 * found.rmse
+
+
+def test_the_same_seed_gives_the_same_bits(sweep):
+    short = {"bounds": DrivelineBounds(), "seed": 3, "generations": 5, "population": 8, "progress": silent}
+    one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)
+    assert one.values.tobytes() == other.values.tobytes()
+
+
+def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
+    with pytest.raises(InputError, match="speed limit"):
+        fit_driveline(replace(sweep, limit=1e-3), bounds=DrivelineBounds(), seed=0, progress=silent)
+
+
+def test_bounds_that_fall_are_refused():
+    with pytest.raises(InputError, match="bounds of c"):
+        DrivelineBounds(lower=(0.0, 0.6, 0.0, 0.05, 0.3))
+
+
+def test_a_log_of_too_few_wheels_is_refused():
+    t = np.arange(10) * SAMPLE_TIME
+    log = Log({"t": t, "u1": t, "wheel1_dot": t})
+    with pytest.raises(InputError, match="of 1 wheels"):
+        sweeps_of(Robot.load("alten"), log)
+
+
+@pytest.mark.slow
+def test_the_shared_sweep(tmp_path, shared_data, capsys):
+    log = Log.read(shared_data / "bbr" / "driveline_sweep.csv").between(0.0, 37.0)
+    log.write(tmp_path / "sweep.csv")
+    assert main(["identify-driveline", "alten", str(tmp_path / "sweep.csv"), "--out", str(tmp_path)]) == 0
+    results = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)
+    # the wheel's speed comes in encoder counts; a fit to 0.1 rad/s of 27.7 leaves little else
+    assert max(results["rmse"]) < 0.1
+    assert min(results["clamp_as_printed"]["rmse"]) > 10.0 * max(results["rmse"])
+    robot = Robot.load(tmp_path / "robot.toml")
+    assert list(robot.friction.coulomb) == results["parameters"]["c"]
+    assert (tmp_path / "report.html").read_text().count("<svg") == 6
+    assert "delta" in capsys.readouterr().out

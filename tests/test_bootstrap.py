@@ -1,0 +1,83 @@
+"""The block bootstrap of an estimate, against least squares done anew and against many repeats."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.identification.bootstrap import block_length, bootstrap, resamples
+from ballbot.identification.problem import NormalEquations
+from ballbot.identification.starts import WindowEquations
+from ballbot.identification.uncertainty import covariance
+
+
+def equations_of(J: np.ndarray, residual: np.ndarray) -> WindowEquations:
+    """Return the equations of windows with J (w, k, p) and residual (w, k)."""
+    return WindowEquations(
+        matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residual)
+    )
+
+
+@given(
+    count=st.integers(1, 60), block=st.integers(1, 12), repeats=st.integers(1, 5), seed=st.integers(0, 2**32)
+)
+def test_a_resample_has_as_many_windows_as_there_are(count, block, repeats, seed):
+    drawn = resamples(count, block=min(block, count), repeats=repeats, seed=seed)
+    assert drawn.shape == (repeats, count)
+    np.testing.assert_array_equal(drawn.sum(axis=1), count)
+
+
+def test_neighbours_are_drawn_together():
+    drawn = resamples(1000, block=10, repeats=200, seed=0) - 1.0
+    # two windows of one block differ by the blocks that begin or end between them only: 1 of 10
+    together = np.mean(drawn[:, 1:] * drawn[:, :-1]) / np.mean(drawn**2)
+    # 200 000 products of neighbours give it to about 0.01
+    assert together == pytest.approx(0.9, abs=0.03)
+
+
+def test_blocks_grow_with_the_cube_root():
+    assert [block_length(n) for n in (1, 27, 1000)] == [1, 3, 10]
+
+
+def test_one_step_is_the_whole_way_where_the_problem_is_linear():
+    random = np.random.default_rng(1)
+    J, y = random.standard_normal((30, 8, 3)), random.standard_normal((30, 8))
+    estimate = np.linalg.lstsq(J.reshape(-1, 3), -y.ravel())[0]
+    found = bootstrap(equations_of(J, y + J @ estimate), np.ones(3, bool), seed=4, repeats=5)
+    drawn = resamples(30, block=found.block, repeats=5, seed=4)
+    for times, shift in zip(drawn, found.shifts, strict=True):
+        rows = np.repeat(np.arange(30), times.astype(int))
+        anew = np.linalg.lstsq(J[rows].reshape(-1, 3), -y[rows].ravel())[0]
+        # the ridge of 1e-12 that keeps a resample's equations soluble
+        np.testing.assert_allclose(estimate + shift, anew, rtol=1e-8)
+
+
+def test_errors_are_those_of_many_repeats_where_neighbouring_windows_depend_on_each_other():
+    # a disturbance that lasts several windows: clustered by window, standard errors come out too small
+    random = np.random.default_rng(3)
+    count, repeats, memory = 400, 300, 0.7
+    J = np.repeat(np.ones((count, 1, 1)), 5, axis=1)
+    estimates, resampled, clustered = [], [], []
+    for seed in range(repeats):
+        slow = np.zeros(count)
+        for k in range(1, count):
+            slow[k] = memory * slow[k - 1] + random.standard_normal()
+        residual = slow[:, None] + 0.1 * random.standard_normal((count, 5))
+        shift = -residual.mean()
+        equations = equations_of(J, residual + shift)
+        estimates.append(shift)
+        resampled.append(bootstrap(equations, np.array([True]), seed=seed, repeats=200).errors[0])
+        normal = NormalEquations(matrix=equations.matrices.sum(axis=0), scores=equations.scores)
+        clustered.append(np.sqrt(covariance(normal, np.array([True]))[0, 0]))
+    true = np.std(estimates)
+    # of a memory of 0.7 the clustered errors see 1 / sqrt((1 + 0.7) / (1 - 0.7)) = 0.42
+    assert np.median(clustered) / true == pytest.approx(0.42, abs=0.05)
+    # blocks of 7 lose 2 * 0.7 / (1 - 0.7^2) / 7 of the long-run variance's 5.7: 10 % of the error or so
+    assert np.median(resampled) / true == pytest.approx(0.83, abs=0.08)
+
+
+def test_what_is_not_estimated_has_no_error():
+    random = np.random.default_rng(0)
+    J, residual = random.standard_normal((20, 4, 3)), random.standard_normal((20, 4))
+    errors = bootstrap(equations_of(J, residual), np.array([True, False, True]), seed=0, repeats=50).errors
+    np.testing.assert_array_equal(np.isnan(errors), [False, True, False])

@@ -1,0 +1,180 @@
+"""Checkpoints: a search that is stopped anywhere goes on bit for bit, and a file of another run is refused."""
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from ballbot.errors import InputError
+from ballbot.identification.checkpoint import Recall, afresh, open_checkpoint
+from ballbot.identification.evolution import Evolved, evolve
+
+INPUTS = {"robot": "alten", "seed": "7"}
+
+
+class StoppedError(Exception):
+    """What ends a run on the way."""
+
+
+def tell_nobody(step: int, cost: float) -> None:
+    assert step > 0
+    assert cost > 0.0
+
+
+def valley(points: np.ndarray) -> np.ndarray:
+    """Return a bent valley's costs, whose bits depend on every coordinate."""
+    x, y, z = 4.0 * points.T - 2.0
+    return (1.0 - x) ** 2 + 10.0 * (y - x**2) ** 2 + np.exp(np.sin(z))
+
+
+def search(recall: Recall, *, answers: float = np.inf) -> Evolved:
+    """Run a search that ends by itself, or with `StoppedError` once it has computed so many answers."""
+    computed = 0
+
+    def cost_of(points: np.ndarray) -> np.ndarray:
+        nonlocal computed
+        computed += 1
+        if computed > answers:
+            raise StoppedError
+        return valley(points)
+
+    return evolve(cost_of, size=3, generations=15, population=6, seed=7, report=tell_nobody, recall=recall)
+
+
+def begin(path: Path, *, resume: bool = False, inputs: dict[str, str] = INPUTS) -> Recall:
+    return open_checkpoint(path, belongs_to=inputs, resume=resume).recall
+
+
+@given(stops=st.lists(st.integers(0, 6), max_size=4))
+@settings(deadline=None, max_examples=30)
+def test_a_search_stopped_anywhere_and_resumed_ends_in_the_same_bits(tmp_path_factory, stops):
+    path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
+    never_stopped = search(afresh)
+    for stop in stops:
+        with suppress(StoppedError):
+            search(begin(path, resume=True), answers=stop)
+    resumed = search(begin(path, resume=True))
+    assert resumed.best.tobytes() == never_stopped.best.tobytes()
+    assert resumed.history == never_stopped.history
+
+
+def test_what_is_on_file_is_not_computed_again(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    with pytest.raises(StoppedError):
+        search(begin(path), answers=10)
+    search(begin(path, resume=True), answers=5)  # 15 generations in all
+    with pytest.raises(StoppedError):
+        search(begin(path.with_name("other"), resume=True), answers=5)
+    search(begin(path, resume=True), answers=0)
+
+
+@given(
+    question=arrays(float, (2, 3), elements=st.floats(width=64)),
+    answer=arrays(float, st.sampled_from([(4,), (0, 3), (2, 1, 2), ()]), elements=st.floats(width=64)),
+)
+@settings(deadline=None, max_examples=50)
+def test_every_float_comes_back_from_the_file(tmp_path_factory, question, answer):
+    path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
+    begin(path)("stage", question, lambda: [answer])
+    (back,) = begin(path, resume=True)("stage", question, never)
+    assert back.shape == answer.shape
+    np.testing.assert_array_equal(back, answer)
+    np.testing.assert_array_equal(np.signbit(back[~np.isnan(back)]), np.signbit(answer[~np.isnan(answer)]))
+
+
+def never() -> list[np.ndarray]:
+    raise AssertionError("computed again")
+
+
+def test_nothing_is_written_before_there_is_an_answer(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    with pytest.raises(StoppedError):
+        search(begin(path), answers=0)
+    assert not path.exists()
+
+
+def test_a_run_without_its_file_begins(tmp_path):
+    assert search(begin(tmp_path / "checkpoint.jsonl", resume=True)).history == search(afresh).history
+
+
+def test_an_unfinished_run_is_not_overwritten(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    begin(path)("stage", np.ones(3), list)
+    with pytest.raises(InputError, match="a run that was not finished; resume it"):
+        begin(path)
+
+
+def test_another_runs_file_is_refused_and_the_difference_named(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    begin(path)("stage", np.ones(3), list)
+    with pytest.raises(InputError, match="another run, which differs in: seed;"):
+        begin(path, resume=True, inputs=INPUTS | {"seed": "8"})
+    with pytest.raises(InputError, match="another run, which differs in: window;"):
+        begin(path, resume=True, inputs=INPUTS | {"window": "0.5"})
+
+
+def cut(text: str) -> str:
+    return text[: len(text) - 40]
+
+
+def other_format(text: str) -> str:
+    return text.replace("ballbot checkpoint 1", "ballbot checkpoint 2")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda _: "", "is not a whole checkpoint"),
+        (lambda _: "t,x\n1,2\n", "is not a whole checkpoint"),
+        (lambda _: "[]\n", "is not a whole checkpoint"),
+        (other_format, "is not a whole checkpoint"),
+        (cut, "is not a whole checkpoint"),
+        (lambda text: text.replace('"answer"', '"reply"'), "is damaged at line 2"),
+        (lambda text: text.replace("[6]", "[7]"), "is damaged at line 2"),
+        (lambda text: text.replace("evolution", "polish"), "now asks something else"),
+    ],
+)
+def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path, spoil: Callable[[str], str], sentence: str):
+    path = tmp_path / "checkpoint.jsonl"
+    search(begin(path))
+    path.write_text(spoil(path.read_text()))
+    with pytest.raises(InputError, match=sentence):
+        search(begin(path, resume=True))
+
+
+def test_a_question_that_differs_by_one_bit_is_refused(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    begin(path)("stage", np.ones(3), lambda: [np.zeros(1)])
+    with pytest.raises(InputError, match="at line 2 the run now asks something else"):
+        begin(path, resume=True)("stage", np.array([1.0, 1.0, np.nextafter(1.0, 2.0)]), never)
+
+
+def test_the_file_is_text_that_a_person_can_read(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    search(begin(path))
+    header, first, *rest = (json.loads(line) for line in path.read_text().splitlines())
+    assert header["belongs_to"] == INPUTS
+    assert first["stage"] == "evolution"
+    assert np.shape(first["question"]["values"]) == (18,)
+    assert len(rest) == 14
+
+
+def test_removing_takes_what_a_killed_write_left_behind(tmp_path):
+    checkpoint = open_checkpoint(tmp_path / "checkpoint.jsonl", belongs_to=INPUTS, resume=False)
+    checkpoint.recall("stage", np.ones(3), list)
+    (tmp_path / ".checkpoint.jsonl.x8d2").write_text("a part")
+    (tmp_path / "results.json").write_text("{}")
+    checkpoint.remove()
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        begin(tmp_path / "file" / "checkpoint.jsonl")("stage", np.ones(3), list)

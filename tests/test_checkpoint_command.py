@@ -1,0 +1,87 @@
+"""`ballbot identify` interrupted with Ctrl-C: one sentence says how to go on, and going on ends in the same bytes."""
+
+import shlex
+from pathlib import Path
+
+import pytest
+from identification_examples import balancing_log, noisy
+
+from ballbot.cli.main import main
+from ballbot.cli.output import Bar
+
+#: few parameters are free, so that a run takes a second
+BOUNDS = """\
+stribeck = [0.0, 0.0]
+stribeck_speed = [0.6, 0.6]
+stribeck_exponent = [1.0, 1.0]
+viscous = [0.015, 0.015]
+rolling = [0.007, 0.007]
+"""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    noisy(balancing_log(), seed=6).between(6.0, 10.0).write(folder / "log.csv")
+    (folder / "bounds.toml").write_text(BOUNDS)
+    return folder
+
+
+def words(inputs: Path, *more: str) -> list[str]:
+    options = ["--bounds", str(inputs / "bounds.toml"), "--window", "0.1", "--out", "out"]
+    return ["identify", "alten", str(inputs / "log.csv"), *options, *more]
+
+
+def outputs() -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in Path("out").iterdir()}
+
+
+@pytest.fixture
+def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
+    """Interrupt a run in a fresh working folder after five steps, and return what it said."""
+    monkeypatch.chdir(tmp_path)
+    shown = 0
+
+    def interrupt(*_: object, **__: object) -> None:
+        nonlocal shown
+        shown += 1
+        if shown == 5:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Bar, "show", interrupt)
+        assert main(words(inputs)) == 130
+    return capsys.readouterr().err
+
+
+def test_the_sentence_is_a_command_that_ends_in_the_same_bytes(
+    inputs, interrupted, tmp_path, monkeypatch, capsys
+):
+    assert interrupted.count("\n") == 1
+    told, command = interrupted.rstrip().split(": ballbot identify ")
+    assert told == "ballbot: interrupted; go on where it stopped with"
+    assert main(["identify", *shlex.split(command)]) == 0
+    resumed = outputs()
+    assert set(resumed) == {"results.json", "robot.toml"}  # and no checkpoint any more
+    (tmp_path / "undisturbed").mkdir()
+    monkeypatch.chdir(tmp_path / "undisturbed")
+    assert main(words(inputs)) == 0
+    assert outputs() == resumed
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ((), "holds a run that was not finished; resume it (--resume)"),
+        (("--resume", "--seed", "1"), "belongs to another run, which differs in: seed;"),
+    ],
+)
+def test_what_was_interrupted_is_neither_overwritten_nor_mixed(inputs, interrupted, capsys, more, sentence):
+    assert interrupted
+    kept = outputs()
+    assert main(words(inputs, *more)) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count("\n") == 1
+    assert outputs() == kept

@@ -1,0 +1,70 @@
+"""The time left, from shares done and a clock that the test moves."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.pace import Pace, as_clock
+
+
+class Clock:
+    """A clock that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def watched(steps: list[tuple[float, float]]) -> tuple[Pace, Clock, list[float | None]]:
+    """Return what is left after each step of so many seconds to a share."""
+    clock = Clock()
+    pace = Pace(clock)
+    left = []
+    for seconds, share in steps:
+        clock.now += seconds
+        left.append(pace.seconds_left(share))
+    return pace, clock, left
+
+
+@given(step=st.floats(1e-3, 1e4), count=st.integers(1, 50))
+def test_an_even_pace_is_foretold_exactly(step, count):
+    _, _, left = watched([(step, done / count) for done in range(1, count + 1)])
+    assert left == [pytest.approx(step * (count - done), abs=1e-6 * step) for done in range(1, count + 1)]
+
+
+def test_steps_read_from_a_checkpoint_say_nothing_of_those_that_are_computed():
+    read = [(1e-3, done / 100) for done in range(1, 51)]
+    _, _, left = watched([*read, (60.0, 0.51)])
+    assert left[-1] == pytest.approx(49 * 60.0, rel=1e-6)
+
+
+def test_a_hiccup_does_not_count_and_time_goes_by_between_steps():
+    pace, clock, left = watched([(1.0, 0.1), (1.0, 0.2), (5.0, 0.3), (1.0, 0.4)])
+    assert left[-1] == pytest.approx(6.0)
+    clock.now += 0.5
+    assert pace.seconds_left(0.4) == pytest.approx(5.5)
+    clock.now += 60.0
+    assert pace.seconds_left(0.4) == 0.0
+
+
+def test_nothing_is_said_before_anything_is_done():
+    assert watched([(1.0, 0.0)])[2] == [None]
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=20), st.floats(0.0, 10.0))
+def test_it_is_never_negative(shares, seconds):
+    left = watched([(seconds, share) for share in shares])[2]
+    assert all(one is None or one >= 0.0 for one in left)
+    assert not any(earlier is not None and later is None for earlier, later in pairwise(left))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0:00"), (59.6, "1:00"), (61.0, "1:01"), (3600.0, "1:00:00"), (36061, "10:01:01")],
+)
+def test_clock(seconds, text):
+    assert as_clock(seconds) == text
