@@ -19,7 +19,7 @@ from ballbot.experiments.excite.design import criterion
 from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import peaks_of
 from ballbot.experiments.excite.multisine import family
-from ballbot.experiments.excite.task import run
+from ballbot.experiments.excite.task import Law, run
 from ballbot.experiments.reference_file import sampled
 from ballbot.identification.spread import Threads
 from ballbot.log import STATE_NAMES
@@ -31,7 +31,7 @@ EFFORT = Effort(generations=3, population=6)
 
 
 def asked(
-    *, limits=LIMITS, duration=10.0, robot=None, controller=None, deviations=DEVIATIONS, law="stribeck"
+    *, limits=LIMITS, duration=10.0, robot=None, controller=None, deviations=DEVIATIONS, law: Law = "stribeck"
 ):
     robot = robot or alten(FRICTION)
     return task(

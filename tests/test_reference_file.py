@@ -11,7 +11,7 @@ from ballbot.experiments.reference_file import read_reference, reference_of, ref
 
 
 def written(path):
-    times = 0.005 * np.arange(41)
+    times = 0.005 * np.arange(41, dtype=np.float64)
     poses = np.random.default_rng(3).normal(size=(41, 3))
     write_reference(times, poses, path)
     return times, poses
@@ -47,7 +47,7 @@ def test_names_and_files_are_told_apart(tmp_path):
 def test_a_file_without_a_column_or_value_is_refused(tmp_path):
     t = np.arange(3.0)
     Log({"t": t, "ref_x": t, "ref_y": t}).write(tmp_path / "a.csv")
-    Log({"t": t, "ref_x": t, "ref_y": t, "ref_psi": [0.0, np.nan, 0.0]}).write(tmp_path / "b.csv")
+    Log({"t": t, "ref_x": t, "ref_y": t, "ref_psi": np.array([0.0, np.nan, 0.0])}).write(tmp_path / "b.csv")
     with pytest.raises(InputError, match="no column ref_psi"):
         read_reference(tmp_path / "a.csv")
     with pytest.raises(InputError, match="misses a value at t = 1 s"):

@@ -1,8 +1,8 @@
 """The design of an experiment: an evolution over references that makes standard errors small within limits.
 
 Made small is the worst error times the geometric mean of all, each in shares of its parameter's bounds. The worst alone
-is a poor guide where a parameter is hard to tell whatever one does, as delta where s is small: tried alone, it took delta
-from 14 to 11 % and left the others hardly better than a square does, and worse on the twin.
+is a poor guide where a parameter is hard to tell whatever one does, as delta where s is small: a design for it alone
+leaves the others hardly better known than a square does.
 """
 
 from __future__ import annotations
