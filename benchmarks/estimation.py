@@ -219,7 +219,7 @@ def _why(robot: Robot) -> str:
         "its position). The nominal AHRS's lean is right but for white noise, so that the thesis's way has nothing to "
         "lose by believing it. The filter is ready for a slow lean error of "
         f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees and takes a part of the rolling friction for one; "
-        f"told that the lean is right (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) it loses "
-        "most of what it lost. An AHRS whose lean does err slowly shows what that readiness is for. The torque noise "
+        f"told that the lean is right (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) it stays "
+        "nearer than the thesis's way. An AHRS whose lean does err slowly shows what that readiness is for. The torque noise "
         "of the thesis's way is not all loss: it dithers the dry friction."
     )

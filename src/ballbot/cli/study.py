@@ -61,10 +61,9 @@ def study(
     cluster
         The address of a Dask scheduler that spreads the identification, such as tcp://10.0.0.5:8786.
     """
-    described = Robot.load(robot)
+    described, folder = Robot.load(robot), check_folder(out)
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     within = read_bounds(bounds) if bounds else None
-    folder = check_folder(out)
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
     command = _command(robot, logs, out=out, plant=plant, mapping=mapping, bounds=bounds, seed=seed)
     made = provenance(command=command, files=files, seed=seed)

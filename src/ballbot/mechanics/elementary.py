@@ -182,7 +182,7 @@ def exponential(x):
 
 
 @inlined_in_order
-def _exponent_and_rest(x):
+def _exponent_and_rest(x) -> tuple[float, float]:
     """Return k and log2(x / 2^k) with x / 2^k from sqrt(1/2) to sqrt(2)."""
     bits = bits_of(x)  # pyright: ignore[reportCallIssue] (Numba passes the context)
     k = (bits - _BITS_OF_SQRT_HALF) >> 52

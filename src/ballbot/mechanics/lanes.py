@@ -77,7 +77,7 @@ def _restored(like, work, row, lane):
 
 def _entries(shape: types.Type, rows: Iterator[int]) -> str:
     if isinstance(shape, types.BaseTuple):
-        return "(" + "".join(f"{_entries(item, rows)}, " for item in shape) + ")"
+        return "(" + "".join(f"{_entries(item, rows)}, " for item in _items(shape)) + ")"
     # written out: as a call, each row would be a function to compile
     return f"work[unsigned((row + {next(rows)}) * {LANES} + lane)]"
 
@@ -96,7 +96,11 @@ def _stored(work, row, lane, value):
 def _numbers(shape: types.Type, name: str) -> Iterator[str]:
     """Yield how each number of a tuple is written in code."""
     if isinstance(shape, types.BaseTuple):
-        for i, item in enumerate(shape):
+        for i, item in enumerate(_items(shape)):
             yield from _numbers(item, f"{name}[{i}]")
     else:
         yield name
+
+
+def _items(shape: types.BaseTuple) -> tuple[types.Type, ...]:
+    return tuple(shape)  # pyright: ignore[reportArgumentType] (each kind of tuple is iterable, their base is not)
