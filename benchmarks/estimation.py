@@ -220,6 +220,6 @@ def _why(robot: Robot) -> str:
         "lose by believing it. The filter is ready for a slow lean error of "
         f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees and takes a part of the rolling friction for one; "
         f"told that the lean is right (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) it stays "
-        "nearer than the thesis's way. An AHRS whose lean does err slowly shows what that readiness is for. The torque noise "
-        "of the thesis's way is not all loss: it dithers the dry friction."
+        "nearer than the thesis's way. An AHRS whose lean does err slowly shows what that readiness is for. The torque "
+        "noise of the thesis's way is not all loss: it dithers the dry friction."
     )

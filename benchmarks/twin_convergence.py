@@ -120,6 +120,8 @@ def _figure(found: NDArray[np.float64]) -> Figure:
     axes.set(
         xlabel="step [ms]; the contacts' stiffness grows with its inverse square", ylabel="largest error"
     )
+    axes.set_xticks(steps, [f"{step:.3g}" for step in steps])
+    axes.minorticks_off()
     axes.set_title("The twin's distance from the exact model")
     axes.legend(loc="lower right")
     return figure

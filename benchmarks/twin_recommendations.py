@@ -28,7 +28,7 @@ def campaign() -> Section:
         "recommends the single row, the stiffer ball and less play, Appendix IV the fused fix.",
         columns=list(HEADINGS),
         rows=rows(found),
-        after="What a fix is for, drift, hardly counts in a minute. The filter that fuses it strays more here because it "
-        "is ready for an AHRS whose lean errs slowly, which the nominal one's does not: see the on-board state's "
+        after="What a fix is for, drift, hardly counts in a minute. The filter that fuses it strays more here because "
+        "it is ready for an AHRS whose lean errs slowly, which the nominal one's does not: see the on-board state's "
         "section. `ballbot twin recommendations --seeds 1-5 --out DIR` makes the same table.",
     )
