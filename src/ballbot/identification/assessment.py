@@ -65,7 +65,8 @@ def assess(
     normal = finished.equations.normal
     windows = finished.equations
     clustered = covariance(unleveraged(windows.matrices, windows.scores, estimated), estimated)
-    scaled_errors = np.sqrt(clustered.diagonal())
+    variances = clustered.diagonal()  # not positive where a short, ill-posed fit tells nothing
+    scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
     resampled = bootstrap(finished.equations, estimated, seed=seed).errors
     errors = Errors(
         point=point,
