@@ -1,0 +1,36 @@
+"""Twins with one fault and nothing else, and wheels in the air, which the tests of the faults share."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.robot import Robot
+from ballbot.twin import Scenario, twin_mjcf
+from ballbot.twin.driveline import Driveline
+from ballbot.twin.engine import Engine
+
+ALTEN = Robot.load("alten")
+IDEAL = Scenario.ideal(ALTEN)
+ROTOR = 27.6**2 * (2.42e-6 + 1.6e-7)  # Appendix III
+INERTIA = 1e-3 + ROTOR
+
+
+def ideal(**faults: Any) -> Scenario:
+    return replace(IDEAL, **faults)
+
+
+def wheels_in_the_air(scenario: Scenario) -> tuple[Engine, Driveline]:
+    engine = Engine(twin_mjcf(ALTEN, scenario, mounting="stand"))
+    return engine, Driveline(ALTEN, scenario, engine)
+
+
+def turn(engine: Engine, driveline: Driveline, torques: NDArray[np.float64], steps: int) -> list[list[float]]:
+    driveline.command(torques)
+    speeds = []
+    for _ in range(steps):
+        driveline.prepare_step()
+        engine.step()
+        speeds.append(driveline.speeds.tolist())
+    return speeds
