@@ -11,22 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Model, Robot
-from ballbot.robot import Friction
 from benchmarks.event_driven import EventDriven, Followed
 from benchmarks.section import Section
+from benchmarks.workloads import nominal_robot
 
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 SAMPLE_TIME = 0.04  # [s], a whole number of every step
 
 #: the nominal scenario's (design.md section 11)
-FRICTION = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.11, 0.09, 0.12),
-    stribeck=(0.05, 0.04, 0.06),
-    stribeck_speed=0.6,
-    stribeck_exponent=1.1,
-    rolling=0.007,
-)
+FRICTION = nominal_robot().friction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

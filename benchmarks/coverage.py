@@ -44,6 +44,7 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
 from benchmarks.section import Section
+from benchmarks.workloads import nominal_robot
 
 KEPT = Path(__file__).parents[1] / "build" / "coverage.json"
 DURATION = 32.0  # [s] of each log, twice around the square
@@ -57,22 +58,8 @@ ATTITUDE_NOISE, GYRO_NOISE, WHEEL_NOISE = (
 
 #: all of it at work; and without break-away friction, where v_s and delta have no influence
 TRUTHS = {
-    "all": Friction(
-        viscous=(0.014, 0.016, 0.013),
-        coulomb=(0.11, 0.09, 0.12),
-        stribeck=(0.05, 0.04, 0.06),
-        stribeck_speed=0.6,
-        stribeck_exponent=1.1,
-        rolling=0.007,
-    ),
-    "no break-away": Friction(
-        viscous=(0.014, 0.016, 0.013),
-        coulomb=(0.11, 0.09, 0.12),
-        stribeck=(0.0, 0.0, 0.0),
-        stribeck_speed=0.6,
-        stribeck_exponent=1.1,
-        rolling=0.007,
-    ),
+    "all": nominal_robot().friction,
+    "no break-away": replace(nominal_robot().friction, stribeck=(0.0, 0.0, 0.0)),
 }
 REPEATS = {"all": 200, "no break-away": 40}
 

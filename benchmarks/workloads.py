@@ -10,8 +10,9 @@ from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
+from ballbot.twin import Scenario
 
 SAMPLES = 100
 #: standard deviations of good sensors' noise, for x y theta phi psi and their rates
@@ -20,15 +21,8 @@ NOISE = np.array([1e-4, 1e-4, 5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 7e-4, 7e-4, 7e-4])
 
 def nominal_robot() -> Robot:
     """Return `alten` with the nominal scenario's friction (design section 11), full Stribeck on each wheel."""
-    friction = Friction(
-        viscous=(0.014, 0.016, 0.013),
-        coulomb=(0.11, 0.09, 0.12),
-        stribeck=(0.05, 0.04, 0.06),
-        stribeck_speed=0.6,
-        stribeck_exponent=1.1,
-        rolling=0.007,
-    )
-    return Robot.load("alten").replace(friction=friction)
+    robot = Robot.load("alten")
+    return robot.replace(friction=Scenario.nominal(robot).friction)
 
 
 def smooth(robots: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -7,16 +7,10 @@ from numpy.typing import NDArray
 
 from ballbot import Robot
 from ballbot.robot import Friction
+from ballbot.twin import Scenario
 
-#: of the size that the thesis's robot has
-FRICTION = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.11, 0.09, 0.12),
-    stribeck=(0.05, 0.04, 0.06),
-    stribeck_speed=0.6,
-    stribeck_exponent=1.1,
-    rolling=0.007,
-)
+#: the nominal scenario's (design section 11)
+FRICTION = Scenario.nominal(Robot.load("alten")).friction
 
 
 def alten(friction: Friction | None = None) -> Robot:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from control_examples import FRICTION
 from numba import njit
 
 from ballbot import Model, Robot
@@ -14,16 +15,7 @@ from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, load
 from ballbot.mechanics.smooth import runge_kutta_step
 from ballbot.mechanics.smooth_block import begin_steps, smooth_block
 from ballbot.mechanics.steps import load_state, load_torques
-from ballbot.robot import Friction, Wheels
-
-FRICTION = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.11, 0.09, 0.12),
-    stribeck=(0.05, 0.04, 0.06),
-    stribeck_speed=0.6,
-    stribeck_exponent=1.1,
-    rolling=0.007,
-)
+from ballbot.robot import Wheels
 
 
 @njit(error_model="numpy", fastmath=FAST)

@@ -6,15 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from control_examples import FRICTION, alten
 from friction_examples import DRIVELINE, LAWS, STRIBECK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from ballbot import InputError, Log, Robot
+from ballbot import InputError, Log
 from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, LuGre, Smoothed
-from ballbot.robot import Friction
 from ballbot.simulation.driveline import (
     Driveline,
     SpeedClamp,
@@ -336,15 +336,7 @@ class TestMany:
 
 
 def test_of_wheel_takes_the_robots_values():
-    friction = Friction(
-        viscous=(0.014, 0.016, 0.013),
-        coulomb=(0.11, 0.09, 0.12),
-        stribeck=(0.05, 0.04, 0.06),
-        stribeck_speed=0.6,
-        stribeck_exponent=1.1,
-        rolling=0.007,
-    )
-    robot = Robot.load("alten").replace(friction=friction)
+    robot = alten(FRICTION)
     line = Driveline.of_wheel(robot, 1)
     # design item 7: n^2 (j_m + j_g) = 1.97e-3 beside j_w = 1e-3
     assert line.inertia == pytest.approx(2.97e-3, rel=2e-3)

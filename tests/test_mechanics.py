@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from control_examples import FRICTION
 from numpy.testing import assert_allclose
 from symbolic_oracle import random_robot, random_state
 
@@ -17,16 +18,6 @@ from ballbot.robot import Friction
 def alten(friction: Friction | None = None) -> Robot:
     robot = Robot.load("alten")
     return robot.replace(friction=friction) if friction else robot
-
-
-STRIBECK = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.11, 0.09, 0.12),
-    stribeck=(0.05, 0.04, 0.06),
-    stribeck_speed=0.6,
-    stribeck_exponent=1.1,
-    rolling=0.007,
-)
 
 
 @pytest.mark.parametrize("wheel_count", [3, 4])
@@ -67,7 +58,7 @@ def test_unstable_pole(formulation, pole):
 
 @pytest.mark.parametrize("formulation", ["exact", "thesis"])
 def test_linear_model_is_the_derivative_of_the_nonlinear_one(formulation):
-    model = Model(alten(STRIBECK), formulation)
+    model = Model(alten(FRICTION), formulation)
     linear = model.linearize()
 
     def rates(x, u):
@@ -125,7 +116,7 @@ def test_a_simulation_past_the_largest_lean_ends_and_says_so():
 
 def test_runge_kutta_has_order_four_away_from_zero_speed():
     """Three wheels and the ball all move one way, so that friction is smooth."""
-    robot = alten(STRIBECK)
+    robot = alten(FRICTION)
     state = np.array([0, 0, 0.02, -0.03, 0.4, 1.0, 0.3, 0.2, -0.1, 6.0])
     torque = np.array([[0.4, -0.3, 0.5]])
 
@@ -149,15 +140,15 @@ def test_runge_kutta_has_order_four_away_from_zero_speed():
 def test_known_sign_friction_is_the_numpy_law():
     """Accelerations with friction, from a short step, against M q_ddot = .. - W^T tau(w) - N C_rr v/|v| in NumPy."""
     rng = np.random.default_rng(3)
-    model, free = Model(alten(STRIBECK)), Model(alten())
+    model, free = Model(alten(FRICTION)), Model(alten())
     row = model.packed
     weight = 20.076 * 9.81
     for _ in range(20):
         q = np.concatenate([np.zeros(2), rng.uniform(-1.2, 1.2, 2), rng.uniform(-20, 20, 1)])
         q_dot = rng.uniform(-3, 3, 5)
         speeds = free.wheel_speed(q, q_dot)
-        force = free.wheel_jacobian(q).T @ -wheel_friction(speeds, STRIBECK)
-        force[:2] -= weight * STRIBECK.rolling * q_dot[:2] / np.linalg.norm(q_dot[:2])
+        force = free.wheel_jacobian(q).T @ -wheel_friction(speeds, FRICTION)
+        force[:2] -= weight * FRICTION.rolling * q_dot[:2] / np.linalg.norm(q_dot[:2])
         expected = free.acceleration(q, q_dot, np.zeros(3)) + np.linalg.solve(free.mass_matrix(q), force)
         h = 1e-6
         batch = simulate_lanes(
@@ -176,7 +167,7 @@ def test_known_sign_friction_is_the_numpy_law():
 
 def test_lanes_do_not_depend_on_their_neighbours_or_threads():
     rng = np.random.default_rng(5)
-    model = Model(alten(STRIBECK))
+    model = Model(alten(FRICTION))
     initial = np.concatenate([rng.normal(0, 0.02, (75, 5)), rng.normal(0, 0.3, (75, 5))], axis=1)
     torques = rng.normal(0, 0.3, (75, 20, 3))
     arguments = {"parameter_of": np.zeros(75, int), "sample_time": 0.005, "steps": 5}

@@ -5,23 +5,15 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from control_examples import FRICTION
 
 from ballbot.control.controller import Controller
 from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
-
-FRICTION = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.11, 0.09, 0.12),
-    stribeck=(0.05, 0.04, 0.06),
-    stribeck_speed=0.6,
-    stribeck_exponent=1.1,
-    rolling=0.007,
-)
 
 #: standard deviations of the sensors' noise, in the order of the states
 NOISE = np.array([1e-4, 1e-4, 6e-4, 6e-4, 1e-3, 2e-3, 2e-3, 4e-3, 4e-3, 4e-3])
