@@ -27,6 +27,7 @@ Example: `ballbot study alten square.csv hold.csv --out found`
 #: packages that not every installation has, and the extra of Ballbot that brings each
 _EXTRAS = {
     "mujoco": "twin",
+    "cv2": "vision",
     "pyarrow": "formats",
     "control": "interop",
     "sympy": "symbolic",

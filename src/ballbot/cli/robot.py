@@ -26,6 +26,7 @@ from ballbot.robot.file import write_robot
 from ballbot.robot.parameters import PARAMETERS, value_of
 
 if TYPE_CHECKING:
+    from ballbot.cli.check_swing import CheckedSwing
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
 
@@ -76,7 +77,16 @@ def new(
 
 
 def check(
-    robot: str, /, *, figure: Path | None = None, predict: Path | None = None, out: Path | None = None
+    robot: str,
+    /,
+    *,
+    figure: Path | None = None,
+    predict: Path | None = None,
+    swing: Path | None = None,
+    swing_column: str | None = None,
+    pivot_distance: float | None = None,
+    pivot_deviation: float | None = None,
+    out: Path | None = None,
 ) -> None:
     """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
 
@@ -87,6 +97,8 @@ def check(
 
     Example: `ballbot check mine.toml --predict square.csv --out checked`
 
+    Example: `ballbot check mine.toml --swing hanging.csv --out checked`
+
     Parameters
     ----------
     robot : str
@@ -95,10 +107,19 @@ def check(
         File for a drawing to print: .svg, .pdf or .png.
     predict : Path
         A log; says how far the standard deviations in the file spread predictions of it over 0.25 s.
+    swing : Path
+        A log (gyro or angle) or a video of the body swinging freely; gives its inertia, as the thesis's Appendix III.
+    swing_column : str
+        The log's column that swings, where it is another than gyro_x .. gyro_z or theta, phi, psi.
+    pivot_distance : float
+        From where it hangs to its centre of mass, in m; without it, the body hangs where the ball's centre would be.
+    pivot_deviation : float
+        Standard deviation of that distance, in m.
     out : Path
-        Folder for results.json and check.txt.
+        Folder for results.json and check.txt; with a swing, swing.svg too.
     """
-    checked = _examine(Robot.load(robot), predict)
+    hung = Robot.load(robot)
+    checked = _examine(hung, predict, _swung(hung, swing, swing_column, pivot_distance, pivot_deviation))
     console = standard_output()
     for part in _report(checked, framed=console.is_terminal):
         console.print(part)
@@ -109,6 +130,9 @@ def check(
         write_text(out / "results.json", json.dumps(_results(checked), indent=2) + "\n")
         write_text(out / "check.txt", as_text(_report(checked, framed=False)))
         console.print(f"Wrote {out / 'results.json'} and {out / 'check.txt'}.")
+        if checked.swing is not None:
+            _save_swing(checked.swing, out / "swing.svg")
+            console.print(f"Wrote {out / 'swing.svg'}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,9 +145,25 @@ class _Checked:
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None where no value has a standard deviation
     band: PredictionBand | None
+    swing: CheckedSwing | None
 
 
-def _examine(robot: Robot, predict: Path | None) -> _Checked:
+def _swung(
+    robot: Robot, file: Path | None, column: str | None, distance: float | None, deviation: float | None
+) -> CheckedSwing | None:
+    if file is None:
+        if (column, distance, deviation) != (None, None, None):
+            raise InputError(
+                "--swing-column, --pivot-distance and --pivot-deviation describe a swing; give it with --swing FILE."
+            )
+        return None
+    from ballbot.cli.check_swing import SwingOptions, examine_swing
+
+    options = SwingOptions(file=file, column=column, pivot_distance=distance, pivot_deviation=deviation)
+    return examine_swing(robot, options)
+
+
+def _examine(robot: Robot, predict: Path | None, swing: CheckedSwing | None) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
     from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
@@ -135,6 +175,7 @@ def _examine(robot: Robot, predict: Path | None) -> _Checked:
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
         band=None if predict is None else _band(robot, predict),
+        swing=swing,
         derived=derived_quantities(robot),
         matrices={name: getattr(found, name) for name in _MATRICES},
         poles=poles[np.argsort(-poles.real)],
@@ -159,6 +200,7 @@ def _results(checked: _Checked) -> dict[str, object]:
         "standard_deviations": dict(checked.robot.standard_deviations),
         "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
         "prediction": checked.band.to_dict() if checked.band else None,
+        "swing": checked.swing.to_dict() if checked.swing else None,
     }
 
 
@@ -179,6 +221,8 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     parts += [*_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
     if checked.band:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
+    if checked.swing:
+        parts += checked.swing.parts(framed=framed)
     return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
 
 
@@ -221,3 +265,10 @@ def _save_figure(robot: Robot, path: Path) -> None:
     from ballbot.robot.figure import save_robot_figure
 
     save_robot_figure(robot, path)
+
+
+def _save_swing(swing: CheckedSwing, path: Path) -> None:
+    from ballbot.report.style import drawn
+    from ballbot.report.swing_figure import swing_figure
+
+    write_text(path, drawn(lambda: swing_figure(swing.fit), name="swing"))

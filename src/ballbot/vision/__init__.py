@@ -1,0 +1,1 @@
+"""The ball's angular velocity from a video of its seam."""
