@@ -12,6 +12,7 @@ import pytest
 from control_examples import FRICTION, alten, four_wheeled
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
@@ -114,6 +115,16 @@ def test_a_step_brings_no_two_motions_further_apart(shape: tuple[int, bool], see
 # --- the engine's step for robots side by side ------------------------------------------------------
 
 
+@njit(error_model="numpy")
+def _vector_step(selected, work):
+    convex_block(selected, work, 0, 1)
+
+
+@njit(error_model="numpy")
+def _robust_step(selected, work):
+    robust_lane(selected, work, 0)
+
+
 @pytest.mark.parametrize("pivoting", [None, 0.0, 0.05, 1.0])
 def test_the_engine_s_vector_step_is_the_minimiser_wherever_it_says_so(pivoting: float | None) -> None:
     """`proximal` against `stick_slip` from random states, slow to fast: both of a lane's convex steps."""
@@ -130,9 +141,9 @@ def test_the_engine_s_vector_step_is_the_minimiser_wherever_it_says_so(pivoting:
         lane[STEP] = h = 10.0 ** rng.uniform(-4, -2)
         lane[TORQUE : TORQUE + 3] = rng.uniform(-1, 1, 3) * 10.0 ** rng.uniform(-2, 0)
         work[MARGIN * LANES] = -1.0  # an open step
-        convex_block(model.selected, work, 0, 1)
+        _vector_step(model.selected, work)
         says_so, found = lane[MARGIN] > 0.0, lane[TRIAL : TRIAL + size].copy()
-        robust_lane(model.selected, work, 0)
+        _robust_step(model.selected, work)
         if says_so:
             settled += 1
             change = np.abs(lane[TRIAL : TRIAL + size] - found)[5:].max()

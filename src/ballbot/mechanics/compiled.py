@@ -14,10 +14,17 @@ from pathlib import Path
 from numba import njit
 from numba.extending import overload
 
+from ballbot.mechanics.inner_code import options_of_inner_code
+
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 
-#: what only compiled code calls needs no entry from outside; leaving these out saves a third of the compilation
-_INSIDE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+#: what only compiled code calls needs no entry from outside, nor machine code of its own
+_INSIDE = {
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    **options_of_inner_code(),
+}
 _INLINED = {**_INSIDE, "forceinline": True}
 
 #: a function of its own that only compiled code calls
@@ -45,16 +52,26 @@ _PACKAGES = ("mechanics", "control", "estimation", "simulation", "identification
 
 
 def compiled(function: Callable) -> Callable:
-    """Return a function compiled by itself, kept on disk, and run without Python's lock.
+    """Return a function that Python calls: brought to machine code, kept on disk, and run without Python's lock."""
+    return _kept(njit(error_model="numpy", fastmath=FAST, nogil=True, cache=True), function)
+
+
+def shared(function: Callable) -> Callable:
+    """Return a function that only compiled code calls, kept on disk for the next that Python calls."""
+    return _kept(njit(fastmath=FAST, cache=True, **_INSIDE), function)
+
+
+def _kept(compiler: Callable, function: Callable) -> Callable:
+    """Return a function compiled by `compiler`, and its code on disk stale where it should be.
 
     Numba's cache looks at the function's own file only, yet what is inlined comes from many: here a change
     in any compiled source of its package, or of one it may use, makes the code on disk stale.
     """
-    dispatcher = njit(error_model="numpy", fastmath=FAST, nogil=True, cache=True)(function)
+    dispatcher = compiler(function)
     package = (
         function.__module__.split(".")[1] if function.__module__.startswith("ballbot.") else _PACKAGES[-1]
     )
-    dispatcher._cache._cache_file._source_stamp = _sources_stamp(package)  # pyright: ignore[reportAttributeAccessIssue]
+    dispatcher._cache._cache_file._source_stamp = _sources_stamp(package)
     return dispatcher
 
 

@@ -1,6 +1,6 @@
 """The convex step of `proximal` for the robots of a block, in three loops: the problem, Newton rounds, the end."""
 
-from ballbot.mechanics.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.compiled import by_types_of, called, inlined
 from ballbot.mechanics.contacts import of_boxes
 from ballbot.mechanics.equations import balancing_attitude
 from ballbot.mechanics.lanes import (
@@ -146,7 +146,7 @@ def _chosen(pair, first):
     return pair[0] if first else pair[1]
 
 
-@compiled
+@called
 def convex_block(selected, work, first, last):
     """Take the convex step of lanes first .. last - 1 whose trial does not count; margins then say which settled."""
     _convex_block(selected, work, first, last)

@@ -8,7 +8,7 @@ of the disc. With G = C M^-1 C^T, b = C nu_free and any kappa > 0 the optimality
 solved by a semi-smooth Newton method (L. Qi and J. Sun, A nonsmooth version of Newton's method, 1993): with T the
 derivative of P, each round solves (I - T + T kappa h G) lambda = T kappa b + P(s) - T s. Full stick is tried first, and
 then rest is exactly zero. At most five rounds follow, none with a branch, so that a loop over robots is vector code.
-They do not suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimise` takes
+They do not suffice in some steps of a thousand, nor with four wheels, where G is singular: `stick_slip.minimiser` takes
 these.
 """
 

@@ -1,6 +1,6 @@
 """One RK4 step of `smooth` for lanes of a block, each stage in three loops: attitudes, dry friction, accelerations."""
 
-from ballbot.mechanics.compiled import called, compiled, inlined
+from ballbot.mechanics.compiled import called, inlined
 from ballbot.mechanics.equations import attitude_of, sines
 from ballbot.mechanics.friction import dry_friction, sign
 from ballbot.mechanics.lanes import MARGIN, SCRATCH, STATE, STEP, TORQUE, TRIAL, entry, put, restored, stored
@@ -108,7 +108,7 @@ def _end(selected, work, width):
         put(work, MARGIN, lane, min(entry(work, MARGIN, lane), floor_margin(P, start, end)))
 
 
-@compiled
+@called
 def smooth_block(selected, work, width):
     """Try an RK4 step of the first lanes, after `begin_steps`; states go to the trial rows, margins to theirs."""
     _begin(selected, work, width)

@@ -7,7 +7,7 @@ rounding, a robot's step depends on nothing but the robot.
 import numpy as np
 
 from ballbot.mechanics.accelerations import solve
-from ballbot.mechanics.compiled import by_types_of, called, compiled, inlined
+from ballbot.mechanics.compiled import by_types_of, called, inlined, shared
 from ballbot.mechanics.convex_block import convex_block
 from ballbot.mechanics.equations import (
     LARGEST_LEAN,
@@ -35,7 +35,7 @@ from ballbot.mechanics.lanes import (
 from ballbot.mechanics.parameters import load, state_like
 from ballbot.mechanics.rows import box_rows, in_order, mass_matrix
 from ballbot.mechanics.smooth_block import SINES, SPEEDS, begin_steps, smooth_block
-from ballbot.mechanics.stick_slip import minimise
+from ballbot.mechanics.stick_slip import minimiser
 from ballbot.mechanics.vector import each, each_with
 
 
@@ -51,9 +51,9 @@ def load_torques(selected, work, lane):
     return restored(selected.wheels, work, TORQUE, lane)
 
 
-@compiled
+@called
 def robust_lane(selected, work, lane):
-    """Take the convex step of one lane by `stick_slip.minimise`, which always finds the minimiser."""
+    """Take the convex step of one lane by `stick_slip.minimiser`, which always finds the minimiser."""
     P = load(selected, work, lane)
     state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
     h = entry(work, STEP, lane)
@@ -62,7 +62,7 @@ def robust_lane(selected, work, lane):
     v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
     start = in_order(free.v, free.w)
     C, limits = box_rows(selected, P, a), np.array(free.limits)
-    end = minimise(
+    end = minimiser(
         mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling, h, start
     )
     stored(
@@ -82,7 +82,7 @@ def _velocity_in(like, nu):
     return lambda like, nu: (nu[0], nu[1], nu[5])
 
 
-@compiled
+@shared
 def take_steps(selected, work, width, steps):
     """Advance every lane of a block by `steps` steps with torques held."""
     for _ in range(steps):

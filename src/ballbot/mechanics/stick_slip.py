@@ -21,7 +21,8 @@ import math
 
 import numpy as np
 
-from ballbot.mechanics.compiled import called, compiled
+from ballbot.mechanics.compiled import called, compiled, shared
+from ballbot.mechanics.friction import sign
 from ballbot.mechanics.rows import fill
 
 _GUESSES = 12
@@ -59,7 +60,7 @@ def solve_in_place(K, right, size):
     return True
 
 
-@compiled
+@called
 def rest_is_held(M, free, C, limits, rolling, h):
     """Return True where friction can hold the whole robot at rest.
 
@@ -274,7 +275,7 @@ def _correct(signs, limits, forces, speeds):
         if limits[i] > 0.0:
             if signs[i] == 0.0:
                 if abs(forces[i]) > limits[i]:
-                    signs[i] = np.sign(forces[i])
+                    signs[i] = sign(forces[i])
             elif signs[i] * speeds[i] < 0.0:
                 signs[i] = 0.0
 
@@ -308,12 +309,12 @@ def _first_guess(signs, C, limits, start):
         for j in range(m):
             speed += C[i, j] * start[j]
             terms += abs(C[i, j] * start[j])
-        signs[i] = np.sign(speed) if abs(speed) > _AT_REST * terms and limits[i] > 0.0 else 0.0
+        signs[i] = sign(speed) if abs(speed) > _AT_REST * terms and limits[i] > 0.0 else 0.0
 
 
 @compiled
 def minimise(M, free, C, limits, rolling, h, start):
-    """Return the velocities after a step with set-valued friction.
+    """Return the velocities after a step with set-valued friction, to Python.
 
     Parameters
     ----------
@@ -337,6 +338,12 @@ def minimise(M, free, C, limits, rolling, h, start):
     ndarray, like `free`
         Exactly zero where the whole robot sticks.
     """
+    return minimiser(M, free, C, limits, rolling, h, start)
+
+
+@shared
+def minimiser(M, free, C, limits, rolling, h, start):
+    """Return what `minimise` does, to compiled code."""
     n, m = C.shape
     if rest_is_held(M, free, C, limits, rolling, h):
         return np.zeros(m)

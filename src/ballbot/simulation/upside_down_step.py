@@ -10,7 +10,7 @@ import numpy as np
 from ballbot.mechanics.compiled import compiled, inlined
 from ballbot.mechanics.elementary import exponential, logarithm
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.stick_slip import minimise
+from ballbot.mechanics.stick_slip import minimiser
 
 #: parts of a step in which a sign changes, so that the first order of the method there costs a quarter of the error
 PARTS = 4
@@ -75,7 +75,7 @@ def _convex(A, M, push, friction, u, omega, h, end):
         limits[i] = _dry(friction, i, speed) if speed != 0.0 else friction[n + i] + friction[2 * n + i]
         for axis in range(3):
             free[2 + axis] += h * push[axis, i] * (u[i] - friction[i] * speed)
-    end[:] = minimise(mass, free, rows, limits, 0.0, h, start)[2:]
+    end[:] = minimiser(mass, free, rows, limits, 0.0, h, start)[2:]
 
 
 @compiled

@@ -1,0 +1,84 @@
+"""How Numba compiles what only other compiled code calls: simplified, and never brought to machine code by itself.
+
+Numba would optimise and assemble every function on its own, and again as a part of each caller, of their callers and
+so on up to the function that Python calls; only the last is ever run. Here inner functions are inlined where that is
+asked for and tidied, so that their callers stay small, and the rest is left to the outermost. This halves
+the time of compilation.
+
+Numba documents that a function may have a compiler of its own (`pipeline_class`); the methods of `JITCodeLibrary`
+overridden below are not documented. With a Numba that has them no more, inner functions are compiled in Numba's way,
+which takes twice as long.
+"""
+
+import llvmlite.binding as llvm
+from llvmlite.binding import newpassmanagers
+from numba.core.codegen import CPUCodegen, JITCodeLibrary
+from numba.core.compiler import Compiler
+
+_NEEDED = (
+    (JITCodeLibrary, "_optimize_functions"),
+    (JITCodeLibrary, "_optimize_final_module"),
+    (JITCodeLibrary, "_finalize_final_module"),
+    (JITCodeLibrary, "_finalize_dynamic_globals"),
+    (JITCodeLibrary, "serialize_using_bitcode"),
+    (CPUCodegen, "_pass_builder"),
+    (newpassmanagers.ModulePassManager, "add_always_inliner_pass"),
+)
+
+
+def options_of_inner_code() -> dict[str, type[Compiler]]:
+    """Return what to tell `numba.njit`, or nothing where this Numba is not as expected."""
+    known = all(hasattr(owner, name) for owner, name in _NEEDED)
+    return {"pipeline_class": InnerCompiler} if known else {}
+
+
+class InnerCompiler(Compiler):
+    """Numba's compiler, whose code goes to an `InnerLibrary`."""
+
+    def define_pipelines(self) -> list:
+        """Return Numba's own passes."""
+        state = self.state
+        state.library = InnerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+class InnerLibrary(JITCodeLibrary):
+    """The code of one function and of those in it, for other libraries to take in."""
+
+    def _optimize_functions(self, ll_module: llvm.ModuleRef) -> None:
+        """Leave new code as it is, where Numba runs LLVM's passes over each function."""
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        """Inline what asks for it, and tidy up; the vectoriser and the rest wait for the caller that Python calls."""
+        passes = newpassmanagers.create_new_module_pass_manager()
+        passes.add_always_inliner_pass()
+        passes.add_sroa_pass()
+        passes.add_instruction_combine_pass()
+        passes.add_global_dead_code_eliminate_pass()
+        passes.run(self._final_module, self._codegen._pass_builder(opt=0))
+
+    def _finalize_final_module(self) -> None:
+        """Note that the code is ready to be taken in; Numba would now bring it to machine code."""
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002 (Numba's)
+        """Return 0: there is no function at any address."""
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> "_NoEnvironments":  # pyright: ignore[reportIncompatibleMethodOverride]
+        """What Numba tells where a function's environment is, which only its entry from Python reads."""
+        return _NoEnvironments()
+
+    def serialize_using_object_code(self) -> tuple:
+        """Return what is kept on disk: LLVM's code, there being no machine code."""
+        return self.serialize_using_bitcode()
+
+
+class _NoEnvironments:
+    def set_env(self, env_name: str, env: object) -> None:
+        """Do nothing, there being no machine code that could read it."""

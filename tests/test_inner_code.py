@@ -1,0 +1,87 @@
+"""What only compiled code calls goes into its callers: no machine code of its own, and none that is missing."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from numba import types
+from numba.core.registry import cpu_target
+
+from ballbot.mechanics.compiled import called, compiled, inlined, shared
+
+PROGRAM = """
+import sys
+sys.path.insert(0, {folder!r})
+import doubling
+print(doubling.{entry}(3.0), sum(doubling.twice.stats.cache_hits.values()))
+"""
+
+SOURCE = """
+from ballbot.mechanics.compiled import compiled, shared
+
+@shared
+def twice(x):
+    return 2.0 * x
+
+@compiled
+def six_times(x):
+    return 3.0 * twice(x)
+
+@compiled
+def ten_times(x):
+    return 5.0 * twice(x)
+"""
+
+
+@inlined
+def _squared(x):
+    return x * x
+
+
+@called
+def _sum_of_squares(numbers):
+    total = 0.0
+    for number in numbers:
+        total += _squared(number)
+    return total
+
+
+@shared
+def _norm(numbers):
+    return _sum_of_squares(numbers) ** 0.5
+
+
+def test_inner_functions_have_no_machine_code_and_no_call_to_what_is_inlined() -> None:
+    numbers = types.UniTuple(types.float64, 2)
+    _norm.compile((numbers,))  # pyright: ignore[reportFunctionMemberAccess]
+    inner_functions: list[Any] = [_norm, _sum_of_squares, _squared]
+    (norm,), (sums,), (square,) = (function.overloads.values() for function in inner_functions)
+    machine = cpu_target.target_context.codegen()._engine  # pyright: ignore[reportAttributeAccessIssue]
+    for inner in (norm, sums, square):
+        assert not machine.is_symbol_defined(inner.fndesc.mangled_name)
+    code = norm.library.get_llvm_str()
+    assert sums.fndesc.mangled_name in code
+    assert square.fndesc.mangled_name not in code
+
+
+def test_python_gets_the_value_of_inner_functions() -> None:
+    @compiled
+    def norm_of(x, y):
+        return _norm((x, y))
+
+    assert norm_of(3.0, 4.0) == 5.0
+
+
+def test_a_shared_function_is_read_from_disk_by_the_next_that_needs_it(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "doubling.py").write_text(SOURCE)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+
+    def run(entry: str) -> list[float]:
+        program = PROGRAM.format(folder=str(tmp_path), entry=entry)
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        return [float(number) for number in done.stdout.split()]
+
+    assert run("six_times") == [6.0 * 3.0, 0]
+    assert run("ten_times") == [10.0 * 3.0, 1]
+    assert run("ten_times") == [10.0 * 3.0, 0]
