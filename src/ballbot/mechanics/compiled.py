@@ -14,7 +14,7 @@ from pathlib import Path
 from numba import njit
 from numba.extending import overload
 
-from ballbot.mechanics.inner_code import options_of_inner_code
+from ballbot.mechanics.inner_code import cache_of_inner_code, compiler_of_inner_code
 
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 
@@ -23,7 +23,7 @@ _INSIDE = {
     "error_model": "numpy",
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
-    **options_of_inner_code(),
+    "pipeline_class": compiler_of_inner_code(),
 }
 _INLINED = {**_INSIDE, "forceinline": True}
 
@@ -53,25 +53,27 @@ _PACKAGES = ("mechanics", "control", "estimation", "simulation", "identification
 
 def compiled(function: Callable) -> Callable:
     """Return a function that Python calls: brought to machine code, kept on disk, and run without Python's lock."""
-    return _kept(njit(error_model="numpy", fastmath=FAST, nogil=True, cache=True), function)
+    dispatcher = njit(error_model="numpy", fastmath=FAST, nogil=True, cache=True)(function)
+    return _stale_with_sources(dispatcher, function)
 
 
 def shared(function: Callable) -> Callable:
     """Return a function that only compiled code calls, kept on disk for the next that Python calls."""
-    return _kept(njit(fastmath=FAST, cache=True, **_INSIDE), function)
+    dispatcher = njit(fastmath=FAST, **_INSIDE)(function)
+    dispatcher._cache = cache_of_inner_code(function)  # pyright: ignore[reportAttributeAccessIssue]
+    return _stale_with_sources(dispatcher, function)
 
 
-def _kept(compiler: Callable, function: Callable) -> Callable:
-    """Return a function compiled by `compiler`, and its code on disk stale where it should be.
+def _stale_with_sources(dispatcher: Callable, function: Callable) -> Callable:
+    """Return the dispatcher, its code on disk stale where any source of it has changed.
 
     Numba's cache looks at the function's own file only, yet what is inlined comes from many: here a change
-    in any compiled source of its package, or of one it may use, makes the code on disk stale.
+    in any compiled source of its package, or of one it may use, counts.
     """
-    dispatcher = compiler(function)
     package = (
         function.__module__.split(".")[1] if function.__module__.startswith("ballbot.") else _PACKAGES[-1]
     )
-    dispatcher._cache._cache_file._source_stamp = _sources_stamp(package)
+    dispatcher._cache._cache_file._source_stamp = _sources_stamp(package)  # pyright: ignore[reportFunctionMemberAccess]
     return dispatcher
 
 

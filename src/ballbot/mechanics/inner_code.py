@@ -1,21 +1,25 @@
-"""How Numba compiles what only other compiled code calls: simplified, and never brought to machine code by itself.
+"""How `ballbot.mechanics.compiled` compiles what only compiled code calls: simplified, without machine code of its own.
 
 Numba would optimise and assemble every function on its own, and again as a part of each caller, of their callers and
 so on up to the function that Python calls; only the last is ever run. Here inner functions are inlined where that is
 asked for and tidied, so that their callers stay small, and the rest is left to the outermost. This halves
 the time of compilation.
 
-Numba documents that a function may have a compiler of its own (`pipeline_class`); the methods of `JITCodeLibrary`
-overridden below are not documented. With a Numba that has them no more, inner functions are compiled in Numba's way,
-which takes twice as long.
+Numba documents that a function may have a compiler of its own (`pipeline_class`); what is overridden below is not
+documented. With a Numba that has it no more, inner functions are compiled as Numba does, which takes twice as long.
 """
+
+from collections.abc import Callable
 
 import llvmlite.binding as llvm
 from llvmlite.binding import newpassmanagers
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import CPUCodegen, JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, CompileResult
+from numba.core.cpu import CPUContext
+from numba.core.typing.context import Context
 
-_NEEDED = (
+_OVERRIDDEN_OR_CALLED = (
     (JITCodeLibrary, "_optimize_functions"),
     (JITCodeLibrary, "_optimize_final_module"),
     (JITCodeLibrary, "_finalize_final_module"),
@@ -23,13 +27,19 @@ _NEEDED = (
     (JITCodeLibrary, "serialize_using_bitcode"),
     (CPUCodegen, "_pass_builder"),
     (newpassmanagers.ModulePassManager, "add_always_inliner_pass"),
+    (CompileResultCacheImpl, "rebuild"),
 )
+_NUMBA_IS_AS_EXPECTED = all(hasattr(owner, name) for owner, name in _OVERRIDDEN_OR_CALLED)
 
 
-def options_of_inner_code() -> dict[str, type[Compiler]]:
-    """Return what to tell `numba.njit`, or nothing where this Numba is not as expected."""
-    known = all(hasattr(owner, name) for owner, name in _NEEDED)
-    return {"pipeline_class": InnerCompiler} if known else {}
+def compiler_of_inner_code() -> type[Compiler]:
+    """Return the compiler to give to `numba.njit` as `pipeline_class`."""
+    return InnerCompiler if _NUMBA_IS_AS_EXPECTED else Compiler
+
+
+def cache_of_inner_code(function: Callable) -> FunctionCache:
+    """Return what keeps an inner function's code on disk."""
+    return InnerCache(function) if _NUMBA_IS_AS_EXPECTED else FunctionCache(function)
 
 
 class InnerCompiler(Compiler):
@@ -82,3 +92,38 @@ class InnerLibrary(JITCodeLibrary):
 class _NoEnvironments:
     def set_env(self, env_name: str, env: object) -> None:
         """Do nothing, there being no machine code that could read it."""
+
+
+class _ContextOfInnerCode:
+    """Numba's target as its cache sees it, with libraries read as what they were; Numba's would assemble them."""
+
+    def __init__(self, context: CPUContext) -> None:
+        self._context = context
+
+    @property
+    def typing_context(self) -> Context:
+        return self._context.typing_context
+
+    def get_executable(self, *arguments: object) -> object:
+        return self._context.get_executable(*arguments)
+
+    def codegen(self) -> "_ContextOfInnerCode":
+        return self
+
+    def unserialize_library(self, kept: tuple[str, str, bytes]) -> InnerLibrary:
+        name, _, code = kept
+        library = InnerLibrary(self._context.codegen(), name)
+        library._final_module = llvm.parse_bitcode(code)
+        library._finalize_final_module()
+        return library
+
+
+class _InnerCacheImpl(CompileResultCacheImpl):
+    def rebuild(self, target_context: CPUContext, payload: tuple) -> CompileResult:
+        return super().rebuild(_ContextOfInnerCode(target_context), payload)
+
+
+class InnerCache(FunctionCache):
+    """Inner code kept on disk."""
+
+    _impl_class = _InnerCacheImpl
