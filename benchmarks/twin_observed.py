@@ -19,7 +19,7 @@ from ballbot import Log, simulate
 from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import named
-from ballbot.experiments.compare import score
+from ballbot.experiments.score import score
 from ballbot.twin import Scenario, Twin
 from benchmarks.observations import (
     ROBOT,

@@ -9,8 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ballbot import Log
-from ballbot.experiments.compare import SETTLE, score, settled
-from ballbot.report.comparison_figures import RUN_LABELS, RUN_LINES, position_error, true_place
+from ballbot.experiments.metrics import SETTLE, position_error, settled, true_place
+from ballbot.experiments.score import score
+from ballbot.report.comparison_figures import RUN_LABELS, RUN_LINES
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, Line, thinned
 from benchmarks.observations import Drift, Impulses, Ripple, Spectrum
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import ballbot
 from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
-from ballbot.experiments.compare import score
+from ballbot.experiments.score import score
 
 robot = ballbot.Robot.load("alten")
 friction = replace(

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import ballbot
 from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
-from ballbot.experiments.compare import score
+from ballbot.experiments.score import score
 from ballbot.twin import Twin
 
 mpl.rcParams["svg.hashsalt"] = "ballbot"  # the same picture, the same bytes

@@ -1,4 +1,4 @@
-"""Scores of runs and comparisons of controllers, from Python and from the command line."""
+"""Comparisons of controllers on one plant, and the commands from a design to a comparison."""
 
 import json
 
@@ -10,48 +10,8 @@ from ballbot import Controller, InputError, Log, Model
 from ballbot.cli.main import main
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import square
-from ballbot.experiments.compare import compare, score, settled
+from ballbot.experiments.compare import compare
 from ballbot.robot.file import write_robot
-
-
-def hand_made(**changes: np.ndarray) -> Log:
-    """Return 20 s at 10 Hz: the reference jumps at 10 s, the robot is 3 cm, 4 cm off after 6 s."""
-    t = np.arange(200) / 10.0
-    zero = np.zeros(200)
-    columns = {"t": t, "u1": zero, "u2": zero, "u3": zero, "ref_x": np.where(t < 10.0, 0.0, 1.0), "ref_y": zero,
-               "ref_psi": zero, "x": np.where(t < 10.0, 0.03, 1.03), "y": zero + 0.04}  # fmt: skip
-    return Log(columns | changes)
-
-
-def test_errors_count_once_settled():
-    log = hand_made()
-    np.testing.assert_array_equal(np.flatnonzero(settled(log, 6.0)), [*range(60, 100), *range(160, 200)])
-    error = np.where((log.t > 11.0) & (log.t < 15.95), 5.0, log["x"])  # while it settles: does not count
-    found = score(hand_made(x=error), settle=6.0)
-    assert found.peak_position_error == pytest.approx(0.05)
-    assert found.rms_position_error == pytest.approx(0.05)
-
-
-def test_truth_counts_where_there_is_one():
-    log = hand_made()
-    truth = {f"true_{name}": np.zeros(200) for name in ("theta", "phi", "psi", "x_dot", "y_dot", "theta_dot",
-                                                         "phi_dot", "psi_dot")}  # fmt: skip
-    found = score(hand_made(**truth, true_x=log["ref_x"] + 0.1, true_y=np.zeros(200)))
-    assert found.peak_position_error == pytest.approx(0.1)
-
-
-def test_torque_and_its_roughness():
-    torques = np.where(np.arange(200) % 2, 3.0, -3.0)
-    found = score(hand_made(u1=torques, u2=torques, u3=torques))
-    assert found.rms_torque == pytest.approx(3.0)
-    assert found.rms_torque_change == pytest.approx(6.0)
-
-
-def test_a_run_too_short_to_settle_is_told():
-    with pytest.raises(InputError, match="12 s after the start"):
-        score(hand_made(), settle=12.0)
-    fallen = Log(hand_made().columns, ended="fallen")
-    assert np.isnan(score(fallen, settle=12.0).peak_position_error)
 
 
 def test_comparing_on_the_model():
@@ -95,10 +55,14 @@ def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
     assert results["ended"] is None
     assert results["peak_position_error"] >= results["rms_position_error"]
 
-    runs = ["--duration", "16", "--seeds", "1", "--out", str(out / "compare")]
-    assert main(["compare", robot, "none", controller, *runs]) == 0
-    compared = json.loads((out / "compare" / "results.json").read_text())["comparison"]
-    assert compared[controller]["peak_position_error"] < 0.5 * compared["none"]["peak_position_error"]
+    (tmp_path / "courses.toml").write_text('[mine.short]\nreference = "square"\nduration = 16.0\n')
+    runs = ["--scenarios", str(tmp_path / "courses.toml"), "--seeds", "1", "--processes", "1"]
+    assert (
+        main(["compare", robot, "none", f"designed={controller}", *runs, "--out", str(out / "compare")]) == 0
+    )
+    compared = json.loads((out / "compare" / "results.json").read_text())["courses"]["short"]["controllers"]
+    peaks = {name: one["means"]["peak_position_error"]["mean"] for name, one in compared.items()}
+    assert peaks["designed"] < 0.5 * peaks["none"]
     assert "falls" in capsys.readouterr().out
 
 
@@ -110,8 +74,6 @@ def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
         (["simulate", "alten", "--reference", "triangle"], "There is no reference 'triangle'"),
         (["simulate", "alten", "--controller", "nowhere.toml"], "nowhere.toml cannot be read"),
         (["simulate", "alten", "--duration", "0"], "at least one sample"),
-        (["compare", "alten", "nowhere.toml"], "There is no controller file 'nowhere.toml'"),
-        (["compare", "alten", "none", "--seeds", "0"], "nothing to compare"),
     ],
 )
 def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, sentence):

@@ -1,29 +1,31 @@
-"""`ballbot compare`: controllers side by side on one plant."""
+"""`ballbot compare`: controllers side by side, on the same courses with the same seeds."""
 
 from __future__ import annotations
 
-import json
-import math
-import os
-from collections.abc import Callable
-from dataclasses import asdict
+import shlex
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
 
+from rich.console import Console
+
+from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.control.controller import Controller
-from ballbot.control.file import read_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.references import named
-from ballbot.errors import InputError
-from ballbot.experiments.compare import SETTLE, Comparison
-from ballbot.experiments.compare import compare as run
+from ballbot.cli.seeds import parse_seeds
+from ballbot.experiments.league.course import Course
+from ballbot.experiments.league.course_file import PlantName, choose_courses
+from ballbot.experiments.league.entrants import Entrant, entrants_of
+from ballbot.experiments.league.play import League, play
+from ballbot.experiments.league.standings import league_results
+from ballbot.experiments.reference_file import is_file
 from ballbot.files import write_text
-from ballbot.mechanics.model import Model
+from ballbot.identification.checkpoint import digest
+from ballbot.identification.machine import machine
+from ballbot.report.json_text import as_json
+from ballbot.report.league_page import league_report
+from ballbot.report.league_tables import OVERALL_HEADINGS, STANDING_HEADINGS, overall_rows, standing_rows
+from ballbot.report.provenance import provenance
+from ballbot.report.study_files import check_folder
 from ballbot.robot import Robot
-from ballbot.simulation.plant import Plant
-
-PlantName = Literal["model", "twin"]
 
 
 def compare(
@@ -32,103 +34,103 @@ def compare(
     /,
     *,
     plant: PlantName = "model",
-    scenario: str = "nominal",
-    reference: str = "square",
-    duration: float = 32.0,
-    settle: float = SETTLE,
-    seeds: int = 3,
+    scenarios: str = "motions",
+    seeds: str = "1-3",
+    processes: int | None = None,
+    resume: bool = False,
     out: Path,
 ) -> None:
-    """Compare controllers in closed loop: the same plant, reference and seeds.
+    """Compare controllers in closed loop: the same courses and seeds for all, differences with intervals.
 
-    Example: ballbot compare found.toml none full partial --plant twin --seeds 10 --out comparison
+    Example: ballbot compare found/robot.toml none partial mine=mine.py:Mine --plant twin --scenarios league --seeds
+    1-20 --out league
 
-    Writes results.json with the means over the seeds and every run's scores.
+    Writes report.html (tables and figures) and results.json (every run's scores). A run that was interrupted or killed
+    goes on with --resume.
 
     Parameters
     ----------
     robot
         A preset's name or a robot file. Its friction is what is compensated, and what the model has.
     controllers
-        Controller files, or none, full and partial: the nominal gain with that compensation.
+        none, full and partial (the nominal gain with that compensation), controller files, or your own in Python as
+        FILE.py:NAME, where NAME(robot) makes it; any of them as LABEL=... under another name. The first is what the
+        others are held against.
     plant
-        model, or twin: a MuJoCo robot whose faults are the scenario's.
-    scenario
-        Of the twin.
-    reference
-        Where the robot is asked to be: hold, square, change_pose, circle or figure_eight.
-    duration
-        Of a run [s].
-    settle
-        Errors count from this long after the start and after each jump of the reference [s].
+        model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
+    scenarios
+        Sets (motions, disturbances, league: both), courses (hold, square, circle, figure_eight, change_pose, push,
+        ramp, payload, floor, heading) and course files, with commas between.
     seeds
-        Runs of each controller.
+        Runs of each controller on each course, as 1-20 or 1,4,7-9.
+    processes
+        That work side by side; one for each core where not given. The numbers do not depend on it.
+    resume
+        Go on with what the folder's checkpoint holds.
     out
         The folder to write into.
     """
-    described = Robot.load(robot)
-    chosen = {name: _controller(name, described) for name in controllers}
-    console = standard_output()
-    with progress_bar(console, f"{len(chosen) * seeds} runs on the {plant}") as bar:
-        comparison = run(
-            _plant_factory(plant, described, scenario),
-            chosen,
-            named(reference),
-            duration=duration,
-            seeds=range(1, seeds + 1),
-            settle=settle,
-            threads=os.cpu_count() or 1,
-            progress=bar.show,
-        )
-    write_text(out / "results.json", json.dumps(_results(comparison), indent=2) + "\n")
-    headings = ["controller", "peak (m)", "worst (m)", "RMS (m)", "torque (N m)", "change (N m)", "falls"]
-    console.print(
-        table("Position error once settled", headings, _rows(comparison), framed=console.is_terminal)
+    described, folder = Robot.load(robot), check_folder(out)
+    entrants, courses = entrants_of(controllers), choose_courses(scenarios, described, plant)
+    numbers = parse_seeds(seeds)
+    made = {one.name: one.controller(described) for one in entrants}
+    words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
+    words += ["--seeds", seeds, "--out", str(out)]
+    origin = provenance(
+        command=shlex.join(words), files=_files(robot, entrants, courses, scenarios), seed=seeds
     )
-    console.print(str(out / "results.json"), soft_wrap=True)
-
-
-def _controller(name: str, robot: Robot) -> Controller:
-    if name == "none" or name == "full" or name == "partial":
-        return nominal_controller(robot, compensation=name)
-    if not Path(name).exists():
-        raise InputError(
-            f"There is no controller file {name!r}; it must be a file's path, or none, full or partial."
+    belongs_to = _identity(described, entrants, courses, numbers)
+    console = standard_output()
+    with (
+        long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+        progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
+    ):
+        league = play(
+            described, made, courses, seeds=numbers, processes=processes, recall=run.recall, progress=bar.show
         )
-    return read_controller(name, robot)
+        write_text(
+            folder / "results.json", as_json(league_results(league) | {"provenance": origin.to_dict()})
+        )
+        write_text(folder / "report.html", league_report(league, origin))
+    _show(league, console)
+    console.print(str(folder / "report.html"), soft_wrap=True)
 
 
-def _plant_factory(plant: PlantName, robot: Robot, scenario: str) -> Callable[[], Plant | Model]:
-    if plant == "model":
-        return lambda: Model(robot)
-    from ballbot.twin import Scenario, Twin  # MuJoCo is an extra
-
-    faults = Scenario.load(scenario, robot)
-    return lambda: Twin(robot, faults)
-
-
-def _rows(comparison: Comparison) -> list[list[str]]:
-    rows = []
-    for name in comparison.scores:
-        summary = comparison.summary(name)
-        lengths = (summary.peak_position_error, summary.worst_position_error, summary.rms_position_error)
-        torques = (summary.rms_torque, summary.rms_torque_change)
-        numbers = ["-" if math.isnan(value) else f"{value:.4f}" for value in (*lengths, *torques)]
-        rows.append([name, *numbers, f"{summary.falls} of {summary.runs}"])
-    return rows
+def _files(
+    robot: str, entrants: tuple[Entrant, ...], courses: tuple[Course, ...], scenarios: str
+) -> list[Path]:
+    """Return the files that the result is made from, each once."""
+    paths = [] if robot in Robot.presets() else [Path(robot)]
+    paths += [one.file for one in entrants if one.file]
+    paths += [Path(word.strip()) for word in scenarios.split(",") if word.strip().endswith(".toml")]
+    paths += [Path(course.asked.name) for course in courses if is_file(course.asked.name)]
+    return list(dict.fromkeys(paths))
 
 
-def _results(comparison: Comparison) -> dict[str, object]:
-    return {
-        "seeds": list(comparison.seeds),
-        "comparison": {name: _finite(asdict(comparison.summary(name))) for name in comparison.scores},
-        "runs": {name: [_finite(asdict(one)) for one in runs] for name, runs in comparison.scores.items()},
+def _identity(
+    robot: Robot, entrants: tuple[Entrant, ...], courses: tuple[Course, ...], seeds: list[int]
+) -> dict[str, str]:
+    """Return what the games' scores depend on, each by a plain name."""
+    files = [one.file.read_bytes() for one in entrants if one.file]
+    references = [Path(one.asked.name).read_bytes() for one in courses if is_file(one.asked.name)]
+    found = {
+        "robot": digest(robot).hex(),
+        "controllers": digest(entrants, *files).hex(),
+        "courses": digest(courses, *references).hex(),
+        "seeds": digest(seeds).hex(),
     }
+    try:
+        found["mujoco"] = version("mujoco")
+    except PackageNotFoundError:  # the model needs none
+        found["mujoco"] = "not installed"
+    return found | machine()
 
 
-def _finite(values: dict[str, object]) -> dict[str, object]:
-    """JSON knows no NaN."""
-    return {
-        key: None if isinstance(value, float) and math.isnan(value) else value
-        for key, value in values.items()
-    }
+def _show(league: League, console: Console) -> None:
+    framed = console.is_terminal
+    for course in league.courses:
+        rows = standing_rows(league, course.name)
+        console.print(table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows, framed=framed))
+    first = league.controllers[0]
+    title = f"Over all courses, in shares of {first}'s (95 % intervals)"
+    console.print(table(title, OVERALL_HEADINGS, overall_rows(league), framed=framed))

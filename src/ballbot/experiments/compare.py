@@ -1,4 +1,4 @@
-"""Comparing controllers in closed loop: the same plant, the same reference, the same seeds."""
+"""Comparing controllers on one plant and one reference, whatever they are; the league has many of both."""
 
 from __future__ import annotations
 
@@ -15,29 +15,14 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
-from ballbot.log import Log
+from ballbot.experiments.metrics import SETTLE
+from ballbot.experiments.score import Score, score
 from ballbot.mechanics.model import Model
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate
 
-#: time [s] after the start, or after a jump of the reference, from which errors count. The nominal closed loop
-#: without friction has done 97 % of a step after 6 s.
-SETTLE = 6.0
-#: change of the reference from one sample to the next that is a jump, in m and rad
-_JUMP = 0.02
 #: largest lean of a start [rad]
 _START_LEAN = 0.02
-
-
-@dataclass(frozen=True, kw_only=True)
-class Score:
-    """How well a run went. Errors are NaN where the run ended before it had settled once."""
-
-    peak_position_error: float  #: largest horizontal distance from the reference once settled [m]
-    rms_position_error: float  #: its root mean square [m]
-    rms_torque: float  #: over the whole run and all wheels [N m]
-    rms_torque_change: float  #: from sample to sample: how rough the torque is [N m]
-    ended: str | None  #: why the run stopped early
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +88,7 @@ def compare(
         Of a run [s].
     seeds : sequence of int
     settle : float
-        See `score` [s].
+        See `ballbot.experiments.metrics.settled` [s].
     threads : int
         Runs at a time. Plants whose work is compiled gain from it.
     progress : callable, optional
@@ -147,56 +132,6 @@ def start(seed: int) -> NDArray[np.float64]:
     state = np.zeros(10)
     state[2:4] = np.random.default_rng(seed).uniform(-_START_LEAN, _START_LEAN, 2)
     return state
-
-
-def score(log: Log, *, settle: float = SETTLE) -> Score:
-    """Score a run by how far it was from the reference once it had settled.
-
-    Rows count from `settle` seconds after the start, and after a jump of the reference (by more than 2 cm or
-    0.02 rad from one row to the next) not before as long again. Of a square with 8 s a side, the last two seconds
-    of each side count.
-
-    Parameters
-    ----------
-    log : Log
-        With reference and torques; the true position counts where the log has it.
-    settle : float
-        [s]
-
-    Raises
-    ------
-    InputError
-        Where a run that did not end early has no row that counts.
-    """
-    counted = settled(log, settle)
-    if not counted.any() and log.ended is None:
-        raise InputError(
-            f"No moment of the run is {settle:g} s after the start and every jump of the reference; a longer run or a "
-            "shorter settling time would have one."
-        )
-    place = log.truth() if "true_x" in log else log
-    error = np.hypot(place["x"] - log["ref_x"], place["y"] - log["ref_y"])[counted]
-    torques = log.torques
-    return Score(
-        peak_position_error=float(error.max(initial=0.0)) if counted.any() else np.nan,
-        rms_position_error=_rms(error) if counted.any() else np.nan,
-        rms_torque=_rms(torques),
-        rms_torque_change=_rms(np.diff(torques, axis=0)) if len(log) > 1 else 0.0,
-        ended=log.ended,
-    )
-
-
-def settled(log: Log, settle: float) -> NDArray[np.bool_]:
-    """Return which rows (N,) are at least `settle` seconds after the start and after each jump of the reference."""
-    t = log.t
-    reference = log.reference[:, [0, 1, 4]]
-    jumps = np.abs(np.diff(reference, axis=0)).max(axis=1, initial=0.0) > _JUMP
-    since = np.maximum.accumulate(np.where(np.concatenate([[True], jumps]), t, t[0]))
-    return t - since >= settle - 1e-6
-
-
-def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.experiments.compare import SETTLE, settled
+from ballbot.experiments.metrics import SETTLE, position_error, settled, true_place
 from ballbot.log import Log
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, REFERENCE, SHADE, Line, thinned
 
@@ -88,17 +88,6 @@ def poles_figure(open_loop: NDArray[np.complex128], closed_loop: NDArray[np.comp
     axes.set_ylabel("imaginary part [rad/s]")
     axes.legend(loc="upper left")
     return figure
-
-
-def position_error(log: Log) -> NDArray[np.float64]:
-    """Return the horizontal distance from the reference (N,) [m], of the true position where the log has it."""
-    place = true_place(log)
-    return np.hypot(place["x"] - log["ref_x"], place["y"] - log["ref_y"])
-
-
-def true_place(log: Log) -> Log:
-    """Return the log with the truth in place of what was measured, where it has it."""
-    return log.truth() if "true_x" in log else log
 
 
 def _shade(axes: Axes, log: Log, counted: NDArray[np.bool_]) -> None:

@@ -28,7 +28,7 @@ class Provenance:
 
     command: str  #: that makes it again
     files: tuple[SourceFile, ...]
-    seed: int
+    seed: int | str  #: or several, as 1-20
     versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
 
     def to_dict(self) -> dict[str, object]:
@@ -36,7 +36,7 @@ class Provenance:
         return asdict(self)
 
 
-def provenance(*, command: str, files: Sequence[Path], seed: int) -> Provenance:
+def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
     """Return the provenance of a result made from `files` with the packages that are installed.
 
     Raises

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from ballbot.experiments.compare import SETTLE
+from ballbot.experiments.metrics import SETTLE
 from ballbot.experiments.study import Study
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model

@@ -45,19 +45,39 @@ def read_scenario(path: str | Path, robot: Robot) -> Scenario:
     path = Path(path)
     try:
         tree = tomllib.loads(path.read_text(encoding="utf-8"))
-        return _scenario(tree, robot, default_name=path.stem)
+        return scenario_of(tree, robot, default_name=path.stem)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file in UTF-8.") from None
     except RecursionError:
         raise InputError(f"{path} is no scenario file: its values are nested too deeply.") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {_sentence(error.errors()[0])}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     except ValueError as error:  # TOMLDecodeError, or a whole number of thousands of digits
         raise InputError(f"{path} is not valid TOML: {error}.") from None
+
+
+def scenario_of(changes: Mapping[str, object], robot: Robot, *, default_name: str) -> Scenario:
+    """Return the scenario that tables as those of a scenario file describe, for a robot.
+
+    Parameters
+    ----------
+    changes : mapping
+        What a scenario file says, as nested dictionaries; empty is `nominal`.
+    robot : Robot
+    default_name : str
+        The scenario's, where the tables name none.
+
+    Raises
+    ------
+    InputError
+        Where they misspell a key or describe no scenario of that robot.
+    """
+    try:
+        return _scenario(dict(changes), robot, default_name=default_name)
+    except ValidationError as error:
+        raise InputError(_sentence(error.errors()[0])) from None
 
 
 def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Scenario:

@@ -1,0 +1,91 @@
+"""The league: every controller on every course of the nominal twin, with friction that its own logs told.
+
+.venv/bin/python -m benchmarks.evidence league
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ballbot import Robot
+from ballbot.experiments.league.course import Course
+from ballbot.experiments.league.course_file import LEAGUE, choose_courses
+from ballbot.experiments.league.entrants import entrants_of
+from ballbot.experiments.league.play import League, play
+from ballbot.experiments.league.standings import METRICS, Standing, standing
+from ballbot.report.league_tables import overall_rows
+from benchmarks.compensation import identified_robot
+from benchmarks.section import Section
+
+SEEDS = tuple(range(200, 210))
+#: controller files that enter beside the three compensations of the nominal gain, by name
+FILES: dict[str, Path] = {}
+
+
+def play_league(
+    robot: Robot,
+    courses: Sequence[Course],
+    *,
+    seeds: Sequence[int] = SEEDS,
+    files: dict[str, Path] | None = None,
+    processes: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> League:
+    """Put the compensations of `robot`'s friction, and controller files, through the courses."""
+    words = ["none", "full", "partial", *(f"{name}={path}" for name, path in (files or {}).items())]
+    controllers = {one.name: one.controller(robot) for one in entrants_of(words)}
+    return play(robot, controllers, courses, seeds=seeds, processes=processes, progress=progress)
+
+
+def campaign() -> Section:
+    """Return the section of docs/evidence.md."""
+    robot = identified_robot(Robot.load("alten"))
+    league = play_league(robot, choose_courses(LEAGUE, robot, "twin"), files=FILES)
+    return section(league)
+
+
+def section(league: League) -> Section:
+    """Return a league as a section: a row for each course and controller, the overall ratios below."""
+    metrics = [one for one in METRICS if one.key != "rms_torque"]
+    rows = [
+        [
+            course.name,
+            name,
+            *(_cell(standing(league, course.name, name), one.key) for one in metrics),
+            _falls(league, course, name),
+        ]
+        for course in league.courses
+        for name in league.controllers
+    ]
+    first = league.controllers[0]
+    overall = "; ".join(
+        f"{name}: peak {peak}, RMS {rms}, above 10 Hz {rough}, energy {energy}, falls {falls}"
+        for name, peak, rms, rough, energy, falls in overall_rows(league)[1:]
+    )
+    return Section(
+        title="The league",
+        before=f"The courses of `ballbot compare --scenarios league` on the nominal twin, {len(league.seeds)} seeds, "
+        "the nominal gain without compensation and with full and partial compensation of the friction identified from "
+        "two of the twin's own logs; on-board state only. Means over the seeds, and half the width of their 95 % "
+        "intervals (Student's); what they mean stands in [compare](compare.md).",
+        columns=["course", "controller", *(f"{one.heading} ({one.unit})" for one in metrics), "falls"],
+        rows=rows,
+        after=f"Over all courses, each number over {first}'s on the same course and seed, geometric means with 95 % "
+        f"intervals over the seeds. {overall}.",
+    )
+
+
+def _cell(found: Standing, key: str) -> str:
+    metric = next(one for one in METRICS if one.key == key)
+    mean = found.means[key]
+    if not mean.runs:
+        return "–"
+    late = "≥ " if key == "settling_time" and found.arrived < found.runs - found.falls else ""
+    half = 0.5 * metric.scale * (mean.high - mean.low)
+    return f"{late}{metric.scale * mean.mean:.{metric.decimals}f} ± {half:.{metric.decimals}f}"
+
+
+def _falls(league: League, course: Course, name: str) -> str:
+    found = standing(league, course.name, name)
+    return f"{found.falls} of {found.runs}"

@@ -1,0 +1,74 @@
+"""A course of the league: where the robot is asked to be, and what is then true of the twin."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from ballbot.control.references import REFERENCES, Reference
+from ballbot.errors import InputError
+from ballbot.experiments.reference_file import is_file, read_reference
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.simulation.plant import Plant
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.twin import Twin
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """A reference by what makes it, so that it can go to other processes."""
+
+    name: str  #: of `ballbot.control.references`, or a reference file
+    options: tuple[tuple[str, float], ...] = ()  #: of the named one, such as ("ramp", 0.0)
+
+    def reference(self) -> Reference:
+        """Return it.
+
+        Raises
+        ------
+        InputError
+            Where there is no such reference, or it has no such option.
+        """
+        if is_file(self.name):
+            if self.options:
+                raise InputError(f"the reference file {self.name} takes no options; leave {self._first} out.")
+            return read_reference(self.name)
+        if self.name not in REFERENCES:
+            near = get_close_matches(self.name, REFERENCES, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the names are {', '.join(REFERENCES)}."
+            raise InputError(f"there is no reference {self.name!r}; {hint}")
+        make = REFERENCES[self.name]
+        known = list(inspect.signature(make).parameters)
+        unknown = [key for key, _ in self.options if key not in known]
+        if unknown:
+            raise InputError(f"the reference {self.name} has no {unknown[0]}; it has {', '.join(known)}.")
+        return make(**dict(self.options))
+
+    @property
+    def _first(self) -> str:
+        return self.options[0][0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """What every controller is put through."""
+
+    name: str
+    about: str  #: in a sentence, for those who read the table
+    asked: Asked
+    duration: float  #: [s]
+    settle: float  #: errors count from so long after the start and each jump of the reference on [s]
+    scenario: Scenario | None  #: of the twin; None is the exact model with perfect sensors
+
+    @property
+    def disturbed(self) -> tuple[float, ...]:
+        """When something pushes the robot [s]."""
+        return tuple(push.time for push in self.scenario.pushes) if self.scenario else ()
+
+    def plant(self, robot: Robot) -> Plant | Model:
+        """Return a new robot to run; of the model the friction is the robot's, of the twin the scenario's."""
+        if self.scenario is None:
+            return Model(robot)
+        return Twin(robot, self.scenario)

@@ -1,0 +1,167 @@
+"""Course files: TOML with courses in sets, the built-in ones and a user's own; see courses.toml beside this."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, PositiveFloat, ValidationError
+from pydantic_core import ErrorDetails
+
+from ballbot.errors import InputError
+from ballbot.experiments.league.course import Asked, Course
+from ballbot.experiments.metrics import SETTLE
+from ballbot.experiments.reference_file import is_file
+from ballbot.robot import Robot
+from ballbot.twin.scenario_file import scenario_of
+
+PlantName = Literal["model", "twin"]
+
+#: the name of all built-in courses together
+LEAGUE = "league"
+
+_Tables = Mapping[str, Mapping[str, object]]
+
+
+class CourseTable(BaseModel):
+    """[set.course]: a course as a file says it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    about: str = ""
+    reference: str | dict[str, FiniteFloat | str]
+    duration: PositiveFloat
+    settle: NonNegativeFloat = SETTLE
+    scenario: dict[str, object] = {}
+
+
+def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, ...]:
+    """Return the courses that a text names, each once.
+
+    Parameters
+    ----------
+    words : str
+        Names of built-in sets and courses, and paths of course files, with commas between.
+    robot : Robot
+        That will run them.
+    plant : {"model", "twin"}
+        On which; a course whose scenario differs from the nominal one is for the twin only.
+
+    Raises
+    ------
+    InputError
+        Where there is no such set, course or file, a file describes no courses, or two courses have one name.
+    """
+    sets = built_in_sets()
+    found: dict[str, Course] = {}
+    for word in (one.strip() for one in words.split(",")):
+        for course in _of_word(word, sets, robot, plant):
+            if found.setdefault(course.name, course) != course:
+                raise InputError(f"there are two courses {course.name!r}; rename the one in {word}.")
+    return tuple(found.values())
+
+
+def built_in_sets() -> dict[str, _Tables]:
+    """Return the tables of courses.toml: sets of courses by name, `league` all of them."""
+    text = files("ballbot.experiments.league").joinpath("courses.toml").read_text(encoding="utf-8")
+    sets: dict[str, _Tables] = tomllib.loads(text)
+    return {LEAGUE: {name: table for tables in sets.values() for name, table in tables.items()}} | sets
+
+
+def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
+    """Return the courses of all sets of a course file.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is no TOML, or describes no courses.
+    """
+    path = Path(path)
+    try:
+        sets = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not a text file in UTF-8.") from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
+        raise InputError(f"{path} is not valid TOML: {error}.") from None
+    courses = []
+    for group, tables in sets.items():
+        if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):
+            raise InputError(f"{path}: {group} holds no courses; write each below a line [{group}.NAME].")
+        for name, table in tables.items():
+            courses.append(
+                _course(name, table, robot, plant, place=f"{path}: [{group}.{name}]", beside=path.parent)
+            )
+    if not courses:
+        raise InputError(f"{path} holds no courses; write each below a line [SET.NAME].")
+    return courses
+
+
+def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantName) -> list[Course]:
+    if Path(word).suffix == ".toml":
+        return read_courses(word, robot, plant)
+    tables = sets[word] if word in sets else {word: sets[LEAGUE][word]} if word in sets[LEAGUE] else None
+    if tables is None:
+        raise InputError(
+            f"there is no set or course {word!r}; the sets are {', '.join(sets)}, the courses "
+            f"{', '.join(sets[LEAGUE])}, and a course file's name ends in .toml."
+        )
+    return [
+        _course(name, table, robot, plant, place=f"the course {name!r}", beside=Path())
+        for name, table in tables.items()
+    ]
+
+
+def _course(
+    name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
+) -> Course:
+    try:
+        said = CourseTable.model_validate(table)
+        asked = _asked(said.reference, beside)
+        asked.reference()  # refused before anything is run
+        if plant == "model":
+            if said.scenario:
+                raise InputError("its scenario is the twin's, which the model has not; choose --plant twin.")
+            scenario = None
+        else:
+            scenario = scenario_of(said.scenario, robot, default_name=name)
+    except ValidationError as error:
+        raise InputError(f"{place}: {_sentence(error.errors()[0])}") from None
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    return Course(
+        name=name,
+        about=said.about,
+        asked=asked,
+        duration=said.duration,
+        settle=said.settle,
+        scenario=scenario,
+    )
+
+
+def _asked(reference: str | Mapping[str, float | str], beside: Path) -> Asked:
+    options = {} if isinstance(reference, str) else dict(reference)
+    name = reference if isinstance(reference, str) else options.pop("name", None)
+    if not isinstance(name, str):
+        raise InputError('reference is a table without a name; add name = "square" or another.')
+    words = [key for key, value in options.items() if isinstance(value, str)]
+    if words:
+        raise InputError(f"reference.{words[0]} is {options[words[0]]!r}; it must be a number.")
+    numbers = tuple((key, float(value)) for key, value in options.items())
+    return Asked(name=str(beside / name) if is_file(name) else name, options=numbers)
+
+
+def _sentence(error: ErrorDetails) -> str:
+    """Return what was wrong, where, and what would be right."""
+    place = ".".join(str(part) for part in error["loc"])
+    match error["type"]:
+        case "missing":
+            return f"{place} is missing; add it."
+        case "extra_forbidden":
+            return f"{place} is not a key of a course; it has {', '.join(CourseTable.model_fields)}."
+        case _:
+            return f"{place} is {error['input']!r}; {error['msg'][0].lower()}{error['msg'][1:]}."

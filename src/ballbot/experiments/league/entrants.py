@@ -1,0 +1,88 @@
+"""Who takes part: a controller by its word on the command line.
+
+none, full, partial      the nominal gain with that compensation
+found/controller.toml    a controller file
+mine.py:Mine             a user's own: `Mine(robot)` in that file returns it
+adaptive=mine.py:Mine    any of these under another name
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+from ballbot.control.controller import Compensation
+from ballbot.control.file import read_controller
+from ballbot.control.interface import Feedback
+from ballbot.control.nominal import nominal_controller
+from ballbot.errors import InputError
+from ballbot.experiments.own_controller import OwnController
+from ballbot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entrant:
+    """A controller under a name, by what makes it."""
+
+    name: str  #: in tables and figures
+    source: str  #: none, full, partial, a controller file, or FILE.py:NAME
+
+    def controller(self, robot: Robot) -> Feedback:
+        """Return it, new.
+
+        Raises
+        ------
+        InputError
+            Where there is no such controller, or what a user's file makes is none.
+        """
+        for compensation in get_args(Compensation):
+            if self.source == compensation:
+                return nominal_controller(robot, compensation=compensation)
+        path, _, made_by = self.source.rpartition(":")
+        if path.endswith(".py"):
+            return OwnController(path, made_by, robot)
+        if self.source.endswith(".py"):
+            raise InputError(
+                f"{self.source} is a Python file; say what in it makes the controller, as {self.source}:NAME."
+            )
+        if not Path(self.source).exists():
+            raise InputError(
+                f"There is no controller file {self.source!r}; it must be a file's path, FILE.py:NAME for your own, "
+                f"or {', '.join(get_args(Compensation))}."
+            )
+        return read_controller(self.source, robot)
+
+    @property
+    def file(self) -> Path | None:
+        """The file it comes from, or None."""
+        if self.source in get_args(Compensation):
+            return None
+        path, _, _ = self.source.rpartition(":")
+        return Path(path if path.endswith(".py") else self.source)
+
+
+def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
+    """Return those whom words of the command line name.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or two have one name.
+    """
+    if not words:
+        raise InputError("There is nothing to compare: at least one controller is needed.")
+    short = [Path(word).name for word in words]
+    found: dict[str, Entrant] = {}
+    for word, ending in zip(words, short, strict=True):
+        name, equals, source = word.partition("=")
+        if not equals:  # by its file's name, where that tells it apart
+            name, source = ending if short.count(ending) == 1 else word, word
+        one = Entrant(name=name, source=source)
+        if not (one.name and one.source):
+            raise InputError(f"the controller {word!r} lacks its name or its source; write NAME=SOURCE.")
+        if one.name in found:
+            raise InputError(f"two controllers are called {one.name!r}; tell them apart as NAME=SOURCE.")
+        found[one.name] = one
+    return tuple(found.values())
