@@ -97,7 +97,7 @@ def test_lanes_end_as_runs_do():
 def test_what_does_not_fit_together_is_told():
     model = Model(alten())
     controller = nominal_controller(model.robot)
-    with pytest.raises(InputError, match="3 initial states, 2 robots and 1 controllers"):
+    with pytest.raises(InputError, match="3 initial states, 2 robots, 1 controllers"):
         simulate_batch(
             model, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)), robots=[alten()] * 2
         )

@@ -27,6 +27,7 @@ from ballbot.robot.parameters import PARAMETERS, value_of
 
 if TYPE_CHECKING:
     from ballbot.cli.check_swing import CheckedSwing
+    from ballbot.cli.reference_check import CheckedReference
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
 
@@ -82,6 +83,8 @@ def check(
     *,
     figure: Path | None = None,
     predict: Path | None = None,
+    reference: str | None = None,
+    controller: Path | None = None,
     swing: Path | None = None,
     swing_column: str | None = None,
     pivot_distance: float | None = None,
@@ -97,6 +100,8 @@ def check(
 
     Example: `ballbot check mine.toml --predict square.csv --out checked`
 
+    Example: `ballbot check mine.toml --reference circle --controller controller.toml`
+
     Example: `ballbot check mine.toml --swing hanging.csv --out checked`
 
     Parameters
@@ -107,6 +112,10 @@ def check(
         File for a drawing to print: .svg, .pdf or .png.
     predict : Path
         A log; says how far the standard deviations in the file spread predictions of it over 0.25 s.
+    reference : str
+        A reference's name, or a file with t, ref_x, ref_y and ref_psi; says whether the robot can follow it, and why.
+    controller : Path
+        The controller file that follows it; the nominal one where not given.
     swing : Path
         A log (gyro or angle) or a video of the body swinging freely; gives its inertia, as the thesis's Appendix III.
     swing_column : str
@@ -119,7 +128,8 @@ def check(
         Folder for results.json and check.txt; with a swing, swing.svg too.
     """
     hung = Robot.load(robot)
-    checked = _examine(hung, predict, _swung(hung, swing, swing_column, pivot_distance, pivot_deviation))
+    swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation)
+    checked = _examine(hung, predict, swung, _followed(hung, reference, controller))
     console = standard_output()
     for part in _report(checked, framed=console.is_terminal):
         console.print(part)
@@ -146,6 +156,19 @@ class _Checked:
     spread: PoleSpread | None  #: None where no value has a standard deviation
     band: PredictionBand | None
     swing: CheckedSwing | None
+    following: CheckedReference | None
+
+
+def _followed(robot: Robot, reference: str | None, controller: Path | None) -> CheckedReference | None:
+    if reference is None:
+        if controller is not None:
+            raise InputError(
+                "--controller says what follows a reference; give it with --reference NAME or FILE."
+            )
+        return None
+    from ballbot.cli.reference_check import checked_reference
+
+    return checked_reference(robot, reference, controller)
 
 
 def _swung(
@@ -163,7 +186,9 @@ def _swung(
     return examine_swing(robot, options)
 
 
-def _examine(robot: Robot, predict: Path | None, swing: CheckedSwing | None) -> _Checked:
+def _examine(
+    robot: Robot, predict: Path | None, swing: CheckedSwing | None, following: CheckedReference | None
+) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
     from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
@@ -176,6 +201,7 @@ def _examine(robot: Robot, predict: Path | None, swing: CheckedSwing | None) -> 
         spread=pole_spread(robot) if uncertain(robot) else None,
         band=None if predict is None else _band(robot, predict),
         swing=swing,
+        following=following,
         derived=derived_quantities(robot),
         matrices={name: getattr(found, name) for name in _MATRICES},
         poles=poles[np.argsort(-poles.real)],
@@ -201,6 +227,7 @@ def _results(checked: _Checked) -> dict[str, object]:
         "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
         "prediction": checked.band.to_dict() if checked.band else None,
         "swing": checked.swing.to_dict() if checked.swing else None,
+        "reference": checked.following.to_dict() if checked.following else None,
     }
 
 
@@ -223,6 +250,8 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
     if checked.swing:
         parts += checked.swing.parts(framed=framed)
+    if checked.following:
+        parts += checked.following.parts(framed=framed)
     return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
 
 

@@ -1,11 +1,13 @@
 """Many robots in closed loop at once: the law and the mechanics in one compiled call, robots side by side.
 
-The numbers are those of `simulate` on a `Model`, to rounding.
+The numbers are those of `simulate` on a `Model`, to rounding. A lane may have late torques or a floor that is not
+level (`conditions`), and may be left as soon as its outcome is known (`Verdict`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +23,16 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.lanes import LANES, ROWS, STEP, TORQUE, robot_in
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import load, pack
+from ballbot.mechanics.rows import fill
+from ballbot.mechanics.smooth import pose
 from ballbot.mechanics.steps import load_state, load_torques, start_lane, take_steps, write_state
 from ballbot.robot import Robot
+from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.floor import lift_off, sinking
+from ballbot.simulation.grip import friction_needed, pack_contacts
 from ballbot.simulation.model_plant import checked_states
 from ballbot.simulation.run import sample_count
+from ballbot.simulation.verdict import Verdict, decide
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,10 +40,17 @@ class ClosedLoopBatch:
     """What `simulate_batch` returns, a lane for each robot."""
 
     t: NDArray[np.float64]  #: (records,) [s]
-    states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended stays where it was
+    states: NDArray[np.float64]  #: (lanes, records, 10); a lane that ended or settled stays where it was
     torques: NDArray[np.float64]  #: (lanes, records, n) held over the sample that ends at t [N m]
     ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
+    settled: NDArray[
+        np.float64
+    ]  #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity where none did
     lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the floor would have had to pull
+    slipped: NDArray[np.bool_]  #: (lanes,) whether it ended because a wheel would have slipped on the ball
+    torque_change: NDArray[
+        np.float64
+    ]  #: (lanes,) root mean square from sample to sample, of all wheels [N m]
 
     @property
     def finals(self) -> NDArray[np.float64]:
@@ -57,6 +71,8 @@ def simulate_batch(
     duration: float,
     initial_states: NDArray[np.float64] | None = None,
     robots: Sequence[Robot] | None = None,
+    conditions: Sequence[Conditions] | None = None,
+    verdict: Verdict | None = None,
     every: int = 1,
     threads: int | None = None,
 ) -> ClosedLoopBatch:
@@ -77,6 +93,10 @@ def simulate_batch(
         Upright at rest at the origin where not given.
     robots : sequence of Robot, optional
         One for each lane; their controllers stay what they are.
+    conditions : sequence of Conditions, optional
+        One for all lanes or one for each: late torques, a sloping floor. None of either where not given.
+    verdict : Verdict, optional
+        Leaves lanes as soon as their outcome is known; all are run to the end where not given.
     every : int
         Record every so many samples; 0 records the last only.
     threads : int, optional
@@ -94,7 +114,8 @@ def simulate_batch(
     controllers = [controller] if isinstance(controller, Controller) else list(controller)
     bodies = [model.robot] if robots is None else list(robots)
     initial = checked_states(np.zeros(10) if initial_states is None else initial_states)
-    lanes = _lanes(len(initial), len(bodies), len(controllers))
+    borne = [Conditions()] if conditions is None else list(conditions)
+    lanes = _lanes(len(initial), len(bodies), len(controllers), len(borne))
     sample_time = _common_sample_time(controllers)
     n = _common_wheel_count(model, bodies, controllers)
     samples = sample_count(duration, sample_time)
@@ -102,11 +123,18 @@ def simulate_batch(
     references = _sampled(reference, samples, sample_time)
     records = samples // every
     states, torques = np.empty((lanes, records, 10)), np.empty((lanes, records, n))
-    ended, lifted = np.empty(lanes, np.int64), np.zeros(lanes, np.bool_)
+    ended, settled = np.full((2, lanes), samples, np.int64)
+    lifted, slipped = np.zeros((2, lanes), np.bool_)
+    changes = np.zeros(lanes)
     inputs = (
-        np.stack([pack(robot, model.formulation, pivoting=model.pivoting or 0.0) for robot in bodies]),
-        np.array([lift_off(robot) for robot in bodies]),
+        _rows(lambda robot: pack(robot, model.formulation, pivoting=model.pivoting or 0.0), bodies),
+        _rows(lift_off, bodies),
         np.stack([one.packed for one in controllers]),
+        pack_conditions(borne, bodies),
+        np.zeros((0, 10)) if verdict is None else np.ascontiguousarray(verdict.settled, float),
+        _rows(pack_contacts, bodies),
+        LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
+        math.inf if verdict is None else verdict.grip,
         initial,
         references,
     )
@@ -114,16 +142,20 @@ def simulate_batch(
 
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
-        out = (states, torques, ended, lifted)
+        out = (states, torques, ended, settled, lifted, slipped, changes)
         run_closed_loop_block(model.selected, *inputs, first, width, sample_time / steps, steps, every, *out)
 
     over_threads(run, lanes, threads)
+    decided = np.minimum(ended, settled)
     return ClosedLoopBatch(
         t=np.arange(1.0, records + 1.0) * (every * sample_time),
         states=states,
         torques=torques,
         ended=np.where(ended < samples, ended * sample_time, np.inf),
+        settled=np.where(settled < samples, settled * sample_time, np.inf),
         lifted=lifted,
+        slipped=slipped,
+        torque_change=np.sqrt(changes / (n * np.maximum(decided - 1, 1))),
     )
 
 
@@ -133,6 +165,11 @@ def run_closed_loop_block(
     parameters,
     lift_offs,
     laws,
+    conditions,
+    bounds,
+    contacts,
+    lost,
+    grip,
     initial,
     references,
     first,
@@ -143,34 +180,58 @@ def run_closed_loop_block(
     states,
     torques,
     ended,
+    settled,
     lifted,
+    slipped,
+    changes,
 ):
     """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
     work = np.zeros(ROWS * LANES)
     state, held = np.empty(10), np.empty(torques.shape[2])
-    samples = len(references)
+    samples, moving = len(references), width
+    late = np.zeros((1 + int(conditions[:, 0].max()), width, len(held)))  # torques on their way
+    acting, room = np.zeros((width, len(held))), np.zeros(len(held))
     for lane in range(width):
         _load_robot(work, lane, parameters[_row_of(parameters, first + lane)])
-        start_lane(selected, work, lane, initial[_row_of(initial, first + lane)], h)
-        ended[first + lane] = samples
+        fill(state, initial[_row_of(initial, first + lane)])
+        _shift_lean(state, conditions[_row_of(conditions, first + lane)], -1.0)
+        start_lane(selected, work, lane, state, h)
     for sample in range(samples):
+        for lane in range(width if moving > 0 else 0):
+            robot = first + robot_in(work, lane)
+            if ended[robot] == samples and settled[robot] == samples:
+                row = conditions[_row_of(conditions, robot)]
+                _measure(selected, work, lane, row, state)
+                control_law(laws[_row_of(laws, robot)], state, references[sample], held)
+                fill(late[sample % len(late), robot - first], held)
+                due = late[(sample - int(row[0])) % len(late), robot - first]
+                if sample > int(row[0]):
+                    changes[robot] += _squared_distance(due, acting[robot - first])
+                fill(acting[robot - first], due)
+                _put_torques(selected, work, lane, row, state[4], acting[robot - first])
+        if moving > 0:
+            take_steps(selected, work, width, steps)
         for lane in range(width):
             robot = first + robot_in(work, lane)
-            write_state(selected, work, lane, state)
-            control_law(laws[_row_of(laws, robot)], state, references[sample], held)
-            for i in range(len(held)):
-                work[(TORQUE + i) * LANES + lane] = held[i]
-        take_steps(selected, work, width, steps)
-        for lane in range(width):
-            robot = first + robot_in(work, lane)
-            if ended[robot] == samples:
+            row = conditions[_row_of(conditions, robot)]
+            if ended[robot] == samples and settled[robot] == samples:
                 limit = lift_offs[_row_of(lift_offs, robot)]
                 _end_where_due(selected, work, lane, limit, sample + 1, ended, lifted, robot)
+                if grip < math.inf and ended[robot] == samples:
+                    touching = contacts[_row_of(contacts, robot)]
+                    _end_where_slipping(
+                        selected, work, lane, touching, grip, room, sample + 1, ended, slipped, robot
+                    )
+                if len(bounds) > 0 and ended[robot] == samples:
+                    _measure(selected, work, lane, row, state)
+                    decide(
+                        work, lane, bounds, lost, state, references[sample], sample + 1, ended, settled, robot
+                    )
+                moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
             if (sample + 1) % every == 0:
                 record = (sample + 1) // every - 1
-                write_state(selected, work, lane, states[robot, record])
-                for i in range(len(held)):
-                    torques[robot, record, i] = work[(TORQUE + i) * LANES + lane]
+                _measure(selected, work, lane, row, states[robot, record])
+                fill(torques[robot, record], acting[robot - first])
 
 
 @inlined
@@ -183,6 +244,48 @@ def _row_of(rows, lane):
 def _load_robot(work, lane, row):
     for i in range(len(row)):
         work[i * LANES + lane] = row[i]
+
+
+@inlined
+def _shift_lean(state, row, sign):
+    """Add or subtract the lean at which the floor's slope has the robot rest."""
+    state[2] += sign * row[1]
+    state[3] += sign * row[2]
+
+
+@inlined
+def _measure(selected, work, lane, row, out):
+    """Write a lane's state as it is seen on its floor."""
+    write_state(selected, work, lane, out)
+    _shift_lean(out, row, 1.0)
+
+
+@inlined
+def _squared_distance(a, b):
+    total = 0.0
+    for i in range(len(a)):
+        total += (a[i] - b[i]) * (a[i] - b[i])
+    return total
+
+
+@inlined
+def _put_torques(selected, work, lane, row, psi, torques):
+    """Let torques act on a lane: what its motors can of them, less what the floor's slope takes up."""
+    if row[3] < math.inf:
+        _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
+        for i in range(len(torques)):
+            torques[i] = _within_supply(torques[i], speeds[i], row[3], row[4])
+    c, s = math.cos(psi), math.sin(psi)
+    for i in range(len(torques)):
+        work[(TORQUE + i) * LANES + lane] = torques[i] - (c * row[5 + 2 * i] + s * row[6 + 2 * i])
+
+
+@inlined
+def _within_supply(torque, speed, top, most):
+    """Return what a motor can of a torque: near its highest speed nothing more that would drive it on."""
+    share = (top - math.copysign(speed, speed * torque)) / (FALLING_PART * top)
+    left = most * min(max(share, 0.0), 1.0)
+    return min(max(torque, -left), left)
 
 
 @inlined
@@ -200,15 +303,37 @@ def _end_where_due(selected, work, lane, limit, sample, ended, lifted, robot):
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
 
 
+@inlined
+def _end_where_slipping(selected, work, lane, touching, grip, room, sample, ended, slipped, robot):
+    """Stop a lane whose wheels would slip at the end of the sample."""
+    P, state, u = (
+        load(selected, work, lane),
+        load_state(selected, work, lane),
+        load_torques(selected, work, lane),
+    )
+    if not friction_needed(selected, P, state, u, touching, room) <= grip:
+        ended[robot] = sample
+        slipped[robot] = True
+        work[STEP * LANES + lane] = 0.0
+
+
 def _lanes(*counts: int) -> int:
     lanes = max(counts)
     if any(count not in (1, lanes) for count in counts):
-        starts, robots, controllers = counts
+        starts, robots, controllers, conditions = counts
         raise InputError(
-            f"There are {starts} initial states, {robots} robots and {controllers} controllers; each must be one, or "
-            "as many as there are lanes."
+            f"There are {starts} initial states, {robots} robots, {controllers} controllers and {conditions} "
+            "conditions; each must be one, or as many as there are lanes."
         )
     return lanes
+
+
+def _rows(
+    row_of: Callable[[Robot], NDArray[np.float64] | float], robots: Sequence[Robot]
+) -> NDArray[np.float64]:
+    """Return a row for each robot, made once where a robot is there more than once."""
+    made = {id(robot): row_of(robot) for robot in {id(robot): robot for robot in robots}.values()}
+    return np.array([made[id(robot)] for robot in robots])
 
 
 def _common_sample_time(controllers: Sequence[Controller]) -> float:

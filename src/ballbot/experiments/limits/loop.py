@@ -1,0 +1,177 @@
+"""A closed loop whose limits are sought, and which starts it comes back from.
+
+A run ends as soon as its outcome is known (`ballbot.simulation.verdict`):
+
+    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from here on ask for no torque above 40 % of
+               the limit or of what the wheels' grip holds at rest, no wheel speed above 40 % of the motors' highest and
+               no lean above 0.15 rad, as the rows K (F - G K)^k and so on tell: the law stays linear, and the robot
+               comes to rest
+    lost       leaning outward further than where the motors' full torque still turns the fall back
+
+The first is exact for the linear loop without dry friction, the second for a robot at rest; most of the torque, and a
+tenth of the lean, are left for what they leave out. A sample of runs is held against runs that are not cut short.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root_scalar
+
+from ballbot.control.controller import Controller
+from ballbot.control.lqr import held
+from ballbot.control.references import hold
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.geometry import contact_directions
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.derived import wheel_speed_limit
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.verdict import Verdict
+
+#: a run that has not ended after so long [s] has been caught
+DURATION = 5.0
+#: runs of one call, which bounds the memory and lets progress be told
+CALL = 65536
+
+_SHARE = 0.4  # of torque limit and speed limit that a settled robot will need at most
+_LEAN = 0.15  # [rad] that it will lean at most
+_EVERY = 10  # samples at which its future is looked at
+_FADED = 0.02  # of the largest row: what comes later is no more than that
+_BEYOND = 1.1  # times the lean from which full torque does not turn a fall back
+_DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loop:
+    """A robot with its controller, its motors' limits among what holds it back."""
+
+    robot: Robot  #: the true one; what is compensated is the controller's own
+    controller: Controller
+    grip: float = (
+        1.0  #: friction coefficient of the wheels on the ball; a run in which one would slip counts as lost
+    )
+    step: float = 0.005  #: inner step [s]
+
+    @cached_property
+    def model(self) -> Model:
+        """The exact model."""
+        return Model(self.robot, step=self.step)
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """The supply's limit on the wheels' speed."""
+        return Conditions(top_speed=top_speed(self.robot))
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """When a run's outcome counts as known."""
+        return Verdict(
+            settled=settled_rows(self.model, self.controller, grip=self.grip),
+            lost=lost_lean(self.model),
+            grip=self.grip,
+        )
+
+    def survives(
+        self, starts: NDArray[np.float64], *, threads: int | None = None, cut_short: bool = True
+    ) -> NDArray[np.bool_]:
+        """Return which starts (runs, 10) the robot, asked to hold the origin, comes back from.
+
+        Parameters
+        ----------
+        starts : ndarray (runs, 10)
+        threads : int, optional
+            All cores by default; the result does not depend on it.
+        cut_short : bool
+            End runs whose outcome is known.
+        """
+        kept = np.empty(len(starts), np.bool_)
+        possible = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
+        kept[~possible] = False
+        places = np.flatnonzero(possible)
+        for first in range(0, len(places), CALL):
+            chosen = places[first : first + CALL]
+            kept[chosen] = simulate_batch(
+                self.model,
+                self.controller,
+                hold(),
+                duration=DURATION,
+                initial_states=starts[chosen],
+                conditions=[self.conditions],
+                verdict=self.verdict
+                if cut_short
+                else replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN),
+                every=0,
+                threads=threads,
+            ).survived
+        return kept
+
+
+#: from starts (runs, 10) to which of them are survived (runs,)
+Survives = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
+
+def top_speed(robot: Robot) -> float:
+    """Return the wheels' speed [rad/s] without load at full supply."""
+    drive = robot.drive
+    return wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+
+
+def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
+    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1; none where the linear loop is not stable."""
+    linear, K = model.linearize(), controller.gain
+    F, G = held(linear.A, linear.B, controller.sample_time)
+    loop = F - G @ K
+    if np.abs(np.linalg.eigvals(loop)).max() >= 1.0:
+        return np.zeros((0, 10))
+    speeds = np.hstack([np.zeros((len(K), 5)), model.wheel_jacobian(np.zeros(5))])
+    now = [
+        K / (_SHARE * min(controller.torque_limit, grip * _torque_per_grip(model.robot))),
+        speeds / (_SHARE * top_speed(model.robot)),
+        np.eye(10)[2:4] / _LEAN,
+    ]
+    rows, ahead = [np.concatenate(now)], np.linalg.matrix_power(loop, _EVERY)
+    while np.abs(rows[-1]).max() > _FADED * np.abs(rows[0]).max():
+        rows.append(rows[-1] @ ahead)
+    return np.concatenate(rows)
+
+
+def _torque_per_grip(robot: Robot) -> float:
+    """Return the wheel torque [N m] at which a wheel of grip 1 slips, at rest: its load times its radius."""
+    pressing = np.linalg.pinv(contact_directions(robot.wheels).T) @ np.array(
+        [0.0, 0.0, robot.body.mass * robot.gravity]
+    )
+    return float(pressing.min()) * robot.wheels.radius
+
+
+def lost_lean(model: Model) -> float:
+    """Return the lean [rad] beyond which a robot that leans further is lost, whatever its motors do."""
+
+    if _least_outward(model, LARGEST_LEAN) <= 0.0:
+        return LARGEST_LEAN
+    turned = root_scalar(
+        lambda lean: _least_outward(model, lean), bracket=(0.0, LARGEST_LEAN), method="brentq"
+    )
+    return _BEYOND * float(turned.root)
+
+
+def _least_outward(model: Model, lean: float) -> float:
+    return min(_outward(model, lean, direction) for direction in _DIRECTIONS)
+
+
+def _outward(model: Model, lean: float, direction: float) -> float:
+    """Return the lean's least acceleration outward [rad/s^2] from rest under any torques and friction of the motors."""
+    towards = np.array([0.0, 0.0, math.cos(direction), math.sin(direction), 0.0])
+    robot, n = model.robot, model.robot.wheel_count
+    most = robot.drive.torque_limit + np.add(robot.friction.coulomb, robot.friction.stribeck)
+    torques = np.concatenate([np.zeros((1, n)), np.eye(n)])
+    accelerations = model.acceleration(lean * towards, np.zeros(5), torques) @ towards
+    return float(accelerations[0] - np.abs(accelerations[1:] - accelerations[0]) @ most)

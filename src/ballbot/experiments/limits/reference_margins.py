@@ -1,0 +1,207 @@
+"""Whether a robot can follow a reference, before it is tried: what it takes of torque, speed, power, lean and grip.
+
+Twice: as the path itself asks it, by the equations run backwards (`path_demand`), and as the closed loop does it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import Reference
+from ballbot.experiments.limits.loop import lost_lean, top_speed
+from ballbot.experiments.limits.path_demand import lean_of, path_demand
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.conditions import FALLING_PART, Conditions
+from ballbot.simulation.grip import friction_needed_along, pack_contacts
+from ballbot.simulation.run import sample_count
+
+#: change of a reference within a sample that is a jump [m, rad], as where runs are scored
+JUMP = 0.02
+#: share of a limit from which a margin counts as thin
+THIN = 0.8
+_STEP = 1e-3  # inner step of the closed loop [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Use:
+    """How much of a limit is used at most."""
+
+    quantity: str  #: "torque", "wheel speed", "lean" or "grip"
+    value: float
+    limit: float
+    unit: str
+    t: float  #: when [s]
+    wheel: int | None  #: which, from 1
+
+    @property
+    def share(self) -> float:
+        """Of the limit; above 1 it does not hold."""
+        return self.value / self.limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """What becomes of the reference in closed loop."""
+
+    uses: tuple[Use, ...]
+    at_limit: float  #: share of the time in which a wheel's torque is at its limit
+    ended: float  #: when the robot falls [s]; infinity where it does not
+    peak_error: float  #: largest distance from the reference [m]
+    peak_power: float  #: mechanical, of all motors [W]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceMargins:
+    """What a reference takes."""
+
+    jumps: tuple[tuple[float, float], ...]  #: when [s] and by how much [m or rad]; what jumps has no demand
+    uses: tuple[Use, ...]  #: of the path followed exactly; none where it jumps
+    peak_power: float | None  #: of the path followed exactly, mechanical [W]
+    supply_voltage: float  #: [V]
+    closed: Followed
+
+    @property
+    def can_be_followed(self) -> bool:
+        """Whether every limit holds and the robot does not fall."""
+        return self.closed.ended == np.inf and all(
+            use.share <= 1.0 for use in (*self.uses, *self.closed.uses)
+        )
+
+
+def check_reference(
+    robot: Robot, controller: Controller, reference: Reference, *, duration: float, grip: float = 1.0
+) -> ReferenceMargins:
+    """Return what a reference takes of a robot on level ground, and what becomes of it with a controller.
+
+    Parameters
+    ----------
+    robot : Robot
+    controller : Controller
+        Its torque limit counts.
+    reference : callable
+    duration : float
+        [s]
+    grip : float
+        Friction coefficient of the wheels on the ball.
+
+    Raises
+    ------
+    InputError
+        Where the duration is none, the reference asks for a lean or a rate, or no lean can follow it.
+    """
+    model, sample_time = Model(robot, step=_STEP), controller.sample_time
+    asked = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
+    closed = _followed(model, controller, reference, asked, duration, grip)
+    poses = asked[:, [0, 1, 4]]
+    changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
+    jumps = np.flatnonzero(changes > JUMP)
+    if len(jumps):
+        return ReferenceMargins(
+            jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
+            uses=(),
+            peak_power=None,
+            supply_voltage=robot.drive.supply_voltage,
+            closed=closed,
+        )
+    demand = path_demand(model, poses, sample_time)
+    return ReferenceMargins(
+        jumps=(),
+        uses=_uses(model, controller, demand.t, demand.states, demand.torques, grip),
+        peak_power=float(demand.power.max()),
+        supply_voltage=robot.drive.supply_voltage,
+        closed=closed,
+    )
+
+
+def available_torque(
+    robot: Robot, limit: float, torques: NDArray[np.float64], speeds: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the torque [N m] that motors have in the direction of `torques` at wheel speeds, of any shape."""
+    top = top_speed(robot)
+    forward = speeds * np.sign(torques)
+    return limit * np.clip((top - forward) / (FALLING_PART * top), 0.0, 1.0)
+
+
+def _followed(
+    model: Model,
+    controller: Controller,
+    reference: Reference,
+    asked: NDArray[np.float64],
+    duration: float,
+    grip: float,
+) -> Followed:
+    run = simulate_batch(
+        model,
+        controller,
+        reference,
+        duration=duration,
+        conditions=[Conditions(top_speed=top_speed(model.robot))],
+    )
+    going = run.t <= run.ended[0] + 1e-9
+    t, states, torques = run.t[going], run.states[0, going], run.torques[0, going]
+    speeds = model.wheel_speed(states[:, :5], states[:, 5:])
+    error = np.hypot(*(states[:, :2] - asked[going, :2]).T)
+    return Followed(
+        uses=_uses(model, controller, t, states, torques, grip),
+        at_limit=float(np.mean(np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9))),
+        ended=float(run.ended[0]),
+        peak_error=float(error.max()),
+        peak_power=float((torques * speeds).sum(axis=1).max()),
+    )
+
+
+def _uses(
+    model: Model,
+    controller: Controller,
+    t: NDArray[np.float64],
+    states: NDArray[np.float64],
+    torques: NDArray[np.float64],
+    grip: float,
+) -> tuple[Use, ...]:
+    """Return the largest use of each limit along states (N, 10) under torques (N, n)."""
+    robot, limit = model.robot, controller.torque_limit
+    speeds = model.wheel_speed(states[:, :5], states[:, 5:])
+    left = available_torque(robot, limit, torques, speeds)
+    short = np.abs(torques) / np.maximum(left, 1e-3 * limit)
+    needed = np.empty(len(t))
+    friction_needed_along(
+        model.selected, model.packed, pack_contacts(robot), np.ascontiguousarray(states), torques, needed
+    )
+    k, wheel = np.unravel_index(short.argmax(), short.shape)
+    f, fast = np.unravel_index(np.abs(speeds).argmax(), speeds.shape)
+    g = int(needed.argmax())
+    leans = lean_of(states)
+    o = int(leans.argmax())
+    return (
+        Use(
+            quantity="torque",
+            value=float(abs(torques[k, wheel])),
+            limit=float(max(left[k, wheel], 1e-3 * limit)),
+            unit="N m",
+            t=float(t[k]),
+            wheel=int(wheel) + 1,
+        ),
+        Use(
+            quantity="wheel speed",
+            value=float(abs(speeds[f, fast])),
+            limit=top_speed(robot),
+            unit="rad/s",
+            t=float(t[f]),
+            wheel=int(fast) + 1,
+        ),
+        Use(
+            quantity="lean",
+            value=float(leans[o]),
+            limit=lost_lean(model),
+            unit="rad",
+            t=float(t[o]),
+            wheel=None,
+        ),
+        Use(quantity="grip", value=float(needed[g]), limit=grip, unit="", t=float(t[g]), wheel=None),
+    )

@@ -1,0 +1,126 @@
+"""Figures of a robot's limits: the plane of lean and lean rate, and leans and blows over all directions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
+
+from ballbot.experiments.limits.limits import Edges, Kind, RobotLimits, TwinEdge
+from ballbot.experiments.limits.region import Region
+from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE
+
+#: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
+_LOOKS = ((ORANGE, "o", 3.2), (BLUE, "s", 2.0), (GREEN, "^", 1.0), (MUTED, "D", 0.6))
+_SURE, _MOST = "#7fa6cf", "#d8e3ef"
+#: every so many points of a plane are drawn
+_DRAWN = 2
+
+
+def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
+    """Draw which leans and lean rates each controller comes back from, in its worst direction."""
+    figure = Figure(figsize=(7.4, 3.1), layout="constrained")
+    panels = figure.subplots(1, len(found), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (name, one) in zip(panels, found.items(), strict=True):
+        for region, color, style in ((one.most_plane, _MOST, "--"), (one.sure_plane, _SURE, "-")):
+            _draw_region(axes, region, color, style)
+        axes.axhline(0.0, color=MUTED, linewidth=0.6)
+        axes.axvline(0.0, color=MUTED, linewidth=0.6)
+        axes.set_title(f"{name}, towards {np.degrees(one.plane_direction):.0f}°")
+        axes.set_xlabel("lean [degrees]")
+        axes.grid(visible=False)
+    panels[0].set_ylabel("lean rate [degrees/s]")
+    figure.legend(
+        handles=[
+            Patch(facecolor=_SURE, edgecolor=INK, label="survived, and no wheel lets go of the ball"),
+            Patch(facecolor=_MOST, edgecolor=INK, linestyle="--", label="survived if the wheels always hold"),
+        ],
+        loc="outside lower center",
+        ncols=2,
+    )
+    return figure
+
+
+def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinEdge]]) -> Figure:
+    """Draw the largest lean at rest and the hardest blow at the centre of mass over all directions."""
+    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
+    leans = {name: _degrees(one.lean) for name, one in found.items()}
+    blows = {
+        name: (one.blow_at_center(one.blow.sure), one.blow_at_center(one.blow.most))
+        for name, one in found.items()
+    }
+    directions = {name: one.directions for name, one in found.items()}
+    _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "lean at rest [degrees]")
+    _draw_polar(right, directions, blows, _marks(on_twin, "blow", 1.0), "blow [N s]")
+    handles = [
+        Line2D([], [], color=color, marker=mark if on_twin else "", label=name, linewidth=width)
+        for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
+    ]
+    handles += [
+        Line2D([], [], color=INK, linewidth=1.6, label="no wheel lets go"),
+        Line2D([], [], color=INK, linewidth=1.0, linestyle="--", label="wheels always hold"),
+    ]
+    if on_twin:
+        handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="(marks) on the twin"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    return figure
+
+
+def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
+    """Draw the hardest blow that is survived from any direction over the height at which it strikes."""
+    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+    axes = figure.subplots()
+    for (name, one), (color, _, width) in zip(found.items(), _LOOKS, strict=False):
+        axes.plot(one.blow.sure.sizes.min(axis=1), one.heights, color=color, linewidth=width, label=name)
+        axes.plot(one.blow.most.sizes.min(axis=1), one.heights, color=color, linewidth=width, linestyle="--")
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel(
+        "blow survived from every direction [N s] (solid: no wheel lets go; dashed: wheels always hold)"
+    )
+    axes.set_ylabel("height above the\nball's centre [m]")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
+    lean, rate = np.degrees(region.across[::_DRAWN]), np.degrees(region.along[::_DRAWN])
+    kept = region.kept[::_DRAWN, ::_DRAWN].T.astype(np.float64)
+    axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
+    axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
+
+
+def _degrees(edges: Edges) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.degrees(edges.sure.sizes), np.degrees(edges.most.sizes)
+
+
+def _marks(
+    on_twin: Mapping[str, Sequence[TwinEdge]], kind: Kind, unit: float
+) -> dict[str, list[tuple[float, float]]]:
+    return {
+        name: [(edge.direction, unit * edge.twin) for edge in edges if edge.kind == kind]
+        for name, edges in on_twin.items()
+    }
+
+
+def _draw_polar(
+    axes: PolarAxes,
+    directions: Mapping[str, NDArray[np.float64]],
+    sizes: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]],
+    marks: Mapping[str, Sequence[tuple[float, float]]],
+    title: str,
+) -> None:
+    for (name, (sure, most)), (color, mark, width) in zip(sizes.items(), _LOOKS, strict=False):
+        around = np.append(directions[name], directions[name][0] + 2.0 * np.pi)
+        axes.plot(around, np.append(sure, sure[0]), color=color, linewidth=width)
+        axes.plot(around, np.append(most, most[0]), color=color, linewidth=width, linestyle="--")
+        for direction, size in marks.get(name, ()):
+            axes.plot([direction], [size], color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(title, loc="center", pad=14)
