@@ -21,6 +21,7 @@ from ballbot.experiments.league.statistics import mean_with_interval, paired_dif
 from ballbot.report.league_page import league_report
 from ballbot.report.provenance import provenance
 from ballbot.robot.file import write_robot
+from benchmarks.league import section
 
 #: two short courses on the model, so that a league takes seconds
 COURSES = """\
@@ -111,6 +112,12 @@ def test_the_page_says_who_fell_and_who_is_better(league):
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
     assert "A step of 0.2 m. 4 s." in page
     assert "Seed 4,5;" in page
+
+
+def test_the_evidence_has_a_row_for_each_course_and_controller(league):
+    made = section(league).markdown()
+    assert made.count("| stand |") == made.count("| step |") == len(league.controllers)
+    assert "| step | limp | – | – | – | – | – | – | 2 of 2 |" in made
 
 
 def test_a_league_in_which_all_fall_has_a_page(folder):

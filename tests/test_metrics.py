@@ -132,6 +132,7 @@ def test_high_frequency_torque_of_a_sine(frequency, size, offset):
 def test_what_cannot_hold_high_frequencies_is_told():
     with pytest.raises(InputError, match="sampled at 20 Hz"):
         high_frequency_torque(made_log(rate=20.0))
+    assert np.isnan(score(made_log(rate=20.0)).high_frequency_torque)
     assert high_frequency_torque(made_log(duration=0.01, u1=1.0)) == pytest.approx(0.0, abs=1e-9)
 
 

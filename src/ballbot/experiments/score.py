@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.experiments.metrics import (
     BAND,
+    HIGH_FREQUENCY,
     SETTLE,
     energies,
     heading_error,
@@ -39,7 +40,7 @@ class Score:
     )
     rms_torque: float  #: over the whole run and all wheels [N m]
     rms_torque_change: float  #: from sample to sample [N m]
-    high_frequency_torque: float  #: root mean square above 10 Hz [N m]
+    high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
     energy: float  #: integral of |u w| over all wheels [J]
     driving_energy: float  #: of that, what the motors gave [J]
     ended: str | None  #: why the run stopped early, as in a fall
@@ -85,7 +86,6 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, band=band, disturbed=disturbed)
     energy, driving_energy = energies(log)
-    long_enough = len(log) > 1  # a single row has no sample time
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
         rms_position_error=rms(position) if counted.any() else np.nan,
@@ -95,8 +95,12 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
         arrived=arrived and log.ended is None,
         rms_torque=rms_torque(log),
         rms_torque_change=rms_torque_change(log),
-        high_frequency_torque=high_frequency_torque(log) if long_enough else np.nan,
+        high_frequency_torque=high_frequency_torque(log) if _holds_high_frequencies(log) else np.nan,
         energy=energy,
         driving_energy=driving_energy,
         ended=log.ended,
     )
+
+
+def _holds_high_frequencies(log: Log) -> bool:
+    return len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
