@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.identification.bootstrap import block_length, bootstrap, resamples
+from ballbot.block_bootstrap import block_length, resamples
+from ballbot.identification.bootstrap import bootstrap
 from ballbot.identification.problem import NormalEquations
 from ballbot.identification.starts import WindowEquations
 from ballbot.identification.uncertainty import covariance

@@ -19,7 +19,7 @@ from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.friction_curve import friction_curve, parameter_covariance
-from ballbot.report.results import as_json
+from ballbot.report.json_text import as_json
 from ballbot.report.style import drawn, thinned
 from ballbot.report.tables import digits, state_mark, with_error, with_symbols
 from ballbot.robot import Friction

@@ -7,7 +7,8 @@ import pytest
 from control_examples import alten
 from identification_examples import NOISE, TRUTH, balancing_log, noisy
 
-from ballbot.identification.bootstrap import bootstrap, resamples
+from ballbot.block_bootstrap import resamples
+from ballbot.identification.bootstrap import bootstrap
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.coordinates import scale_between
 from ballbot.identification.prediction import Cost, Predictor

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import fields
 from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
 
+from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.identification.axis import AxisIdentification
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
+from ballbot.identification.checkpoint import identity_of
 from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.results import as_json
 from ballbot.report.study_files import check_folder
 
 
@@ -38,6 +41,7 @@ def identify_axis(
     bandwidth: float | None = None,
     window: float = 1.0,
     horizon: float | None = None,
+    resume: bool = False,
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in a record of its force and position.
 
@@ -84,6 +88,8 @@ def identify_axis(
         Duration of the windows that the ladder is judged by, in seconds.
     horizon
         Duration of the windows that the open-loop fit predicts, in seconds; the whole record without it.
+    resume
+        Go on with a run into the same folder that was interrupted.
     """
     columns = AxisColumns(
         time=time,
@@ -107,18 +113,22 @@ def identify_axis(
     made = provenance(command=shlex.join(words), files=[record, *against], seed=0)
 
     console = standard_output()
-    with progress_bar(console, "inverse model") as bar:
-        found = identify_record(
-            read,
-            law=law,
-            bandwidth=bandwidth,
-            window=window,
-            horizon=horizon,
-            held_against=others,
-            progress=lambda share, doing: bar.show(share, doing=doing),
-        )
-    write_text(folder / "results.json", as_json(found.to_dict() | {"provenance": made.to_dict()}))
-    write_text(folder / "report.html", axis_report(found, read, made))
+    parts = [getattr(one, field.name) for one in (read, *others) for field in fields(one)]
+    belongs_to = identity_of({"records": parts}, options)
+    with long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+        with progress_bar(console, "inverse model") as bar:
+            found = identify_record(
+                read,
+                law=law,
+                bandwidth=bandwidth,
+                window=window,
+                horizon=horizon,
+                held_against=others,
+                recall=run.recall,
+                progress=lambda share, doing: bar.show(share, doing=doing),
+            )
+        write_text(folder / "results.json", as_json(found.to_dict() | {"provenance": made.to_dict()}))
+        write_text(folder / "report.html", axis_report(found, read, made))
     _show(found, console)
     console.print(str(folder / "report.html"), markup=False, soft_wrap=True)
 

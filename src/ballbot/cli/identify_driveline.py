@@ -21,8 +21,8 @@ from ballbot.report.driveline_page import (
     parameter_rows,
     remarks,
 )
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.results import as_json
 from ballbot.report.study_files import check_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot

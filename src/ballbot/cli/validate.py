@@ -1,10 +1,12 @@
-"""`ballbot validate`: a robot's model, with its friction and without, against its logs."""
+"""`ballbot validate`: two models of a robot against its logs; by default with its friction and without any."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import get_args
 
+import numpy as np
 from rich.table import Table
 
 from ballbot.cli.output import progress_bar, standard_output, table
@@ -14,14 +16,23 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.model import Model
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.results import as_json, validation_results
 from ballbot.report.study_files import check_folder
 from ballbot.report.tables import digits
 from ballbot.report.validation_page import validation_report
-from ballbot.robot import Friction, Robot
-from ballbot.validation import ErrorPair, Validation, findings, join_validations
-from ballbot.validation import validate as validate_log
+from ballbot.report.validation_results import validation_results
+from ballbot.robot import Robot
+from ballbot.validation import (
+    ErrorPair,
+    ModelPair,
+    Validation,
+    findings,
+    join_validations,
+    validate_pair,
+)
 
 
 def validate(
@@ -29,15 +40,22 @@ def validate(
     /,
     *logs: Path,
     out: Path,
+    against: str | None = None,
+    formulation: Formulation = "exact",
     controller: Path | None = None,
     mapping: Path | None = None,
     seed: int = 0,
 ) -> None:
-    """Hold a robot's model, with its friction and without, against logs that it was not fitted to.
+    """Hold a robot's model, with its friction and without, or any two models, against logs they were not fitted to.
 
-    Writes report.html and results.json.
+    Writes report.html and results.json: errors in open and closed loop and against the horizon, state by state with a
+    95 % interval on their ratio, and what the one-step residuals show.
 
     Example: ballbot validate found/robot.toml step.csv --out checked
+
+    Example: ballbot validate found/robot.toml step.csv --against viscous/robot.toml --out laws
+
+    Example: ballbot validate found/robot.toml step.csv --against thesis --out formulations
 
     Parameters
     ----------
@@ -47,6 +65,11 @@ def validate(
         One or more logs of the robot balancing, with torques and states.
     out
         The folder to write into.
+    against
+        What to hold the model against: another robot (preset or file), or this robot in the other formulation,
+        thesis or exact. By default the same robot without friction.
+    formulation
+        Of the robot's equations, exact or thesis; of another robot's as well.
     controller
         The controller that recorded the logs; without it, its gain is recovered from each log.
     mapping
@@ -54,26 +77,25 @@ def validate(
     seed
         Of the noise drawn for the noise floors.
     """
-    described = Robot.load(robot)
-    if described.friction == Friction.none(described.wheel_count):
-        raise InputError(
-            f"The robot {described.name} has no friction to validate; `ballbot identify` finds it."
-        )
+    models = _models(robot, against, formulation)
     named = read_logs(logs, mapping)
-    driver = read_controller(controller, described) if controller else None
+    driver = read_controller(controller, models.first.model.robot) if controller else None
     folder = check_folder(out)
     words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]
+    words += ["--against", against] if against else []
+    words += ["--formulation", formulation] if formulation != "exact" else []
     words += ["--controller", str(controller)] if controller else []
     words += ["--mapping", str(mapping)] if mapping else []
     files = [*logs, *(path for path in (controller, mapping) if path)]
     made = provenance(command=shlex.join(words), files=files, seed=seed)
 
-    parts = _validate(described, named, driver, seed)
+    parts = _validate(models, named, driver, seed)
     validation = join_validations(tuple(parts.values()))
     results = validation_results(validation)
     results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
     write_text(folder / "results.json", as_json({"validation": results, "provenance": made.to_dict()}))
-    title = f"{described.name}: the model against its logs"
+    first, second = models.names
+    title = f"{models.first.model.robot.name}: the model {first} and {second} against its logs"
     page = validation_report(
         validation, title=title, lead=f"On {', '.join(named)}.", example_of=next(iter(named)), made=made
     )
@@ -81,8 +103,23 @@ def validate(
     _show(validation, folder / "report.html")
 
 
+def _models(robot: str, against: str | None, formulation: Formulation) -> ModelPair:
+    """Return the two models that the command line names."""
+    model = Model(Robot.load(robot), formulation=formulation)
+    if against is None:
+        return ModelPair.by_friction(model)
+    if against in get_args(Formulation):
+        if against == formulation:
+            raise InputError(
+                f"Both formulations are {formulation}; --against {against} takes the other one as --formulation."
+            )
+        return ModelPair.by_formulation(model)
+    other = Model(Robot.load(against), formulation=formulation)
+    return ModelPair.of_two(model, other, files=(robot, against))
+
+
 def _validate(
-    robot: Robot, logs: dict[str, Log], controller: Controller | None, seed: int
+    models: ModelPair, logs: dict[str, Log], controller: Controller | None, seed: int
 ) -> dict[str, Validation]:
     """Return the validation on each log; an error says which log it is about."""
     console = standard_output()
@@ -91,7 +128,7 @@ def _validate(
         for number, (name, log) in enumerate(logs.items()):
             bar.show(number / len(logs), doing=f"validating {name}")
             try:
-                parts[name] = validate_log(robot, log, controller=controller, seed=seed)
+                parts[name] = validate_pair(models, log, controller=controller, seed=seed)
             except InputError as error:
                 raise InputError(f"{name}: {error}") from None
     return parts
@@ -99,27 +136,34 @@ def _validate(
 
 def _show(validation: Validation, report: Path) -> None:
     console = standard_output()
-    console.print(_error_table("open loop", validation.open_loop.errors, framed=console.is_terminal))
-    if validation.closed_loop is not None:
-        console.print(
-            _error_table("closed loop", validation.closed_loop.restarted, framed=console.is_terminal)
-        )
+    loops = {
+        "open loop": validation.open_loop and validation.open_loop.errors,
+        "closed loop": validation.closed_loop and validation.closed_loop.restarted,
+    }
+    for what, errors in loops.items():
+        if errors is not None:
+            console.print(_error_table(what, errors, validation.models, framed=console.is_terminal))
     for finding in findings(validation):
         console.print(finding, markup=False, soft_wrap=True)
     console.print(str(report), markup=False, soft_wrap=True)
 
 
-def _error_table(what: str, pair: ErrorPair, *, framed: bool) -> Table:
+def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool) -> Table:
+    lower, upper = pair.ratio_interval()
+    verdicts = pair.verdicts()
     rows = [
         (
             name,
-            digits(pair.with_friction.error[i]),
-            digits(pair.without_friction.error[i]),
-            f"{pair.ratio[i]:.2f}",
-            digits(pair.with_friction.rmse[i]),
-            digits(pair.without_friction.rmse[i]),
+            digits(pair.first.error[i]),
+            digits(pair.second.error[i]),
+            digits(pair.ratio[i]),
+            f"{digits(lower[i])} to {digits(upper[i])}" if np.isfinite(lower[i]) else "too few runs",
+            verdicts[i] if np.isfinite(lower[i]) else "",
+            digits(pair.first.rmse[i]),
+            digits(pair.second.rmse[i]),
         )
         for i, name in enumerate(STATE_NAMES)
     ]
-    headings = ("state", "error (4.1)", "without friction", "ratio", "RMSE", "without friction")
-    return table(f"{what}, {pair.runs} runs", headings, rows, framed=framed)
+    headings = ("state", "(4.1) A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
+    title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
+    return table(title, headings, rows, framed=framed)

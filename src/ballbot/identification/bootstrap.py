@@ -1,9 +1,8 @@
 """Block bootstrap of an estimate, without a simulation: one Gauss-Newton step from it for each resample.
 
 Windows that lie side by side share the sample between them and the same stretch of floor, so blocks of neighbours are
-drawn, with replacement, until there are as many windows as before (moving blocks, H. Kuensch, Annals of Statistics
-17 (1989) 1217-1241; taken round the end, D. Politis and J. Romano 1992). With m_w the number of times that window w was
-drawn, its equations H_w and scores g_w about the estimate give the resample's estimate to first order,
+drawn (`ballbot.block_bootstrap`). With m_w the number of times that window w was drawn, its equations H_w and scores
+g_w about the estimate give the resample's estimate to first order,
 
     p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
 
@@ -18,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.block_bootstrap import block_length, resamples
 from ballbot.identification.starts import WindowEquations
 
 #: resamples; they give a standard error to 1 / sqrt(2 * 1000) = 2 %
@@ -65,20 +65,3 @@ def bootstrap(
         scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))
         shifts[:, places] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
     return Bootstrap(block=block, shifts=shifts)
-
-
-def block_length(count: int) -> int:
-    """Return how many windows make a block: the cube root of their number, as a variance wants it.
-
-    P. Hall, J. Horowitz and B.-Y. Jing, Biometrika 82 (1995) 561-574.
-    """
-    return max(1, round(count ** (1.0 / 3.0)))
-
-
-def resamples(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.float64]:
-    """Return how often each of `count` windows is drawn in each of the repeats, (repeats, count)."""
-    starts = np.random.default_rng(seed).integers(count, size=(repeats, -(-count // block)))
-    rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(repeats, -1)[:, :count]
-    drawn = np.zeros((repeats, count))
-    np.add.at(drawn, (np.arange(repeats)[:, None], rows), 1.0)
-    return drawn

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.identification.wheel_speeds import measured_wheel_speeds
 from ballbot.log import Log
+from ballbot.log.turning_points import turning_points
 from ballbot.robot import Robot
 
 #: a swing is within the play where it is this many times as long: at its end a blow turns the wheel a little
@@ -68,15 +69,5 @@ def chatter_remark(found: Chatter, robot: Robot, name: str) -> str:
 
 def _swings(angle: NDArray[np.float64], least: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return how far an angle (N,) travels from one turning point to the next, and for how many rows."""
-    turns, highest, lowest, rising = [0], 0, 0, 0
-    for row, value in enumerate(angle):
-        highest = row if value > angle[highest] else highest
-        lowest = row if value < angle[lowest] else lowest
-        if rising >= 0 and value < angle[highest] - least:
-            turns.append(highest)
-            rising, lowest = -1, row
-        elif rising <= 0 and value > angle[lowest] + least:
-            turns.append(lowest)
-            rising, highest = 1, row
-    turns.append(len(angle) - 1)
+    turns = turning_points(angle, least)
     return np.abs(np.diff(angle[turns])), np.diff(turns)

@@ -8,8 +8,9 @@ from ballbot.control.file import write_controller
 from ballbot.errors import InputError
 from ballbot.experiments.study import Study
 from ballbot.files import write_text
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance
-from ballbot.report.results import as_json, study_results
+from ballbot.report.results import study_results
 from ballbot.report.study_page import study_report
 from ballbot.robot.file import write_robot
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.experiments.study import Study
-from ballbot.log import STATE_NAMES
 from ballbot.report.tables import digits
 from ballbot.robot import Robot
-from ballbot.validation.findings import weak_states
+from ballbot.validation.findings import better_in, weak_states
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
@@ -38,20 +37,17 @@ def friction_sentence(robot: Robot) -> str:
 def model_sentence(study: Study) -> str:
     """Return how much better the model with friction foretells what was held out."""
     validation = study.validation
-    ratio = validation.open_loop.errors.ratio
-    better = int(np.count_nonzero(ratio > 1.0))
     horizon = validation.horizon
     at_end = np.median(horizon.ratio[-1])
-    weakest = int(np.argmin(ratio))
-    states = "all ten states" if better == len(ratio) else f"{better} of the ten states"
     sentence = (
-        f"On {validation.duration:.0f} s of the logs that it was not fitted to, the model with this friction foretells "
-        f"{states} better than the one without: {horizon.horizons[-1]:.2g} s ahead its error is {at_end:.1f} times "
-        f"smaller (median of the states), over open-loop runs until a fall {ratio.min():.1f} ({STATE_NAMES[weakest]}) "
-        f"to {ratio.max():.1f} times."
+        f"On {validation.duration:.0f} s of the logs that it was not fitted to, {horizon.horizons[-1]:.2g} s ahead, "
+        f"the error of the model with this friction is {at_end:.1f} times smaller than of the one without (median of "
+        "the states)"
     )
-    weak = weak_states(validation)
-    return " ".join([sentence, *weak])
+    if validation.open_loop is None:
+        return f"{sentence}. No open-loop verdict: {validation.no_open_loop}"
+    over_runs = better_in(validation.open_loop.errors, validation.models)
+    return " ".join([f"{sentence}. Over open-loop runs until a fall, {over_runs}.", *weak_states(validation)])
 
 
 def compensation_sentence(study: Study) -> str:

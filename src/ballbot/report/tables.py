@@ -50,14 +50,15 @@ class ErrorRow:
 
     state: str
     unit: str
-    with_friction: str  #: 1000 times (4.1)
-    without_friction: str
+    first: str  #: 1000 times (4.1), of the first model
+    second: str
     ratio: str
     interval: str
-    rmse_with: str
-    rmse_without: str
-    better: bool  #: friction lowers the error
-    sure: bool  #: and the interval lies on one side of one
+    verdict: str  #: of the first model; a dash with too few runs
+    rmse_first: str
+    rmse_second: str
+    normalised_first: str
+    normalised_second: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,24 +89,25 @@ def parameter_rows(found: Identification) -> list[ParameterRow]:
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
-    """Return the errors of each state: (4.1), its ratio with a 95 % interval, and RMSE."""
+    """Return the errors of each state: (4.1), their ratio with a 95 % interval and what it says, and RMSE."""
     lower, upper = pair.ratio_interval()
+    normalised, verdicts = pair.normalised_rmse, pair.verdicts()
     rows = []
     for i, name in enumerate(STATE_NAMES):
-        ratio = float(pair.ratio[i])
         known = bool(np.isfinite(lower[i]))
         rows.append(
             ErrorRow(
                 state=state_mark(name),
                 unit=units[name],
-                with_friction=digits(1e3 * pair.with_friction.error[i]),
-                without_friction=digits(1e3 * pair.without_friction.error[i]),
-                ratio=f"{ratio:.2f}",
-                interval=f"{lower[i]:.2f} – {upper[i]:.2f}" if known else "too few runs",
-                rmse_with=digits(pair.with_friction.rmse[i]),
-                rmse_without=digits(pair.without_friction.rmse[i]),
-                better=ratio > 1.0,
-                sure=known and bool(lower[i] > 1.0 or upper[i] < 1.0),
+                first=digits(1e3 * pair.first.error[i]),
+                second=digits(1e3 * pair.second.error[i]),
+                ratio=digits(pair.ratio[i]),
+                interval=f"{digits(lower[i])} – {digits(upper[i])}" if known else "too few runs",
+                verdict=verdicts[i] if known else "–",
+                rmse_first=digits(pair.first.rmse[i]),
+                rmse_second=digits(pair.second.rmse[i]),
+                normalised_first=digits(normalised[0, i], 2),
+                normalised_second=digits(normalised[1, i], 2),
             )
         )
     return rows

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
@@ -34,13 +35,15 @@ from ballbot.validation.trajectories import Trajectories
 _SUBSET = ("x", "y", "theta", "phi", "psi", "psi_dot")
 
 
-def trajectories_figure(trajectories: Trajectories, states: Sequence[str] = _SUBSET) -> Figure:
-    """Return the measured states beside those of both models over time (Figures 4.1 and 4.2)."""
+def trajectories_figure(
+    trajectories: Trajectories, names: tuple[str, str], states: Sequence[str] = _SUBSET
+) -> Figure:
+    """Return the measured states beside those of both models, called by their names, over time (Figures 4.1, 4.2)."""
     rows = -(-len(states) // 2)
     figure = Figure(figsize=(7.4, 0.5 + 1.35 * rows), layout="constrained")
     panels = figure.subplots(rows, 2, sharex=True, squeeze=False)
     for axes, name in zip(panels.flat, states, strict=False):
-        _draw_state(axes, trajectories, name)
+        _draw_state(axes, trajectories, names, name)
     for axes in panels[-1]:
         axes.set_xlabel("time of the log [s]")
     handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -48,32 +51,35 @@ def trajectories_figure(trajectories: Trajectories, states: Sequence[str] = _SUB
     return figure
 
 
-def _draw_state(axes: Axes, trajectories: Trajectories, name: str) -> None:
+def _draw_state(axes: Axes, trajectories: Trajectories, names: tuple[str, str], name: str) -> None:
     index = STATE_NAMES.index(name)
-    columns = (trajectories.measured, trajectories.with_friction, trajectories.without_friction)
-    t, measured, with_friction, without_friction = thinned(trajectories.t, *(c[:, index] for c in columns))
+    columns = (trajectories.measured, trajectories.first, trajectories.second)
+    t, measured, first, second = thinned(trajectories.t, *(c[:, index] for c in columns))
     axes.plot(t, measured, label="measured", **MEASURED)
-    axes.plot(t, with_friction, label="model with friction", **WITH_FRICTION)
-    axes.plot(t, without_friction, label="model without friction", **WITHOUT_FRICTION)
+    axes.plot(t, first, label=f"model {names[0]}", **WITH_FRICTION)
+    axes.plot(t, second, label=f"model {names[1]}", **WITHOUT_FRICTION)
     axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
     axes.margins(x=0.01)
 
 
-def ratio_figure(open_loop: OpenLoop, closed_loop: ClosedLoop | None) -> Figure:
-    """Return the error without friction over the one with it, state by state, with bootstrap intervals."""
+def ratio_figure(
+    open_loop: OpenLoop | None, closed_loop: ClosedLoop | None, names: tuple[str, str]
+) -> Figure:
+    """Return the second model's error over the first's, state by state, with bootstrap intervals."""
     figure = Figure(figsize=(7.4, 2.7), layout="constrained")
     axes = figure.subplots()
     places = np.arange(len(STATE_NAMES), dtype=np.float64)
-    _draw_ratios(axes, places - 0.14, open_loop.errors, color=BLUE, marker="o", label="open loop")
+    if open_loop is not None:
+        _draw_ratios(axes, places - 0.14, open_loop.errors, color=BLUE, marker="o", label="open loop")
     if closed_loop is not None:
         label = f"closed loop, restarted every {closed_loop.restart_every:.2g} s"
         _draw_ratios(axes, places + 0.14, closed_loop.restarted, color=ORANGE, marker="s", label=label)
     axes.axhline(1.0, color=INK, linewidth=0.9)
     axes.set_yscale("log")
     axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
-    axes.set_ylabel("error without friction\nover error with friction")
+    axes.set_ylabel(f"error {names[1]}\nover error {names[0]}")
     _plain_log_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100))
-    axes.annotate("friction helps above this line", (places[-1] + 0.5, 1.0), (0, 2), textcoords="offset points",
+    axes.annotate(f"better {names[0]} above this line", (places[-1] + 0.5, 1.0), (0, 2), textcoords="offset points",
                   ha="right", fontsize=7, color=MUTED)  # fmt: skip
     axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
     figure.legend(loc="outside upper center", ncols=2)
@@ -101,15 +107,21 @@ def _plain_log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
     axes.set_ylim(lower, upper)
 
 
-def horizon_figure(errors: HorizonErrors) -> Figure:
-    """Return the forecast's RMSE against how far it looks ahead, a panel for each state."""
+def horizon_figure(errors: HorizonErrors, names: tuple[str, str]) -> Figure:
+    """Return the forecast's RMSE against how far it looks ahead, a panel for each state.
+
+    A filled dot is a horizon at which the first model is better by the whole interval, an empty one where it is not.
+    """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     panels = figure.subplots(2, 5, sharex=True)
-    ahead = 1e3 * errors.horizons
+    ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
     for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
-        axes.loglog(ahead, errors.with_friction[:, index], label="with friction", **WITH_FRICTION)
-        axes.loglog(ahead, errors.without_friction[:, index], label="without friction", **WITHOUT_FRICTION)
+        first = errors.first[:, index]
+        axes.loglog(ahead, first, label=names[0], **WITH_FRICTION)
+        axes.loglog(ahead, errors.second[:, index], label=names[1], **WITHOUT_FRICTION)
         axes.loglog(ahead, errors.noise_floor[:, index], label="noise of the start alone", **NOISE)
+        for which, face in ((better[:, index], BLUE), (~better[:, index], "white")):
+            axes.loglog(ahead[which], first[which], "o", color=BLUE, markerfacecolor=face, markersize=3)
         axes.set_title(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
         axes.set_xticks([10, 100, 500], ["10", "100", "500"])
         axes.xaxis.set_minor_locator(NullLocator())
@@ -125,9 +137,16 @@ def horizon_figure(errors: HorizonErrors) -> Figure:
 
 
 def correlation_figure(
-    labels: Sequence[str], correlation: NDArray[np.float64], *, inches: float = 5.6
+    labels: Sequence[str],
+    correlation: NDArray[np.float64],
+    *,
+    marked: NDArray[np.bool_] | None = None,
+    inches: float = 5.6,
 ) -> Figure:
-    """Return a correlation matrix as a map with its numbers (Figure 4.3); NaN cells stay blank."""
+    """Return a correlation matrix as a map with its numbers (Figure 4.3); NaN cells stay blank.
+
+    Cells that are `marked` have a frame.
+    """
     figure = Figure(figsize=(inches, 0.92 * inches), layout="constrained")
     axes = figure.subplots()
     image = axes.pcolormesh(
@@ -146,6 +165,12 @@ def correlation_figure(
             strong = abs(value) > 0.6
             axes.text(column + 0.5, row + 0.5, _two_digits(value), ha="center", va="center", fontsize=6.3,
                       color="white" if strong else INK)  # fmt: skip
+    if marked is not None:
+        for row, column in np.argwhere(marked[::-1]):
+            frame = Rectangle(
+                (column + 0.06, row + 0.06), 0.88, 0.88, fill=False, edgecolor=INK, linewidth=0.8
+            )
+            axes.add_patch(frame)
     bar = figure.colorbar(image, ax=axes, shrink=0.6, ticks=[-1, -0.5, 0, 0.5, 1])
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     bar.ax.tick_params(labelsize=7)

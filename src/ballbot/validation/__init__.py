@@ -1,12 +1,15 @@
 """Validation: a robot's model against its logs, in closed loop, in open loop and by one-step prediction."""
 
+from ballbot.validation.contenders import ModelPair, NamedModel
 from ballbot.validation.feedback import RecoveredGain, recover_gain
 from ballbot.validation.findings import findings
 from ballbot.validation.state_errors import ErrorPair, StateErrors
-from ballbot.validation.validation import Validation, join_validations, validate
+from ballbot.validation.validation import Validation, join_validations, validate, validate_pair
 
 __all__ = [
     "ErrorPair",
+    "ModelPair",
+    "NamedModel",
     "RecoveredGain",
     "StateErrors",
     "Validation",
@@ -14,4 +17,5 @@ __all__ = [
     "join_validations",
     "recover_gain",
     "validate",
+    "validate_pair",
 ]

@@ -19,8 +19,9 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.mechanics.engine import simulate_lanes
 from ballbot.mechanics.model import Model
-from ballbot.validation.forecast import ModelPair, check_wheels
-from ballbot.validation.state_errors import ErrorPair, StateErrors, join_pairs
+from ballbot.validation.contenders import ModelPair
+from ballbot.validation.forecast import check_wheels
+from ballbot.validation.state_errors import ErrorPair, join_pairs
 from ballbot.validation.trajectories import Trajectories
 from ballbot.validation.windows import rows_after, window_starts
 
@@ -68,7 +69,7 @@ def closed_loop(
     InputError
         Where the controller's sample time is not the log's.
     """
-    check_wheels(models.with_friction, log)
+    check_wheels(models.first.model, log)
     if not np.isclose(controller.sample_time, log.sample_time, rtol=0.02):
         raise InputError(
             f"The controller's sample time is {controller.sample_time:g} s and the log's {log.sample_time:g} s; "
@@ -102,8 +103,7 @@ def join_closed_loops(parts: Sequence[ClosedLoop]) -> ClosedLoop:
 
 def _errors(log: Log, starts: NDArray[np.int64], states: NDArray[np.float64]) -> ErrorPair:
     measured = log.states[rows_after(starts, states.shape[2])]
-    with_friction, without_friction = (StateErrors.of_runs(list(measured - of_model)) for of_model in states)
-    return ErrorPair(with_friction=with_friction, without_friction=without_friction)
+    return ErrorPair.of_runs(list(measured), list(states[0]), list(states[1]))
 
 
 def _run(
@@ -111,6 +111,7 @@ def _run(
 ) -> NDArray[np.float64]:
     """Return the states (2, starts, samples, 10) of both models, every start of both stepped side by side."""
     measured, torques, references, t = log.states, log.torques, log.reference, log.t
+    sample_time = log.sample_time
     begins = np.tile(starts, 2)
     controllers = [copy.deepcopy(controller) for _ in begins]
     for one in controllers:
@@ -123,22 +124,23 @@ def _run(
             asked[k, lane] = one.update(float(t[row]), states[lane], references[row])
         # until the first late torque arrives, those measured act
         held = asked[k - delay] if k >= delay else torques[begins + k]
-        states = _step(models.both, states, held, log.sample_time)
+        halves = zip(models.both, np.split(states, 2), np.split(held, 2), strict=True)
+        states = np.concatenate([_step(model, x, u, sample_time) for model, x, u in halves])
         out[:, k] = states
     return out.reshape(2, len(starts), samples, -1)
 
 
 def _step(
-    models: Sequence[Model], states: NDArray[np.float64], torques: NDArray[np.float64], sample_time: float
+    model: Model, states: NDArray[np.float64], torques: NDArray[np.float64], sample_time: float
 ) -> NDArray[np.float64]:
-    """Advance the lanes, the first half of the first model and the rest of the second, by one sample."""
+    """Advance all `states` (lanes, 10) of a model by one sample."""
     batch = simulate_lanes(
-        models[0].selected,
-        parameters=np.stack([model.packed for model in models]),
+        model.selected,
+        parameters=model.packed[None],
         initial=states,
         torques=torques[:, None],
         sample_time=sample_time,
-        steps=models[0].steps_in(sample_time),
-        parameter_of=np.repeat([0, 1], len(states) // 2),
+        steps=model.steps_in(sample_time),
+        parameter_of=np.zeros(len(states), dtype=np.int64),
     )
     return batch.states[:, 0]

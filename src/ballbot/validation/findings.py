@@ -1,36 +1,22 @@
-"""What a validation found, in words: where friction helps, where not and why, and what the residuals have in common."""
+"""What a validation found, in words: which model is better where, and where neither is, why."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ballbot.log import STATE_NAMES
+from ballbot.validation.contenders import ModelPair
 from ballbot.validation.dither import Dither
-from ballbot.validation.prediction import Prediction
-from ballbot.validation.state_errors import ErrorPair
+from ballbot.validation.residuals.words import residual_findings
+from ballbot.validation.state_errors import ErrorPair, verdicts
 from ballbot.validation.validation import Validation
 
 #: a state's error is put down to the noise of its start from this share on
 _NOISE_SHARE = 0.7
 #: dither counts as fast from this share of the motion of turning on
 _DITHER_SHARE = 0.5
-#: residuals are named where they correlate this strongly
-_STRONG = 0.5
-
 #: reversals this many times as frequent as the motion's own are chatter
 _CHATTER = 5.0
-
-#: pairs of residuals that are to be expected, and why
-_ROLLING = "the wheels carry the ball along with the leaning body, and its speed is computed from theirs and the gyro's"
-_INTEGRAL = "the on-board position is the integral of the speed, so that it has the speed's error"
-_EXPECTED = {
-    frozenset({"e_x_dot", "e_phi_dot"}): _ROLLING,
-    frozenset({"e_y_dot", "e_theta_dot"}): _ROLLING,
-    frozenset({"e_x", "e_phi_dot"}): _ROLLING,
-    frozenset({"e_y", "e_theta_dot"}): _ROLLING,
-    frozenset({"e_x", "e_x_dot"}): _INTEGRAL,
-    frozenset({"e_y", "e_y_dot"}): _INTEGRAL,
-}
 
 
 def findings(validation: Validation) -> tuple[str, ...]:
@@ -41,28 +27,58 @@ def findings(validation: Validation) -> tuple[str, ...]:
     elif validation.no_closed_loop is not None:
         found.append(f"No closed-loop validation: {validation.no_closed_loop}")
     found.append(_horizon_verdict(validation))
-    found.extend(_residual_findings(validation.prediction))
+    found.extend(residual_findings(validation.residuals))
     return tuple(found)
 
 
 def weak_states(validation: Validation) -> tuple[str, ...]:
-    """Return a sentence for each state that friction does not surely help in open loop, with the reason found.
+    """Return a sentence for each state that the first model does not surely foretell better in open loop, and why.
 
-    "Surely" is the 95 % bootstrap interval of the ratio of errors lying above one.
+    "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. With too few runs for an
+    interval there is one sentence for all.
     """
+    if validation.open_loop is None:
+        return ()
     errors = validation.open_loop.errors
     lower, upper = errors.ratio_interval()
+    if not np.isfinite(lower).any():
+        return (f"{errors.runs} open-loop runs are too few to tell which model is better.",)
+    first, second = validation.models.names
+    claims = {
+        "worse": f"the model {first} is worse than the one {second} in open loop",
+        "undecided": f"the model {first} is not shown to be better than the one {second} in open loop",
+    }
     sentences = []
-    for index, name in enumerate(STATE_NAMES):
-        ratio = errors.ratio[index]
-        if ratio > 1.0 and not lower[index] <= 1.0:
+    for index, (name, verdict) in enumerate(zip(STATE_NAMES, errors.verdicts(), strict=True)):
+        if verdict == "better":
             continue
-        claim = "does not help" if ratio <= 1.0 else "may not help"
-        interval = f", 95 % interval {lower[index]:.2f} to {upper[index]:.2f}" if errors.runs > 1 else ""
-        sentences.append(
-            f"{name}: friction {claim} in open loop (ratio {ratio:.2f}{interval}). {_reason(validation, index)}"
-        )
+        numbers = f"ratio {errors.ratio[index]:.2f}, 95 % interval {lower[index]:.2f} to {upper[index]:.2f}"
+        sentences.append(f"{name}: {claims[verdict]} ({numbers}). {_reason(validation, index)}")
     return tuple(sentences)
+
+
+def better_in(errors: ErrorPair, models: ModelPair) -> str:
+    """Return in how many states the first model is better, by the whole interval, and by which factors."""
+    first, second = models.names
+    if not np.isfinite(errors.ratio_interval()).any():
+        return f"{errors.runs} runs are too few to tell which model is better"
+    surely = [place for place, verdict in enumerate(errors.verdicts()) if verdict == "better"]
+    worse = [STATE_NAMES[place] for place, verdict in enumerate(errors.verdicts()) if verdict == "worse"]
+    if not surely:
+        better = f"the model {first} is better than the one {second} in none of the ten states"
+    else:
+        ratio = errors.ratio[surely]
+        names = [STATE_NAMES[surely[int(place(ratio))]] for place in (np.argmin, np.argmax)]
+        count = (
+            "every one of the ten states"
+            if len(surely) == len(STATE_NAMES)
+            else f"{len(surely)} of the ten states"
+        )
+        better = (
+            f"the model {first} is better than the one {second} in {count}, its error {ratio.min():.1f} times "
+            f"({names[0]}) to {ratio.max():.1f} times ({names[1]}) smaller"
+        )
+    return better + (f", and worse in {', '.join(worse)}" if worse else "")
 
 
 def describe_dither(validation: Validation) -> str | None:
@@ -70,7 +86,7 @@ def describe_dither(validation: Validation) -> str | None:
     dither = validation.dither
     if dither is None:
         return None
-    v_s = validation.robot.friction.stribeck_speed
+    v_s = validation.models.first.model.robot.friction.stribeck_speed
     fast, heading, reversals, slow_reversals = (
         float(values.mean())
         for values in (dither.dither, dither.heading, dither.reversals, dither.reversals_of_motion)
@@ -84,24 +100,26 @@ def describe_dither(validation: Validation) -> str | None:
 
 
 def _reason(validation: Validation, index: int) -> str:
-    """Return the reason that the data show for a state that friction does not help."""
+    """Return the reason that the data show for a state that the first model does not foretell better."""
     loop = validation.open_loop
-    share = loop.noise_floor[index] / loop.errors.with_friction.rmse[index]
+    assert loop is not None
+    share = loop.noise_floor[index] / loop.errors.first.rmse[index]
     if share > _NOISE_SHARE:
         return (
             f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the error, so that this "
             "state cannot tell the two models apart."
         )
-    dither = validation.dither
+    first, second = validation.models.both
+    dither = validation.dither if first.robot.friction != second.robot.friction else None
     if dither is not None and _chatters(dither):
         return f"Reason: the wheels chatter. {describe_dither(validation)}"
     if dither is not None and STATE_NAMES[index] in ("psi", "psi_dot") and _dithers(dither):
         return f"Reason: the rollers dither the wheels. {describe_dither(validation)}"
-    if loop.errors.ratio[index] > 1.0:
-        return f"Reason: {loop.errors.runs} runs are too few to tell; the ratio itself is above one."
+    if loop.errors.verdicts()[index] == "undecided":
+        return f"Reason: {loop.errors.runs} runs scatter too much to tell."
     return (
-        f"No reason was found in the data: the start's noise causes {100 * share:.0f} % of the error and the wheels' "
-        "dither does not explain it, so that the model itself lacks something for this state."
+        f"No reason was found in the data: the start's noise causes {100 * share:.0f} % of the error, so that the "
+        "model itself lacks something for this state."
     )
 
 
@@ -114,24 +132,15 @@ def _chatters(dither: Dither) -> bool:
     return bool(np.mean(dither.reversals) > _CHATTER * np.mean(dither.reversals_of_motion))
 
 
-def _range_of(errors: ErrorPair) -> str:
-    """Return in how many states friction lowers the error, and by which factors."""
-    ratio = errors.ratio
-    better = int(np.count_nonzero(ratio > 1.0))
-    weakest, strongest = int(np.argmin(ratio)), int(np.argmax(ratio))
-    count = "every one of the ten states" if better == len(ratio) else f"{better} of the ten states"
-    return (
-        f"the error with friction is below the one without in {count}: {ratio[weakest]:.1f} times "
-        f"({STATE_NAMES[weakest]}) to {ratio[strongest]:.1f} times ({STATE_NAMES[strongest]})"
-    )
-
-
 def _open_loop_verdict(validation: Validation) -> str:
     loop = validation.open_loop
-    length = float(loop.errors.with_friction.samples.mean()) * validation.sample_time
+    if loop is None:
+        return f"No open-loop validation: {validation.no_open_loop}"
+    length = float(loop.errors.first.samples.mean()) * validation.sample_time
     return (
         f"Open loop, {loop.errors.runs} runs of {length:.2g} s on average ({100 * loop.past_recovery:.0f} % of them "
-        f"ended by a lean past recovery, {np.degrees(loop.recoverable_lean):.0f} degrees): {_range_of(loop.errors)}."
+        f"ended by a lean past recovery, {np.degrees(loop.recoverable_lean):.0f} degrees): "
+        f"{better_in(loop.errors, validation.models)}."
     )
 
 
@@ -140,58 +149,27 @@ def _closed_loop_verdict(validation: Validation) -> str:
     assert closed is not None
     restarted = closed.restarted
     runs = f"restarted every {closed.restart_every:.2g} s ({restarted.runs} runs)"
-    verdict = f"Closed loop, {runs}: {_range_of(restarted)}."
+    verdict = f"Closed loop, {runs}: {better_in(restarted, validation.models)}."
     behind = [name for name, ratio in zip(STATE_NAMES, closed.whole.ratio, strict=True) if ratio <= 1.0]
     if behind:
         verdict += (
-            " Over the whole log without a restart, model and robot lose each other's phase in the limit cycle, and "
-            f"friction does not help in {', '.join(behind)}."
+            " Over the whole log without a restart, models and robot lose each other's phase in the limit cycle, and "
+            f"the error of the model {validation.models.first.name} is not the smaller one in {', '.join(behind)}."
         )
     return verdict
 
 
 def _horizon_verdict(validation: Validation) -> str:
-    horizon = validation.horizon
-    # over the ten states, the median: one quiet state decides nothing
-    ratio = np.median(horizon.ratio, axis=1)
-    tells = np.flatnonzero(ratio > 1.2)
-    if tells.size == 0:
-        return (
-            f"Up to {1e3 * horizon.horizons[-1]:.0f} ms ahead, friction makes little difference to the forecast "
-            f"(median ratio {ratio[-1]:.2f})."
-        )
-    return (
-        f"One sample ahead the sensors' noise decides (median ratio {ratio[0]:.2f}); friction shows from about "
-        f"{1e3 * horizon.horizons[tells[0]]:.0f} ms on and makes the forecast {ratio[-1]:.1f} times better at "
-        f"{1e3 * horizon.horizons[-1]:.0f} ms."
-    )
-
-
-def _residual_findings(prediction: Prediction) -> list[str]:
-    """Return a sentence on the strong pairs of residuals and torques that are expected, and one on the rest."""
-    labels, correlation = prediction.labels, prediction.correlation
-    expected: dict[str, list[str]] = {}
-    unexpected = []
-    for i in range(len(STATE_NAMES)):
-        for j in range(i + 1, len(labels)):
-            if abs(correlation[i, j]) < _STRONG:
-                continue
-            pair = f"{labels[i]} with {labels[j]} ({correlation[i, j]:+.2f})"
-            reason = _EXPECTED.get(frozenset({labels[i], labels[j]}))
-            if reason:
-                expected.setdefault(reason, []).append(pair)
-            else:
-                unexpected.append(pair)
-    found = [
-        f"Residuals that belong together: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()
-    ]
-    if unexpected:
-        found.append(
-            f"Residuals and torques that should not go together but do: {', '.join(unexpected)}; something is not "
-            "modelled."
-        )
-    else:
-        found.append(
-            "No other residual correlates with another or with a torque by 0.5 or more: nothing unmodelled stands out."
-        )
-    return found
+    horizon, first = validation.horizon, validation.models.first.name
+    intervals = horizon.ratio_interval()
+    if not np.isfinite(intervals).any():
+        return f"{horizon.starts} forecasts are too few to set the error against the horizon."
+    better = [verdicts(interval).count("better") for interval in intervals.swapaxes(0, 1)]
+    ahead, ratio = 1e3 * horizon.horizons, np.median(horizon.ratio, axis=1)
+    most = np.flatnonzero(np.array(better) > len(STATE_NAMES) // 2)
+    words = [f"{ahead[0]:.0f} ms ahead the model {first} is better in {better[0]} of the ten states"]
+    words[0] += f" (median ratio {ratio[0]:.2f})"
+    if most.size and 0 < most[0] < len(ahead) - 1:
+        words.append(f"from {ahead[most[0]]:.0f} ms on in most")
+    words.append(f"{ahead[-1]:.0f} ms ahead in {better[-1]} (median ratio {ratio[-1]:.1f})")
+    return ", ".join(words) + "."

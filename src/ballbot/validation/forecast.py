@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,29 +12,6 @@ from ballbot.log import Log
 from ballbot.mechanics.engine import simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelPair:
-    """The two models that a validation holds side by side; they differ in friction only."""
-
-    with_friction: Model
-    without_friction: Model
-
-    @staticmethod
-    def of(model: Model) -> ModelPair:
-        """Return the model as it is, beside itself without any friction."""
-        bare = model.robot.replace(friction=Friction.none(model.robot.wheel_count))
-        return ModelPair(
-            with_friction=model,
-            without_friction=Model(bare, formulation=model.formulation, step=model.step),
-        )
-
-    @property
-    def both(self) -> tuple[Model, Model]:
-        """The model with friction, then the one without."""
-        return (self.with_friction, self.without_friction)
 
 
 def forecast(
@@ -54,7 +30,7 @@ def forecast(
     Parameters
     ----------
     models : sequence of Model
-        All of one formulation, step and number of wheels.
+        All with as many wheels as the log has torques.
     log : Log
     starts : array (starts,)
         Rows to start from.
@@ -68,22 +44,24 @@ def forecast(
     array (models, starts, samples, 10)
         A forecast that passes the largest lean stays where it did.
     """
-    first = models[0]
-    check_wheels(first, log)
-    torques = log.torques[starts[:, None] + np.arange(samples)]
-    lanes = np.tile(np.arange(len(starts)), len(models))
+    return np.stack([_forecast_of(model, log, starts, samples, initial) for model in models])
+
+
+def _forecast_of(
+    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Return one model's states (starts, samples, 10)."""
+    check_wheels(model, log)
     batch = simulate_lanes(
-        first.selected,
-        parameters=np.stack([model.packed for model in models]),
+        model.selected,
+        parameters=model.packed[None],
         initial=log.states[starts] if initial is None else initial,
-        torques=torques,
+        torques=log.torques[starts[:, None] + np.arange(samples)],
         sample_time=log.sample_time,
-        steps=first.steps_in(log.sample_time),
-        parameter_of=np.repeat(np.arange(len(models)), len(starts)),
-        initial_of=lanes,
-        torque_of=lanes,
+        steps=model.steps_in(log.sample_time),
+        parameter_of=np.zeros(len(starts), dtype=np.int64),
     )
-    return batch.states.reshape(len(models), len(starts), samples, -1)
+    return batch.states
 
 
 def recoverable_lean(model: Model) -> float:

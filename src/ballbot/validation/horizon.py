@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.validation.forecast import ModelPair, forecast
+from ballbot.validation.contenders import ModelPair
+from ballbot.validation.forecast import forecast
+from ballbot.validation.ratio_interval import ratio_interval
+from ballbot.validation.state_errors import LEAST_RUNS
 from ballbot.validation.windows import rows_after, window_starts
 
 #: how far ahead [s]
@@ -25,18 +28,50 @@ _SPACING = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonErrors:
-    """Root mean square errors at each horizon, over all starts."""
+    """Errors of both models at each horizon, from every start in the order of time."""
 
     horizons: NDArray[np.float64]  #: (h,) [s], whole samples
-    with_friction: NDArray[np.float64]  #: (h, 10)
-    without_friction: NDArray[np.float64]  #: (h, 10)
-    noise_floor: NDArray[np.float64]  #: (h, 10) what the noise of start and measurement alone would cause
-    starts: int
+    first_squares: NDArray[np.float64]  #: (starts, h, 10) of the first model
+    second_squares: NDArray[np.float64]  #: (starts, h, 10) of the second
+    noise_floor: NDArray[
+        np.float64
+    ]  #: (h, 10) RMSE that the noise of start and measurement alone would cause
+    spread: NDArray[np.float64]  #: (10,) standard deviation of what was measured
+
+    @property
+    def starts(self) -> int:
+        """How many forecasts were compared."""
+        return len(self.first_squares)
+
+    @property
+    def first(self) -> NDArray[np.float64]:
+        """RMSE of the first model (h, 10)."""
+        return np.sqrt(self.first_squares.mean(axis=0))
+
+    @property
+    def second(self) -> NDArray[np.float64]:
+        """RMSE of the second model (h, 10)."""
+        return np.sqrt(self.second_squares.mean(axis=0))
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """Error without friction over the one with it (h, 10)."""
-        return self.without_friction / self.with_friction
+        """RMSE of the second model over that of the first (h, 10): above one, the first is nearer."""
+        return self.second / self.first
+
+    def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
+        """Return the lower and upper ends (2, h, 10) of 95 % intervals on `ratio`, by a bootstrap of blocks of starts.
+
+        NaN where there are too few starts.
+        """
+        shape = self.first_squares.shape[1:]
+        overlap = -(-self.horizons[-1] // _SPACING)
+        if self.starts < LEAST_RUNS * overlap:
+            return np.full((2, *shape), np.nan)
+        second, first = (
+            squares.reshape(self.starts, -1) for squares in (self.second_squares, self.first_squares)
+        )
+        ends = ratio_interval(second, first, overlap=int(overlap), seed=seed, power=0.5)
+        return ends.reshape(2, *shape)
 
 
 def horizon_errors(
@@ -70,34 +105,27 @@ def horizon_errors(
 
     random = np.random.default_rng(seed)
     noise = random.multivariate_normal(np.zeros(10), start_covariance, size=(2, len(starts)), method="eigh")
-    noisy = forecast([models.with_friction], log, starts, samples, initial=log.states[starts] + noise[0])[0]
-    floor = noisy + noise[1][:, None] - states[0]
+    noisy = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
+    floor = (noisy + noise[1][:, None] - states[0])[:, ahead - 1]
+    first, second = np.square(states - measured)[:, :, ahead - 1]
     return HorizonErrors(
         horizons=ahead * step,
-        with_friction=_root_mean_square(states[0] - measured)[ahead - 1],
-        without_friction=_root_mean_square(states[1] - measured)[ahead - 1],
-        noise_floor=_root_mean_square(floor)[ahead - 1],
-        starts=len(starts),
+        first_squares=first,
+        second_squares=second,
+        noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
+        spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
     )
 
 
 def join_horizons(parts: Sequence[HorizonErrors]) -> HorizonErrors:
-    """Return the errors over the starts of all `parts` of the first one's horizons."""
+    """Return the errors over the starts of all `parts` of the first one's horizons; the spread is that one's."""
     alike = [part for part in parts if np.array_equal(part.horizons, parts[0].horizons)]
     weights = [part.starts for part in alike]
-
-    def together(errors: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-        return np.sqrt(np.average(np.square(errors), axis=0, weights=weights))
-
+    floors = np.array([part.noise_floor for part in alike])
     return HorizonErrors(
         horizons=parts[0].horizons,
-        with_friction=together([part.with_friction for part in alike]),
-        without_friction=together([part.without_friction for part in alike]),
-        noise_floor=together([part.noise_floor for part in alike]),
-        starts=sum(weights),
+        first_squares=np.concatenate([part.first_squares for part in alike]),
+        second_squares=np.concatenate([part.second_squares for part in alike]),
+        noise_floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
+        spread=parts[0].spread,
     )
-
-
-def _root_mean_square(difference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the root mean square (samples, 10) over the starts of `difference` (starts, samples, 10)."""
-    return np.sqrt(np.mean(np.square(difference), axis=0))

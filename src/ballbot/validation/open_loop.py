@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.validation.forecast import ModelPair, forecast, recoverable_lean
+from ballbot.validation.contenders import ModelPair
+from ballbot.validation.forecast import forecast, recoverable_lean
 from ballbot.validation.state_errors import ErrorPair, StateErrors, join_pairs
 from ballbot.validation.trajectories import Trajectories
 from ballbot.validation.windows import rows_after, window_starts
@@ -67,22 +68,23 @@ def open_loop(
         Where no run of ten samples fits.
     """
     samples = min(round(longest / log.sample_time), max(len(part) for part in parts) - 1)
-    starts = window_starts(parts, samples=samples, every=max(1, round(spacing / log.sample_time)))
-    limit = recoverable_lean(models.without_friction)
+    every = max(1, round(spacing / log.sample_time))
+    starts = window_starts(parts, samples=samples, every=every)
+    limit = min(recoverable_lean(model) for model in models.both)
     starts = starts[_largest_lean(log.states[starts]) < limit]
     if samples < 10 or len(starts) == 0:
         raise InputError("The log has no stretch of ten samples with a lean that can be recovered from.")
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
     lengths = np.array([_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)])
-    with_friction, without_friction = (
-        StateErrors.of_runs([m[:n] - s[:n] for m, s, n in zip(measured, of_model, lengths, strict=True)])
-        for of_model in states
+    errors = ErrorPair.of_runs(
+        [run[:n] for run, n in zip(measured, lengths, strict=True)],
+        *([run[:n] for run, n in zip(of_model, lengths, strict=True)] for of_model in states),
+        overlap=-(-int(np.median(lengths)) // every),
     )
     shifted = _noisy(log.states[starts], start_covariance, seed)
-    noisy = forecast([models.with_friction], log, starts, samples, initial=shifted)[0]
+    noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]
     floor = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
-    errors = ErrorPair(with_friction=with_friction, without_friction=without_friction)
     middle = _median_run(errors)
     return OpenLoop(
         errors=errors,
@@ -97,7 +99,7 @@ def open_loop(
 def join_open_loops(parts: Sequence[OpenLoop]) -> OpenLoop:
     """Return the runs of all `parts` as one; the example is that of the first."""
     errors = join_pairs([part.errors for part in parts])
-    weights = np.array([part.errors.with_friction.samples.sum() for part in parts], dtype=float)
+    weights = np.array([part.errors.first.samples.sum() for part in parts], dtype=float)
     runs = np.array([part.errors.runs for part in parts], dtype=float)
     floors = np.array([part.noise_floor for part in parts])
     return OpenLoop(
@@ -127,7 +129,7 @@ def _noisy(states: NDArray[np.float64], covariance: NDArray[np.float64], seed: i
 
 
 def _median_run(errors: ErrorPair) -> int:
-    """Return the run whose errors with friction, each relative to its mean, sum to the median of the runs."""
-    by_run = errors.with_friction.by_run
+    """Return the run whose errors of the first model, each over its mean, sum to the median of the runs."""
+    by_run = errors.first.by_run
     scale = np.where(by_run.mean(axis=0) > 0.0, by_run.mean(axis=0), 1.0)
     return int(np.argsort((by_run / scale).sum(axis=1), kind="stable")[len(by_run) // 2])

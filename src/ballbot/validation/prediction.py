@@ -1,8 +1,8 @@
-"""One-step prediction: the next state from this one, and what its residuals have in common (thesis 4.1, 4.2).
+"""One-step prediction: the next state from this one, and what remains (thesis 4.1, 4.2).
 
     y_hat(k+1) = g(y(k), u(k))     (4.2)          eps(k) = y(k) - y_hat(k)     (4.3)
 
-The correlation matrix is that of the ten residuals eps(k+1) and the torques u(k) that led there (Figure 4.3).
+A step's row holds eps(k+1) and what was known at k. `ballbot.validation.residuals` says what the residuals tell.
 """
 
 from __future__ import annotations
@@ -14,37 +14,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.validation.forecast import ModelPair, forecast
-from ballbot.validation.state_errors import ErrorPair, StateErrors
+from ballbot.log.columns import wheel_angle_names, wheel_speed_names
+from ballbot.validation.contenders import ModelPair
+from ballbot.validation.forecast import forecast
+from ballbot.validation.state_errors import ErrorPair
 from ballbot.validation.windows import window_starts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """One-step residuals of the model with friction and without, and the torques of each step."""
+    """One-step residuals of both models, and what each step started from."""
 
-    residuals: NDArray[np.float64]  #: (steps, 10) with friction
-    residuals_without: NDArray[np.float64]  #: (steps, 10) without friction
+    residuals: NDArray[np.float64]  #: (steps, 10) of the first model
+    residuals_second: NDArray[np.float64]  #: (steps, 10) of the second
+    measured: NDArray[np.float64]  #: (steps, 10) the states that were predicted
     torques: NDArray[np.float64]  #: (steps, n)
+    heading: NDArray[np.float64]  #: (steps,) psi [rad] that each step started from
+    wheel_angles: NDArray[np.float64] | None  #: (steps, n) [rad] by the encoders; None where a log lacks them
+    wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders
+    segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
+    logs: tuple[int, ...]  #: how many steps are of each log
+    sample_time: float  #: [s]
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """e_x .. e_psi_dot, u1 .. un: the rows and columns of `correlation`."""
+        """e_x .. e_psi_dot, u1 .. un: the rows and columns of the correlation matrix."""
         torques = (f"u{i}" for i in range(1, self.torques.shape[1] + 1))
         return (*(f"e_{name}" for name in STATE_NAMES), *torques)
 
     @property
-    def correlation(self) -> NDArray[np.float64]:
-        """Correlation of residuals and torques (10 + n, 10 + n); 13 by 13 for three wheels."""
-        return correlation_of(np.hstack([self.residuals, self.torques]))
-
-    @property
     def errors(self) -> ErrorPair:
         """All steps as one run."""
-        return ErrorPair(
-            with_friction=StateErrors.of_runs([self.residuals]),
-            without_friction=StateErrors.of_runs([self.residuals_without]),
-        )
+        measured = self.measured
+        return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
 
     @property
     def start_covariance(self) -> NDArray[np.float64]:
@@ -56,32 +58,48 @@ class Prediction:
         return 0.5 * np.cov(self.residuals, rowvar=False)
 
 
-def correlation_of(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlation matrix of the columns; a constant column has none with others, and one with itself."""
-    deviation = columns - columns.mean(axis=0)
-    size = np.linalg.norm(deviation, axis=0)
-    scaled = deviation / np.where(size > 0.0, size, 1.0)
-    correlation = scaled.T @ scaled
-    np.fill_diagonal(correlation, 1.0)
-    return correlation
-
-
 def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
     """Predict every row within `parts` from the row before it."""
     starts = window_starts(parts, samples=1, every=1)
     predicted = forecast(models.both, log, starts, 1)[:, :, 0]
     measured = log.states[starts + 1]
+    count = log.torques.shape[1]
     return Prediction(
         residuals=measured - predicted[0],
-        residuals_without=measured - predicted[1],
+        residuals_second=measured - predicted[1],
+        measured=measured,
         torques=log.torques[starts],
+        heading=log["psi"][starts],
+        wheel_angles=_columns(log, wheel_angle_names(count), starts),
+        wheel_speeds=_columns(log, wheel_speed_names(count), starts),
+        segments=tuple(len(part) - 1 for part in parts),
+        logs=(len(starts),),
+        sample_time=log.sample_time,
     )
 
 
 def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
-    """Return the residuals of all `predictions` as one."""
+    """Return the steps of all `predictions` as one."""
+
+    def together(arrays: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+        known = [array for array in arrays if array is not None]
+        return np.concatenate(known) if len(known) == len(arrays) else None
+
     return Prediction(
         residuals=np.concatenate([part.residuals for part in predictions]),
-        residuals_without=np.concatenate([part.residuals_without for part in predictions]),
+        residuals_second=np.concatenate([part.residuals_second for part in predictions]),
+        measured=np.concatenate([part.measured for part in predictions]),
         torques=np.concatenate([part.torques for part in predictions]),
+        heading=np.concatenate([part.heading for part in predictions]),
+        wheel_angles=together([part.wheel_angles for part in predictions]),
+        wheel_speeds=together([part.wheel_speeds for part in predictions]),
+        segments=tuple(length for part in predictions for length in part.segments),
+        logs=tuple(length for part in predictions for length in part.logs),
+        sample_time=predictions[0].sample_time,
     )
+
+
+def _columns(log: Log, names: Sequence[str], rows: NDArray[np.int64]) -> NDArray[np.float64] | None:
+    if not all(name in log and np.isfinite(log[name]).all() for name in names):
+        return None
+    return np.column_stack([log[name][rows] for name in names])

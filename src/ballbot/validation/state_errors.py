@@ -1,24 +1,29 @@
-"""How far a model's states are from the measured ones: the thesis's (4.1) and the RMSE, with and without friction.
+"""How far two models' states are from the measured ones: the thesis's (4.1), the RMSE, and it normalised.
 
 (4.1) divides the norm of the differences by their number n, not by its root:
 
     e = |x - x_hat| / n,      RMSE = |x - x_hat| / sqrt(n) = e sqrt(n)
 
-so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same.
+so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same. The
+normalised RMSE is over the standard deviation of what was measured: 1 is no better than a constant.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: resamplings behind an interval; 2000 settle the ends of a 95 % interval to about 2 % of its width
-_RESAMPLINGS = 2000
+from ballbot.validation.ratio_interval import ratio_interval
+
 #: drawing from fewer runs says nothing about their scatter
-LEAST_RUNS = 5
+LEAST_RUNS = 8
+
+#: of the first model against the second: only a whole interval of the ratio above or below one is a verdict
+Verdict = Literal["better", "worse", "undecided"]
 
 
 def thesis_error(difference: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -56,43 +61,88 @@ class StateErrors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorPair:
-    """The errors of two models over the same runs: one with friction and one without."""
+    """The errors of two models over the same runs, in the order of time."""
 
-    with_friction: StateErrors
-    without_friction: StateErrors
+    first: StateErrors
+    second: StateErrors
+    means: NDArray[np.float64]  #: (runs, 10) of what was measured
+    squares: NDArray[np.float64]  #: (runs, 10) its mean squares
+    overlap: int = 1  #: how many neighbouring runs share some of the log
+
+    @staticmethod
+    def of_runs(
+        measured: Sequence[NDArray[np.float64]],
+        first: Sequence[NDArray[np.float64]],
+        second: Sequence[NDArray[np.float64]],
+        *,
+        overlap: int = 1,
+    ) -> ErrorPair:
+        """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
+
+        def errors(modelled: Sequence[NDArray[np.float64]]) -> StateErrors:
+            return StateErrors.of_runs([x - x_hat for x, x_hat in zip(measured, modelled, strict=True)])
+
+        return ErrorPair(
+            first=errors(first),
+            second=errors(second),
+            means=np.array([run.mean(axis=0) for run in measured]),
+            squares=np.array([np.mean(run**2, axis=0) for run in measured]),
+            overlap=overlap,
+        )
 
     @property
     def runs(self) -> int:
         """How many runs were compared."""
-        return len(self.with_friction.samples)
+        return len(self.first.samples)
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """Error (4.1) without friction over the one with it (10,): above one, friction helps."""
-        return self.without_friction.error / self.with_friction.error
+        """Error (4.1) of the second model over that of the first (10,): above one, the first is nearer."""
+        return self.second.error / self.first.error
 
-    def ratio_interval(self, *, confidence: float = 0.95, seed: int = 0) -> NDArray[np.float64]:
-        """Return the lower and upper ends (2, 10) of a bootstrap interval on `ratio`.
+    @property
+    def spread(self) -> NDArray[np.float64]:
+        """Standard deviation (10,) of what was measured, over all samples of all runs."""
+        weights = self.first.samples
+        mean = np.average(self.means, axis=0, weights=weights)
+        return np.sqrt(np.maximum(np.average(self.squares, axis=0, weights=weights) - mean**2, 0.0))
 
-        Whole runs are drawn with replacement, and both models' errors of a run go together (B. Efron and
-        R. Tibshirani, An Introduction to the Bootstrap, 1993, section 13.3). With fewer than `LEAST_RUNS` it is NaN.
+    @property
+    def normalised_rmse(self) -> NDArray[np.float64]:
+        """RMSE of the first and the second over `spread` (2, 10); NaN for a state that was constant."""
+        spread = self.spread
+        rmse = np.array([self.first.rmse, self.second.rmse])
+        return np.where(spread > 0.0, rmse / np.where(spread > 0.0, spread, 1.0), np.nan)
+
+    def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
+        """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
+
+        Whole runs are drawn, in blocks of neighbours, and both models' errors of a run go together.
         """
         if self.runs < LEAST_RUNS:
-            return np.full((2, self.with_friction.by_run.shape[1]), np.nan)
-        random = np.random.default_rng(seed)
-        drawn = random.integers(self.runs, size=(_RESAMPLINGS, self.runs))
-        ratios = self.without_friction.by_run[drawn].mean(axis=1) / self.with_friction.by_run[drawn].mean(
-            axis=1
-        )
-        tail = (1.0 - confidence) / 2.0
-        return np.quantile(ratios, [tail, 1.0 - tail], axis=0)
+            return np.full((2, self.first.by_run.shape[1]), np.nan)
+        return ratio_interval(self.second.by_run, self.first.by_run, overlap=self.overlap, seed=seed)
+
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Return what the interval on each state's ratio says of the first model."""
+        return verdicts(self.ratio_interval())
+
+
+def verdicts(interval: NDArray[np.float64]) -> tuple[Verdict, ...]:
+    """Return what intervals (2, k) on ratios say: better where wholly above one, worse where wholly below."""
+    return tuple(
+        "better" if lower > 1.0 else "worse" if upper < 1.0 else "undecided" for lower, upper in interval.T
+    )
 
 
 def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
     """Return the errors over the runs of all `pairs`."""
     return ErrorPair(
-        with_friction=_join([pair.with_friction for pair in pairs]),
-        without_friction=_join([pair.without_friction for pair in pairs]),
+        first=_join([pair.first for pair in pairs]),
+        second=_join([pair.second for pair in pairs]),
+        means=np.concatenate([pair.means for pair in pairs]),
+        squares=np.concatenate([pair.squares for pair in pairs]),
+        overlap=max(pair.overlap for pair in pairs),
     )
 
 

@@ -16,15 +16,13 @@ class Trajectories:
 
     t: NDArray[np.float64]  #: (k,) [s], of the log
     measured: NDArray[np.float64]  #: (k, 10)
-    with_friction: NDArray[np.float64]  #: (k, 10)
-    without_friction: NDArray[np.float64]  #: (k, 10)
+    first: NDArray[np.float64]  #: (k, 10) of the first model
+    second: NDArray[np.float64]  #: (k, 10) of the second
 
     @staticmethod
     def beside(log: Log, start: int, states: NDArray[np.float64]) -> Trajectories:
         """Return the rows of a log from `start` on beside the `states` (2, samples, 10) of both models after it."""
         rows = slice(start, start + states.shape[1] + 1)
         measured = log.states[rows]
-        with_friction, without_friction = (np.vstack([measured[:1], run]) for run in states)
-        return Trajectories(
-            t=log.t[rows], measured=measured, with_friction=with_friction, without_friction=without_friction
-        )
+        first, second = (np.vstack([measured[:1], run]) for run in states)
+        return Trajectories(t=log.t[rows], measured=measured, first=first, second=second)

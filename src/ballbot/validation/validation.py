@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,28 +11,33 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.disturbance_check import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 from ballbot.validation.closed_loop import ClosedLoop, closed_loop, join_closed_loops
+from ballbot.validation.contenders import ModelPair
 from ballbot.validation.dither import Dither, find_dither
 from ballbot.validation.feedback import RecoveredGain, delay_of, recover_gain
-from ballbot.validation.forecast import ModelPair, check_wheels
+from ballbot.validation.forecast import check_wheels
 from ballbot.validation.horizon import HorizonErrors, horizon_errors, join_horizons
 from ballbot.validation.open_loop import OpenLoop, join_open_loops, open_loop
 from ballbot.validation.prediction import Prediction, join_predictions, predict
+from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals, find_updates
 from ballbot.validation.windows import Interval, stretches
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Validation:
-    """How well a robot's model foretells a log, with its friction and without any."""
+    """How well two models foretell a log; by default a robot's model with its friction and without any."""
 
-    robot: Robot
-    open_loop: OpenLoop
+    models: ModelPair
+    open_loop: OpenLoop | None  #: None where the log does not allow it; `no_open_loop` says why
+    no_open_loop: str | None
     closed_loop: ClosedLoop | None  #: None where the log does not allow it; `no_closed_loop` says why
     no_closed_loop: str | None
     prediction: Prediction
+    residuals: ResidualAnalysis  #: of the first model
     horizon: HorizonErrors
     recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
     dither: Dither | None  #: None where the log lacks wheel speeds
@@ -51,31 +56,67 @@ def validate(
     longest: float = 2.0,
     seed: int = 0,
 ) -> Validation:
-    """Hold a robot's model, with its friction and without, against a log in three ways.
+    """Hold a robot's model, with its friction and without, against a log in three ways; see `validate_pair`.
 
     Parameters
     ----------
     robot : Robot
         With the friction to be judged; beside it goes the same robot without any.
     log : Log
+    controller : Feedback, optional
+    held_out : sequence of (start, end), optional
+    formulation : {"exact", "thesis"}
+        Of the model.
+    restart_every : float
+    longest : float
+    seed : int
+        As for `validate_pair`.
+
+    Raises
+    ------
+    InputError
+        Where the robot has no friction, and as `validate_pair` does.
+    """
+    return validate_pair(
+        ModelPair.by_friction(Model(robot, formulation=formulation)),
+        log,
+        controller=controller,
+        held_out=held_out,
+        restart_every=restart_every,
+        longest=longest,
+        seed=seed,
+    )
+
+
+def validate_pair(
+    models: ModelPair,
+    log: Log,
+    *,
+    controller: Feedback | None = None,
+    held_out: Sequence[Interval] | None = None,
+    restart_every: float = 4.0,
+    longest: float = 2.0,
+    seed: int = 0,
+) -> Validation:
+    """Hold any two models against a log in three ways: closed loop, open loop and prediction.
+
+    Parameters
+    ----------
+    models : ModelPair
+        Robots, formulations or frictions that differ.
+    log : Log
         With torques and states; ref_x, ref_y, ref_psi for the closed loop.
     controller : Feedback, optional
         The one that recorded the log. Without it, the gain of u = K S(psi) (r - x) is recovered from the log, and
         where that fails there is no closed-loop validation.
     held_out : sequence of (start, end), optional
-        Times [s] of the log that the friction was not fitted to; only these count. Without it, the whole log does.
-    formulation : {"exact", "thesis"}
-        Of the model.
+        Times [s] of the log that the models were not fitted to; only these count. Without it, the whole log does.
     restart_every : float
         Time from restart to restart in closed loop [s].
     longest : float
         Longest open-loop run [s].
     seed : int
         Of the noise drawn for the noise floors.
-
-    Returns
-    -------
-    Validation
 
     Raises
     ------
@@ -85,24 +126,30 @@ def validate(
     for name, value in (("restart_every", restart_every), ("longest", longest)):
         if not (np.isfinite(value) and value > 0.0):
             raise InputError(f"{name} is {value:g} s; it must be a positive time in seconds.")
-    models = ModelPair.of(Model(robot, formulation=formulation))
     log.require(*STATE_NAMES)
     # a heading kept within one turn would jump
     log = log.with_columns({"psi": np.unwrap(log["psi"])})
-    check_wheels(models.with_friction, log)
+    check_wheels(models.first.model, log)
     parts = stretches(log, held_out)
     prediction = predict(models, log, parts)
     covariance = prediction.start_covariance
-    recovered, closed, refusal = _closed_loop(models, log, parts, controller, restart_every)
+    disturbed = next((found.sentence for found in check_disturbance(log, models.first.model.robot)), None)
+    recovered, closed, refusal = (
+        (None, None, disturbed) if disturbed else _closed_loop(models, log, parts, controller, restart_every)
+    )
     return Validation(
-        robot=robot,
-        open_loop=open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=seed),
+        models=models,
+        open_loop=None
+        if disturbed
+        else open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=seed),
+        no_open_loop=disturbed,
         closed_loop=closed,
         no_closed_loop=refusal,
         prediction=prediction,
+        residuals=analyse_residuals(prediction, models.first.model, find_updates(log)),
         horizon=horizon_errors(models, log, parts, start_covariance=covariance, seed=seed),
         recovered=recovered,
-        dither=find_dither(models.without_friction, log),
+        dither=find_dither(models.first.model, log),
         duration=sum(len(part) for part in parts) * log.sample_time,
         sample_time=log.sample_time,
     )
@@ -111,20 +158,26 @@ def validate(
 def join_validations(parts: Sequence[Validation]) -> Validation:
     """Return the validations of several logs as one, over the runs of all.
 
-    Examples, the recovered gain and the dither are those of the first log that has them.
+    Examples, the recovered gain, the dither and the update rates are those of the first log that has them.
     """
+    if len(parts) == 1:
+        return parts[0]
+    opened = [part.open_loop for part in parts if part.open_loop is not None]
     closed = [part.closed_loop for part in parts if part.closed_loop is not None]
-    return Validation(
-        robot=parts[0].robot,
-        open_loop=join_open_loops([part.open_loop for part in parts]),
+    prediction = join_predictions([part.prediction for part in parts])
+    first = parts[0]
+    return replace(
+        first,
+        open_loop=join_open_loops(opened) if opened else None,
+        no_open_loop=None if opened else first.no_open_loop,
         closed_loop=join_closed_loops(closed) if closed else None,
-        no_closed_loop=None if closed else parts[0].no_closed_loop,
-        prediction=join_predictions([part.prediction for part in parts]),
+        no_closed_loop=None if closed else first.no_closed_loop,
+        prediction=prediction,
+        residuals=analyse_residuals(prediction, first.models.first.model, first.residuals.updates),
         horizon=join_horizons([part.horizon for part in parts]),
         recovered=next((part.recovered for part in parts if part.recovered), None),
         dither=next((part.dither for part in parts if part.dither), None),
         duration=sum(part.duration for part in parts),
-        sample_time=parts[0].sample_time,
     )
 
 
@@ -144,7 +197,7 @@ def _closed_loop(
     except InputError as error:
         return None, None, str(error)
     own = Controller(
-        models.with_friction.robot,
+        models.first.model.robot,
         recovered.gain,
         sample_time=log.sample_time,
         torque_limit=recovered.torque_limit,
