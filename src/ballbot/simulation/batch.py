@@ -18,7 +18,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
 from ballbot.mechanics.engine import over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.lanes import LANES, ROWS, STEP, TORQUE, robot_in
+from ballbot.mechanics.lanes import LANES, STEP, TORQUE, new_work, robot_in
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import load, pack
 from ballbot.mechanics.steps import load_state, load_torques, start_lane, take_steps, write_state
@@ -146,7 +146,7 @@ def run_closed_loop_block(
     lifted,
 ):
     """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
-    work = np.zeros(ROWS * LANES)
+    work = new_work()
     state, held = np.empty(10), np.empty(torques.shape[2])
     samples = len(references)
     for lane in range(width):
