@@ -1,8 +1,13 @@
 """From generalised forces to accelerations: M nu_dot = f solved by blocks, and by the ball's spin where it pivots."""
 
 from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.equations import SpinTerms
+from ballbot.mechanics.equations import SpinTerms, Terms
+from ballbot.mechanics.parameters import Pivoting
 from ballbot.mechanics.vector import add, dot, scale, subtract, symmetric_times
+
+_TWO, _THREE, _SIX = (0.0,) * 2, (0.0,) * 3, (0.0,) * 6
+_TERMS = Terms(_THREE, (_THREE, _THREE), _SIX, _TWO, _THREE)
+_SPIN_TERMS = SpinTerms(_TERMS, 0.0, _TWO, _THREE, 0.0)
 
 
 @inlined
@@ -69,16 +74,58 @@ def solve_with_spin(system, force_v, force_w, holding):
     return (v[0] - spin * dv[0], v[1] - spin * dv[1], spin), subtract(w, scale(dw, spin))
 
 
-def free_forces(system) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the generalised forces that are not the wheels', (on v, on w)."""
+@inlined
+def accelerated(system, holding):
+    """Return (v_dot, w_dot) under the forces in the system."""
+    force_v, force_w = forces_in(system)
+    return solve(system, force_v, force_w, holding)
+
+
+def forces_in(system) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the generalised forces in `Terms` or `SpinTerms`, (on v, on w)."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(free_forces)
-def _free_forces(system):
+@by_types_of(forces_in)
+def _forces_in(system):
     if system.instance_class is SpinTerms:
         return lambda system: (
             (system.rolling.f_v[0], system.rolling.f_v[1], system.f_s),
             system.rolling.f_w,
         )
     return lambda system: (system.f_v, system.f_w)
+
+
+def with_forces(system, force_v, force_w) -> tuple:  # pragma: no cover (compiled form below)
+    """Return the system with these forces in it."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(with_forces)
+def _with_forces(system, force_v, force_w):
+    if system.instance_class is SpinTerms:
+        return lambda system, force_v, force_w: SpinTerms(
+            _rolling_with_forces(system.rolling, (force_v[0], force_v[1]), force_w),
+            system.M_ss,
+            system.M_sv,
+            system.M_sw,
+            force_v[2],
+        )
+    return lambda system, force_v, force_w: _rolling_with_forces(system, force_v, force_w)
+
+
+@inlined
+def _rolling_with_forces(system, force_v, force_w):
+    return Terms(system.M_vv, system.M_vw, system.M_ww, force_v, force_w)
+
+
+def system_like(selected) -> tuple:  # pragma: no cover (compiled form below)
+    """Return `Terms` or `SpinTerms` of zeros, of the kind that the selected equations have."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(system_like)
+def _system_like(selected):
+    if selected.instance_class is Pivoting:
+        return lambda selected: _SPIN_TERMS
+    return lambda selected: _TERMS

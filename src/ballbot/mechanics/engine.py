@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.mechanics.compiled import compiled
-from ballbot.mechanics.lanes import LANES, ROWS, STEP, TORQUE, robot_in
+from ballbot.mechanics.lanes import LANES, STEP, TORQUE, new_work, robot_in
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis
 from ballbot.mechanics.steps import start_lane, take_steps, write_state
 
@@ -39,7 +39,7 @@ def run_block(
     ended,
 ):
     """Simulate lanes first .. first + width - 1 of `simulate_lanes`."""
-    work = np.zeros(ROWS * LANES)
+    work = new_work()
     samples, n = torques.shape[1], torques.shape[2]
     for lane in range(width):
         row = parameters[parameter_of[first + lane]]

@@ -51,7 +51,7 @@ class Attitude(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """Mass matrix by blocks and the generalised forces that are not the wheels'."""
+    """Mass matrix by blocks and generalised forces; `terms` returns those that are not the wheels'."""
 
     M_vv: tuple  #: xx, yy, xy
     M_vw: tuple  #: two rows of three

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from ballbot.mechanics.accelerations import free_forces
+from ballbot.mechanics.accelerations import forces_in
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.contacts import of_boxes
 from ballbot.mechanics.equations import (
@@ -14,7 +14,7 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.smooth import ball_velocity
+from ballbot.mechanics.smooth import ball_velocity, body_velocity
 from ballbot.mechanics.vector import add, advanced, each, scale
 
 
@@ -42,11 +42,11 @@ def _sum(a, b):
 @inlined
 def free_motion(selected, P, a, state, u):
     """Return the `FreeMotion` of a state with that attitude under wheel torques u; viscous friction is in it."""
-    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    v, w = ball_velocity(state), body_velocity(state)
     system = terms(selected, P, a, v, w)
     speeds = wheel_speeds(selected, P, a, v, w)
     F, L = wheel_force(selected, P, a, ball_torque(P, each(_free_torque, P.wheels, u, speeds)))
-    f_v, f_w = free_forces(system)
+    f_v, f_w = forces_in(system)
     limits = of_boxes(selected, each(dry_friction, P.wheels, speeds), P.pivoting)
     return FreeMotion(v, w, system, each(_sum, f_v, F), add(f_w, L), limits)
 
@@ -58,7 +58,7 @@ def finished(selected, state, a, v_after, w_after, h):
     `a` is the attitude of the state before.
     """
     v = ball_velocity(state)
-    middle = scale(add((state[7], state[8], state[9]), w_after), 0.5)
+    middle = scale(add(body_velocity(state), w_after), 0.5)
     rates = rates_of_angles(selected, a, middle)
     half = 0.5 * h
     a = balancing_attitude(

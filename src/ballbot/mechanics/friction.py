@@ -45,8 +45,20 @@ _LARGEST_EXPONENT = (
 @inlined
 def dry_friction(wheel, speed):
     """Return c + s exp(-|w/v_s|^delta): the size of the friction that has the speed's sign."""
+    return with_decay(wheel, power_of_two(decay_exponent(wheel, speed)))
+
+
+@inlined
+def decay_exponent(wheel, speed):
+    """Return e with exp(-|w/v_s|^delta) = 2^-2^e, kept where both powers can be raised."""
     exponent = wheel.delta * binary_logarithm(abs(speed) * wheel.inv_vs) + _LOG2_OF_LOG2_E
-    return wheel.c + wheel.s * power_of_two(-power_of_two(min(max(exponent, -1000.0), _LARGEST_EXPONENT)))
+    return min(max(exponent, -1000.0), _LARGEST_EXPONENT)
+
+
+@inlined
+def with_decay(wheel, power):
+    """Return c + s 2^-power."""
+    return wheel.c + wheel.s * power_of_two(-power)
 
 
 @inlined

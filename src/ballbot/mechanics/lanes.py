@@ -34,6 +34,14 @@ GROUP = 8
 
 
 @inlined
+def new_work():
+    """Return a block's work array, zeros, from the beginning of a cache line: no vector then lies across two."""
+    numbers = np.zeros(ROWS * LANES + GROUP)
+    first = -(numbers.ctypes.data // 8) % GROUP
+    return numbers[first : first + ROWS * LANES]
+
+
+@inlined
 def entry(work, row, lane):
     """Return the number of that row and lane."""
     # unsigned: no test for an index from the end, which keeps a loop scalar
@@ -62,7 +70,7 @@ def swap(work, row, first, second):
 
 
 def restored(like, work, row, lane) -> tuple:  # pragma: no cover (compiled form below)
-    """Return the numbers of a lane from `row` on as a tuple, or tuples in tuples, of the shape of `like`.
+    """Return the numbers of a lane from `row` on as a tuple, named or not, or tuples in tuples, of the shape of `like`.
 
     The array is an argument of its own: in a tuple of arguments its reference would be counted in the loop over
     lanes, which would then not become vector code.
@@ -72,14 +80,25 @@ def restored(like, work, row, lane) -> tuple:  # pragma: no cover (compiled form
 
 @by_types_of(restored)
 def _restored(like, work, row, lane):
-    return written("like, work, row, lane", _entries(like, count()), unsigned=np.uint64)
+    names = {one.__name__: one for one in _classes(like)}
+    return written("like, work, row, lane", _entries(like, count()), unsigned=np.uint64, **names)
 
 
 def _entries(shape: types.Type, rows: Iterator[int]) -> str:
     if isinstance(shape, types.BaseTuple):
-        return "(" + "".join(f"{_entries(item, rows)}, " for item in _items(shape)) + ")"
+        entries = "(" + "".join(f"{_entries(item, rows)}, " for item in _items(shape)) + ")"
+        return _class_of(shape).__name__ + entries if isinstance(shape, types.BaseNamedTuple) else entries
     # written out: as a call, each row would be a function to compile
     return f"work[unsigned((row + {next(rows)}) * {LANES} + lane)]"
+
+
+def _classes(shape: types.Type) -> Iterator[type]:
+    """Yield the classes of named tuples in a tuple, its own included."""
+    if isinstance(shape, types.BaseNamedTuple):
+        yield _class_of(shape)
+    if isinstance(shape, types.BaseTuple):
+        for item in _items(shape):
+            yield from _classes(item)
 
 
 def stored(work, row, lane, value) -> tuple:  # pragma: no cover (compiled form below)
@@ -100,6 +119,10 @@ def _numbers(shape: types.Type, name: str) -> Iterator[str]:
             yield from _numbers(item, f"{name}[{i}]")
     else:
         yield name
+
+
+def _class_of(shape: types.BaseNamedTuple) -> type:
+    return shape.instance_class  # pyright: ignore[reportAttributeAccessIssue] (each kind has it, their base does not)
 
 
 def _items(shape: types.BaseTuple) -> tuple[types.Type, ...]:

@@ -9,7 +9,7 @@ ball that does not spin stays so while pivoting friction can hold it, and that i
 import math
 from typing import NamedTuple
 
-from ballbot.mechanics.accelerations import free_forces, solve
+from ballbot.mechanics.accelerations import accelerated, forces_in, with_forces
 from ballbot.mechanics.compiled import by_types_of, inlined
 from ballbot.mechanics.equations import (
     balancing_attitude,
@@ -39,6 +39,12 @@ def _ball_velocity(state):
     if len(state) == 10:
         return lambda state: (state[5], state[6])
     return lambda state: (state[5], state[6], state[10])
+
+
+@inlined
+def body_velocity(state):
+    """Return w of a state."""
+    return (state[7], state[8], state[9])
 
 
 def assembled(v, angle_rates, v_dot, w_dot) -> tuple:  # pragma: no cover (compiled form below)
@@ -136,19 +142,25 @@ def _sum(a, b, c):
 
 
 @inlined
-def acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor):
-    """Return (v_dot, w_dot) with the wheels' dry friction, its signs and the floor's friction given."""
+def loaded(selected, P, a, v, w, u, speeds, signs, dry, floor_force):
+    """Return the `Terms` or `SpinTerms` with all forces in them: wheels', dry friction of given signs, floor's."""
     system = terms(selected, P, a, v, w)
     T = ball_torque(P, each(_wheel_torque, P.wheels, u, speeds, signs, dry))
     F, L = wheel_force(selected, P, a, T)
-    f_v, f_w = free_forces(system)
-    return solve(system, each(_sum, f_v, F, floor.force), add(f_w, L), floor.holding)
+    f_v, f_w = forces_in(system)
+    return with_forces(system, each(_sum, f_v, F, floor_force), add(f_w, L))
+
+
+@inlined
+def acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor):
+    """Return (v_dot, w_dot) with the wheels' dry friction, its signs and the floor's friction given."""
+    return accelerated(loaded(selected, P, a, v, w, u, speeds, signs, dry, floor.force), floor.holding)
 
 
 @inlined
 def rate_of_change(selected, P, a, state, u, speeds, signs, dry):
     """Return the state's rate of change, with the wheels' dry friction and its signs given."""
-    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    v, w = ball_velocity(state), body_velocity(state)
     v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
     return assembled(v, rates_of_angles(selected, a, w), v_dot, w_dot)
 
@@ -165,7 +177,7 @@ def derivative(selected, P, state, u, signs):
 def pose(selected, P, state):
     """Return the attitude and the wheel speeds of a state."""
     a = balancing_attitude((state[2], state[3], state[4]))
-    return a, wheel_speeds(selected, P, a, ball_velocity(state), (state[7], state[8], state[9]))
+    return a, wheel_speeds(selected, P, a, ball_velocity(state), body_velocity(state))
 
 
 @inlined

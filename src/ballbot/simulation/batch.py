@@ -20,7 +20,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
 from ballbot.mechanics.engine import over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.lanes import LANES, ROWS, STEP, TORQUE, robot_in
+from ballbot.mechanics.lanes import LANES, STEP, TORQUE, new_work, robot_in
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import load, pack
 from ballbot.mechanics.rows import fill
@@ -186,7 +186,7 @@ def run_closed_loop_block(
     changes,
 ):
     """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
-    work = np.zeros(ROWS * LANES)
+    work = new_work()
     state, held = np.empty(10), np.empty(torques.shape[2])
     samples, moving = len(references), width
     late = np.zeros((1 + int(conditions[:, 0].max()), width, len(held)))  # torques on their way

@@ -17,7 +17,7 @@ from ballbot.mechanics.evaluate import angle_accelerations
 from ballbot.mechanics.friction import dry_friction, sign
 from ballbot.mechanics.lanes import LANES, ROWS
 from ballbot.mechanics.parameters import load
-from ballbot.mechanics.smooth import acceleration, ball_velocity, floor_friction, pose
+from ballbot.mechanics.smooth import acceleration, ball_velocity, body_velocity, floor_friction, pose
 from ballbot.mechanics.steps import load_state, start_lane
 from ballbot.mechanics.vector import each, each_with
 from ballbot.robot import Robot
@@ -36,7 +36,7 @@ def sinking(selected, P, state, u):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a, speeds = pose(selected, P, state)
-    v, w = ball_velocity(state), (state[7], state[8], state[9])
+    v, w = ball_velocity(state), body_velocity(state)
     signs, dry = each(sign, speeds), each(dry_friction, P.wheels, speeds)
     _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
