@@ -1,12 +1,15 @@
 """Logs with a known friction, for tests of identification."""
 
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
 from control_examples import FRICTION, alten
+from numpy.typing import NDArray
 
 from ballbot import Controller, Log, Model, lqr, simulate
 from ballbot.control import references
+from ballbot.identification.checkpoint import Arrays, Recall
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Friction
 
@@ -36,3 +39,20 @@ def noisy(log: Log, *, seed: int) -> Log:
     random = np.random.default_rng(seed)
     noise = NOISE * random.standard_normal((len(log), 10))
     return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
+
+
+class Dying:
+    """A checkpoint's answers until a stage asks for the time after so many: then Ctrl-C."""
+
+    def __init__(self, recall: Recall, *, stage: str, after: int) -> None:
+        self._recall, self._stage, self._left = recall, stage, after
+
+    def __call__(
+        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
+    ) -> Arrays:
+        """Answer, or die."""
+        if stage == self._stage:
+            if self._left == 0:
+                raise KeyboardInterrupt
+            self._left -= 1
+        return self._recall(stage, question, answer)

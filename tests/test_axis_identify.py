@@ -8,8 +8,9 @@ from axis_examples import LOOP, TRUTH, simulated_record
 from scipy.io import savemat
 
 from ballbot.cli.main import main
+from ballbot.cli.output import Bar
 from ballbot.errors import InputError
-from ballbot.identification.axis import AxisRecord, identify_axis
+from ballbot.identification.axis import AxisRecord, identify_axis, ladder
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
 from ballbot.log.text_table import write_text_table
 
@@ -47,11 +48,26 @@ def mat_file(tmp_path_factory, noisy_record):
 
 
 @pytest.mark.slow
-def test_the_command_leaves_a_report_and_results(tmp_path, mat_file, capsys):
+def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
+    tmp_path, mat_file, capsys, monkeypatch
+):
     other = tmp_path / "other.mat"
     other.write_bytes(mat_file.read_bytes())
     command = ["identify-axis", str(mat_file), str(other), "--out", str(tmp_path), *OPTIONS]
-    assert main(command) == 0
+
+    def interrupt(_bar: Bar, _share: float, *, doing: str) -> None:
+        if doing == "open loop, law stribeck":
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Bar, "show", interrupt)
+        assert main(command) == 130
+    assert "go on where it stopped with: ballbot identify-axis" in capsys.readouterr().err
+    # six laws on the ladder and two of the fits that follow; what is on file is not made again
+    assert (tmp_path / "checkpoint.jsonl").read_bytes().count(b"\n") == 1 + 6 + 2
+    monkeypatch.setattr(ladder, "_held_out", pytest.fail)
+    assert main([*command, "--resume"]) == 0
+    assert not (tmp_path / "checkpoint.jsonl").exists()
     results = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)
     assert results["law"] == "coulomb"  # what made the record
     for name, value in TRUTH.items():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from control_examples import FRICTION, alten, four_wheeled
-from identification_examples import NOISE, balancing_log, noisy
+from identification_examples import NOISE, Dying, balancing_log, noisy
 
 from ballbot import Controller, Log, Model, identify, simulate
 from ballbot.cli.main import main
@@ -21,6 +21,7 @@ from ballbot.experiments.excite.limits import peaks_of
 from ballbot.experiments.excite.multisine import family
 from ballbot.experiments.excite.task import Law, run
 from ballbot.experiments.reference_file import sampled
+from ballbot.identification.checkpoint import open_checkpoint
 from ballbot.identification.spread import Threads
 from ballbot.log import STATE_NAMES
 
@@ -75,8 +76,13 @@ def test_the_design_tells_more_than_a_square(designed):
     assert list(designed.history) == sorted(designed.history, reverse=True)
 
 
-def test_threads_do_not_matter(designed):
-    again = design(asked(), effort=EFFORT, spread=Threads(count=1))
+def test_a_design_that_was_killed_goes_on_to_the_same_on_other_threads(designed, tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="evolution", after=2)
+    with pytest.raises(KeyboardInterrupt):
+        design(asked(), effort=EFFORT, recall=dying)
+    recall = open_checkpoint(path, belongs_to={}, resume=True).recall
+    again = design(asked(), effort=EFFORT, spread=Threads(count=1), recall=recall)
     assert (again.poses == designed.poses).all()
     assert (again.errors == designed.errors).all()
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from identification_examples import Dying
 from validation_examples import FRICTION, noisy_log
 
 from ballbot.cli.main import main
@@ -17,12 +18,13 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.experiments.study import COMPENSATIONS, Effort, Study, study
+from ballbot.identification.checkpoint import open_checkpoint
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import write_study
 from ballbot.robot import Robot
 
-SMALL = Effort(generations=12, duration=8.0, runs=1)
+SMALL = Effort(generations=12, duration=8.0, runs=2)
 
 
 @pytest.fixture(scope="module")
@@ -134,8 +136,22 @@ def test_the_report_needs_nothing_but_itself(folder: Path):
 
 
 @pytest.mark.slow
-def test_the_same_seed_gives_the_same_study(small: Study):
-    again = study(Robot.load("alten"), {"walk": noisy_log()}, effort=SMALL, seed=3)
+def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, tmp_path: Path):
+    path, robot, logs = tmp_path / "checkpoint.jsonl", Robot.load("alten"), {"walk": noisy_log()}
+    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="comparison", after=1)
+    with pytest.raises(KeyboardInterrupt):
+        study(robot, logs, effort=SMALL, seed=3, recall=dying)
+    on_file = path.read_bytes()
+    again = study(
+        robot,
+        logs,
+        effort=SMALL,
+        seed=3,
+        recall=open_checkpoint(path, belongs_to={}, resume=True).recall,
+    )
+    # one of the three runs that are not drawn was on file, and is not made again
+    assert path.read_bytes().startswith(on_file)
+    assert [part.count(b'"comparison"') for part in (on_file, path.read_bytes())] == [1, 3]
     assert again.found.parameters == small.found.parameters
     assert again.comparison == small.comparison
     np.testing.assert_array_equal(

@@ -9,6 +9,7 @@ import pytest
 from control_examples import FRICTION
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from identification_examples import Dying
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -16,6 +17,7 @@ from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.experiments.ball_movement import ball_movement
 from ballbot.identification import Bounds
+from ballbot.identification.checkpoint import open_checkpoint
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.identification.upside_down.windows import cut_ball_windows
 from ballbot.mechanics.friction import wheel_friction
@@ -208,11 +210,19 @@ class TestIdentification:
         assert found.robot.sources["friction.coulomb"].startswith("identified")
 
     @pytest.mark.slow
-    def test_the_robot_files_friction_is_judged_beside_it_and_threads_do_not_matter(self, log: Log):
+    def test_the_robot_files_friction_is_judged_and_a_killed_run_goes_on_on_other_threads(
+        self, log: Log, tmp_path
+    ):
         robot = ALTEN.replace(friction=FRICTION)
         few = Bounds(stribeck=(0.0, 0.1), stribeck_speed=(0.6, 0.6), stribeck_exponent=(1.1, 1.1))
         options = {"bounds": few, "window": 0.4, "generations": 3, "population": 6, "evolution_windows": 4}
-        found, again = (identify_upside_down(robot, log, threads=count, **options) for count in (1, 2))
+        found = identify_upside_down(robot, log, threads=1, **options)
+        path = tmp_path / "checkpoint.jsonl"
+        dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="polish", after=0)
+        with pytest.raises(KeyboardInterrupt):
+            identify_upside_down(robot, log, threads=1, recall=dying, **options)
+        recall = open_checkpoint(path, belongs_to={}, resume=True).recall
+        again = identify_upside_down(robot, log, threads=2, recall=recall, **options)
         assert found.held_out["robot file"].max() < 1.3 * 0.03
         assert found.to_dict() == again.to_dict()
         assert found.robot.friction.rolling == FRICTION.rolling

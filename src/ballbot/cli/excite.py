@@ -12,21 +12,24 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.excite_tables import errors_table, limits_table, verdict
+from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.control.controller import Controller
-from ballbot.control.file import read_controller, write_controller
+from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.nominal import nominal_controller
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
 from ballbot.experiments.reference_file import write_reference
 from ballbot.files import write_text
 from ballbot.identification import read_bounds
+from ballbot.identification.checkpoint import digest, identity
 from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
+from ballbot.twin.scenario_text import scenario_text
 
 
 def excite(
@@ -47,6 +50,7 @@ def excite(
     generations: int = 40,
     population: int = 16,
     seed: int = 0,
+    resume: bool = False,
     out: Path,
 ) -> None:
     """Design a run whose log tells the friction best, within limits on lean, floor and torque; try it on the twin.
@@ -90,6 +94,8 @@ def excite(
         References tried in each generation.
     seed
         Equal seeds give equal results.
+    resume
+        Go on with a run into the same folder that was interrupted.
     out
         The folder to write into.
     """
@@ -101,22 +107,9 @@ def excite(
         torque=0.5 * described.drive.torque_limit if torque is None else torque,
     )
     folder, console = check_folder(out), standard_output()
-    with progress_bar(console, "excite") as bar:
-        result = find(
-            described,
-            chosen,
-            limits=limits,
-            duration=duration,
-            scenario=Scenario.load(scenario, described),
-            deviations=deviations_found(found) if found else None,
-            on_twin=on_twin,
-            law=law,
-            bounds=read_bounds(bounds) if bounds else None,
-            window=window,
-            effort=Effort(generations=generations, population=population),
-            seed=seed,
-            tell=lambda share, doing, note: bar.show(share, doing=doing, note=note),
-        )
+    faults, within = Scenario.load(scenario, described), read_bounds(bounds) if bounds else None
+    deviations = deviations_found(found) if found else None
+    effort = Effort(generations=generations, population=population)
     given = {"--controller": controller, "--found": found, "--bounds": bounds}
     words = ["ballbot", "excite", robot, "--duration", repr(duration), "--lean", repr(lean)]
     words += ["--floor", repr(floor), "--torque", repr(limits.torque), "--scenario", scenario, "--law", law]
@@ -126,7 +119,40 @@ def excite(
     words += ["--seed", str(seed), "--out", str(out)]
     named = [Path(name) for name in (robot, scenario) if Path(name).is_file()]
     sources = [*named, *(path for path in given.values() if path)]
-    _write(result, chosen, provenance(command=shlex.join(words), files=sources, seed=seed), folder)
+    made = provenance(command=shlex.join(words), files=sources, seed=seed)
+    depends_on = {
+        "controller": digest(controller_text(chosen)).hex(),
+        "scenario": digest(scenario_text(faults)).hex(),
+        "deviations": digest(deviations).hex(),
+        "limits": limits,
+        "duration": duration,
+        "try": on_twin,
+        "law": law,
+        "bounds": within,
+        "window": window,
+        "effort": effort,
+        "seed": seed,
+    }
+    belongs_to = identity(described, [], depends_on)
+    with long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+        with progress_bar(console, "excite") as bar:
+            result = find(
+                described,
+                chosen,
+                limits=limits,
+                duration=duration,
+                scenario=faults,
+                deviations=deviations,
+                on_twin=on_twin,
+                law=law,
+                bounds=within,
+                window=window,
+                effort=effort,
+                seed=seed,
+                recall=run.recall,
+                tell=lambda share, doing, note: bar.show(share, doing=doing, note=note),
+            )
+        _write(result, chosen, made, folder)
     _show(result, console)
     console.print(str(folder / "reference.csv"), soft_wrap=True)
 

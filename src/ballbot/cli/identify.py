@@ -16,7 +16,7 @@ from rich.console import Console
 from ballbot.cli.identify_tables import error_table, horizon_table, ladder_table, parameter_table
 from ballbot.cli.long_run import LongRun, long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output
-from ballbot.cli.study import named_files
+from ballbot.cli.study import named_files, names_listed
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.identification import (
@@ -34,6 +34,7 @@ from ballbot.identification.back_emf import back_emf_of
 from ballbot.identification.checkpoint import identity
 from ballbot.identification.horizons import Starts
 from ballbot.identification.laws import LAWS, LawName
+from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.log import Log
 from ballbot.log.causal import causal_states
 from ballbot.log.odometry import with_position
@@ -56,6 +57,7 @@ def identify(
     leave_out: str = "",
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     bounds: Path | None = None,
+    sweep: Path | None = None,
     seed: int = 0,
     window: float = 0.25,
     resume: bool = False,
@@ -96,6 +98,9 @@ def identify(
         or given once for each, in the order of the logs and then of those to judge on.
     bounds
         A TOML file of the bounds within which each is sought, as in: coulomb = [0.0, 0.5]; equal bounds hold it.
+    sweep
+        results.json of `ballbot identify-driveline`: its b and c enter the estimate beside the logs, in proportion to
+        how sure both are. With torque_gain sought, they count by the torque that acts, and only their ratios matter.
     seed
         Of all that is random; equal seeds give equal results.
     window
@@ -115,18 +120,27 @@ def identify(
         leave_out=leave_out,
         mappings=tuple(mapping or ()),
         bounds=bounds,
+        sweep=sweep,
         seed=seed,
         window=window,
     )
     described = Robot.load(robot)
+    free_wheels = read_sweep(sweep, wheel_count=described.wheel_count) if sweep else None
     named, others = _logs(asked, described)
     within = read_bounds(bounds) if bounds else Bounds()
     folder, console = check_folder(out), standard_output()
-    belongs_to = identity(described, [one.log for one in named.values()], asked.options | {"bounds": within})
+    others_given = {"bounds": within, "sweep": None if free_wheels is None else free_wheels.digest}
+    belongs_to = identity(described, [one.log for one in named.values()], asked.options | others_given)
     with long_run(folder, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run:
         with progress_bar(console, "identifying") as bar:
             found, ladder = _find(
-                asked, described, [one.log for one in named.values()], within, run=run, bar=bar
+                asked,
+                described,
+                [one.log for one in named.values()],
+                within,
+                free_wheels,
+                run=run,
+                bar=bar,
             )
         judged = [
             judge(found, one.log, name=name, starts=one.starts(described)) for name, one in others.items()
@@ -150,6 +164,7 @@ class _Asked:
     leave_out: str
     mappings: tuple[Path, ...]  #: none, one for all logs, or one for each of `logs` and of `judge_on`
     bounds: Path | None
+    sweep: Path | None
     seed: int
     window: float
 
@@ -186,14 +201,15 @@ class _Asked:
         words += ["--leave-out", self.leave_out] if self.leave_out else []
         words += [word for path in self.mappings for word in ("--mapping", str(path))]
         words += ["--bounds", str(self.bounds)] if self.bounds else []
+        words += ["--sweep", str(self.sweep)] if self.sweep else []
         return [*words, "--seed", str(self.seed), "--window", str(self.window)]
 
     @property
     def files(self) -> list[Path]:
         """The files that the result is made from."""
         robot = [] if self.robot in Robot.presets() else [Path(self.robot)]
-        bounds = [self.bounds] if self.bounds else []
-        return [*robot, *self.logs, *self.judge_on, *self.mappings, *bounds]
+        more = [path for path in (self.bounds, self.sweep) if path]
+        return [*robot, *self.logs, *self.judge_on, *self.mappings, *more]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,7 +249,14 @@ def _logs(asked: _Asked, robot: Robot) -> tuple[dict[str, _Named], dict[str, _Na
 
 
 def _find(
-    asked: _Asked, robot: Robot, logs: Sequence[Log], bounds: Bounds, *, run: LongRun, bar: Bar
+    asked: _Asked,
+    robot: Robot,
+    logs: Sequence[Log],
+    bounds: Bounds,
+    sweep: SweepFriction | None,
+    *,
+    run: LongRun,
+    bar: Bar,
 ) -> tuple[Identification, Ladder | None]:
     """Fit the law asked for, or climb the ladder."""
     laws = [law.name for law in LAWS] if asked.law == "best" else [asked.law]
@@ -246,13 +269,14 @@ def _find(
         return find(
             robot,
             logs,
-            free=_listed(asked.free),
+            free=names_listed(asked.free),
             law=law,
             bounds=bounds,
             window=asked.window,
-            left_out=_listed(asked.leave_out),
+            left_out=names_listed(asked.leave_out),
             back_emf=asked.back_emf,
             start=start,
+            sweep=sweep,
             seed=asked.seed,
             spread=run.spread,
             recall=run.recall,
@@ -263,10 +287,6 @@ def _find(
         ladder = climb(fit)
         return ladder.best.found, ladder
     return fit(asked.law, None), None
-
-
-def _listed(names: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in names.split(",") if name.strip())
 
 
 def _write(

@@ -57,15 +57,27 @@ def horizon_table(judged: Judged, *, framed: bool) -> Table:
         (
             f"{one.horizon:.3g}",
             digits(one.wheel_speed.with_friction),
+            digits(one.wheel_speed.viscous_part),
             digits(one.wheel_speed.without_friction),
+            digits(one.wheel_speed.share, 2),
             digits(math.degrees(one.lean.with_friction)),
             digits(math.degrees(one.lean.without_friction)),
+            digits(one.lean.share, 2),
         )
         for one in judged.horizons
     ]
     known = "what was known by then" if judged.causal else "its rows"
     title = f"{judged.name}, RMSE of {judged.horizons[0].starts} predictions from {known}"
-    headings = ("after, s", "wheel speed, rad/s", "without friction", "lean, deg", "without friction")
+    headings = (
+        "after, s",
+        "wheel speed, rad/s",
+        "viscous part",
+        "without friction",
+        "share wanted",
+        "lean, deg",
+        "without friction",
+        "share wanted",
+    )
     return table(title, headings, rows, framed=framed)
 
 

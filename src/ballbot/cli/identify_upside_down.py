@@ -9,14 +9,17 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.experiments.ball_movement import ball_movement
 from ballbot.files import write_text
 from ballbot.identification import Progress, read_bounds
+from ballbot.identification.checkpoint import identity
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
-from ballbot.report.provenance import provenance
+from ballbot.log import Log
+from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
@@ -36,6 +39,7 @@ def identify_upside_down(
     bounds: Path | None = None,
     seed: int = 0,
     window: float = 1.0,
+    resume: bool = False,
 ) -> None:
     """Find the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
@@ -63,37 +67,50 @@ def identify_upside_down(
         Of all that is random; equal seeds give equal results.
     window
         Length of the windows predicted, in seconds.
+    resume
+        Go on with a run into the same folder that was interrupted.
     """
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
     within = read_bounds(bounds) if bounds else None
-    folder = check_folder(out)
-    console = standard_output()
-    with progress_bar(console, "identifying") as bar:
-
-        def tell(progress: Progress) -> None:
-            bar.show(progress.share, note=f"error {progress.cost:.3f} rad/s")
-
-        found = find_friction(
-            described, list(named.values()), bounds=within, window=window, seed=seed, progress=tell
-        )
-    movement = ball_movement(found.robot)
+    folder, console = check_folder(out), standard_output()
     options = {"--mapping": mapping, "--bounds": bounds}
     given = {option: path for option, path in options.items() if path}
     words = ["ballbot", "identify-upside-down", robot, *map(str, logs), "--out", str(out)]
     words += ["--seed", str(seed), "--window", str(window)]
     words += [word for option, path in given.items() for word in (option, str(path))]
+    depends_on = {"bounds": within, "seed": seed, "window": window}
+    belongs_to = identity(described, list(named.values()), depends_on)
     files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]
     made = provenance(command=shlex.join(words), files=files, seed=seed)
-    results = found.to_dict() | {"movement": movement.to_dict(), "provenance": made.to_dict()}
-    first = next(iter(named.values()))
-    write_robot(found.robot, folder / "robot.toml")
-    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
-    write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, first), name="prediction"))
-    write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))
+    with long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+        with progress_bar(console, "identifying") as bar:
+
+            def tell(progress: Progress) -> None:
+                bar.show(progress.share, note=f"error {progress.cost:.3f} rad/s")
+
+            found = find_friction(
+                described,
+                list(named.values()),
+                bounds=within,
+                window=window,
+                seed=seed,
+                recall=run.recall,
+                progress=tell,
+            )
+        _write(found, next(iter(named.values())), made, folder)
     _show(found, described, console)
     for name in ("robot.toml", "prediction.svg", "movement.svg"):
         console.print(str(folder / name), markup=False, soft_wrap=True)
+
+
+def _write(found: UpsideDown, log: Log, made: Provenance, folder: Path) -> None:
+    movement = ball_movement(found.robot)
+    results = found.to_dict() | {"movement": movement.to_dict(), "provenance": made.to_dict()}
+    write_robot(found.robot, folder / "robot.toml")
+    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+    write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
+    write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))
 
 
 def _show(found: UpsideDown, described: Robot, console: Console) -> None:

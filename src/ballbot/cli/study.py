@@ -28,6 +28,7 @@ def study(
     *logs: Path,
     out: Path,
     plant: Literal["model", "twin"] = "model",
+    leave_out: str = "",
     mapping: Path | None = None,
     bounds: Path | None = None,
     seed: int = 0,
@@ -50,6 +51,9 @@ def study(
         The folder to write into.
     plant
         What the compensations are compared on: the model with the friction found, or the physics-engine twin.
+    leave_out
+        States whose errors do not count in the fit, with commas between, as psi,psi_dot on a floor on which the ball
+        pivots; they are judged all the same.
     mapping
         A TOML file that says how foreign logs become Ballbot's.
     bounds
@@ -57,7 +61,7 @@ def study(
     seed
         Of all that is random; equal seeds give equal results.
     resume
-        Go on with a study into the same folder that was interrupted while it identified.
+        Go on with a study into the same folder that was interrupted.
     cluster
         The address of a Dask scheduler that spreads the identification, such as tcp://10.0.0.5:8786.
     """
@@ -65,11 +69,14 @@ def study(
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     within = read_bounds(bounds) if bounds else None
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
-    command = _command(robot, logs, out=out, plant=plant, mapping=mapping, bounds=bounds, seed=seed)
+    command = _command(
+        robot, logs, out=out, plant=plant, leave_out=leave_out, mapping=mapping, bounds=bounds, seed=seed
+    )
     made = provenance(command=command, files=files, seed=seed)
     console = standard_output()
     back_emf = back_emf_of(mapping)
-    options = {"bounds": within, "back_emf": back_emf, "seed": seed, "plant": plant}
+    left_out = names_listed(leave_out)
+    options = {"bounds": within, "left_out": left_out, "back_emf": back_emf, "seed": seed, "plant": plant}
     belongs_to = identity(described, list(named.values()), options)
     words = shlex.split(command)
     with (
@@ -81,6 +88,7 @@ def study(
             named,
             plant=plant,
             bounds=within,
+            left_out=left_out,
             back_emf=back_emf,
             seed=seed,
             spread=run.spread,
@@ -124,6 +132,11 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     return dict(zip(names, paths, strict=True))
 
 
+def names_listed(names: str) -> tuple[str, ...]:
+    """Return names that stand with commas between."""
+    return tuple(name.strip() for name in names.split(",") if name.strip())
+
+
 def _robot_file(robot: str) -> list[Path]:
     return [] if robot in Robot.presets() else [Path(robot)]
 
@@ -134,6 +147,7 @@ def _command(
     *,
     out: Path,
     plant: str,
+    leave_out: str,
     mapping: Path | None,
     bounds: Path | None,
     seed: int,
@@ -141,6 +155,7 @@ def _command(
     """Return the command line that makes this study again."""
     words = ["ballbot", "study", robot, *map(str, logs), "--out", str(out)]
     words += ["--plant", plant] if plant != "model" else []
+    words += ["--leave-out", leave_out] if leave_out else []
     words += ["--mapping", str(mapping)] if mapping else []
     words += ["--bounds", str(bounds)] if bounds else []
     words += ["--seed", str(seed)] if seed else []

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -21,8 +22,9 @@ from ballbot.control.lqr import LqrDesign
 from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
 from ballbot.errors import InputError
-from ballbot.experiments.compare import Comparison, compare, start
+from ballbot.experiments.compare import Comparison, start
 from ballbot.experiments.held_out import held_out_stretches, without
+from ballbot.experiments.score import Score, score
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.progress import Progress
@@ -99,6 +101,7 @@ def study(
     *,
     plant: PlantName = "model",
     bounds: Bounds | None = None,
+    left_out: Sequence[str] = (),
     back_emf: float = 0.0,
     seed: int = 0,
     effort: Effort | None = None,
@@ -119,6 +122,9 @@ def study(
         is its own.
     bounds : Bounds, optional
         Within which the friction is sought.
+    left_out : sequence of str
+        States whose errors do not count in the fit, as the heading on a floor on which the ball pivots; they are
+        judged all the same.
     back_emf : float
         What a motor driven by voltage brakes with [N m s/rad], if the logs' torques contain it; see
         `ballbot.identification.back_emf`.
@@ -129,7 +135,8 @@ def study(
     spread : Spread, optional
         Where the identification does its work; by default a thread for each core.
     recall : Recall, optional
-        A checkpoint's, for an identification that can be resumed.
+        A checkpoint's, for a study that can be resumed: it answers for the identification's steps and for the runs of
+        the comparison, but for those that are drawn.
     progress : callable, optional
         Told the stage and the share of the whole that is done.
 
@@ -144,7 +151,7 @@ def study(
     )
     check_logs(robot, studied)
     make_plant = plant_factory(robot, plant)
-    found = _identify(robot, studied, bounds, back_emf, seed, effort, spread, recall, tell)
+    found = _identify(robot, studied, bounds, left_out, back_emf, seed, effort, spread, recall, tell)
     by_log = _validate(found.robot, studied, seed, tell)
     sample_time = studied[0].log.sample_time
     design = design_gain(found.robot, sample_time=sample_time)
@@ -153,7 +160,7 @@ def study(
         for name in COMPENSATIONS
     }
     factory = make_plant or (lambda: Model(found.robot))
-    comparison, runs = _compare(factory, controllers, seed, effort, tell)
+    comparison, runs = _compare(factory(), controllers, seed, effort, recall, tell)
     tell("done", 1.0)
     return Study(
         robot=robot,
@@ -229,6 +236,7 @@ def _identify(
     robot: Robot,
     logs: Sequence[StudiedLog],
     bounds: Bounds | None,
+    left_out: Sequence[str],
     back_emf: float,
     seed: int,
     effort: Effort,
@@ -243,6 +251,7 @@ def _identify(
         robot,
         [without(studied.log, studied.held_out) for studied in logs],
         bounds=bounds,
+        left_out=left_out,
         back_emf=back_emf,
         held_out=_OWN_HELD_OUT,
         seed=seed,
@@ -264,26 +273,36 @@ def _validate(
 
 
 def _compare(
-    factory: Callable[[], Plant | Model],
+    plant: Plant | Model,
     controllers: Mapping[str, Controller],
     seed: int,
     effort: Effort,
+    recall: Recall,
     tell: StudyProgress,
 ) -> tuple[Comparison, dict[str, Log]]:
-    """Compare on the 0.5 m square, and run the first seed of each once more to keep its log."""
+    """Compare on the 0.5 m square; the logs of the first seed's runs are kept, to be drawn."""
     reference, seeds = square(), tuple(range(seed, seed + effort.runs))
 
-    def told(share: float) -> None:
-        tell("comparing compensations", _VALIDATED + 0.8 * (1.0 - _VALIDATED) * share)
-
-    comparison = compare(
-        factory, controllers, reference, duration=effort.duration, seeds=seeds, progress=told
-    )
-    plant = factory()
-    runs = {
-        name: simulate(
-            plant, controller, reference, duration=effort.duration, initial_state=start(seed), seed=seed
+    def run(name: str, one: int) -> Log:
+        return simulate(
+            plant,
+            controllers[name],
+            reference,
+            duration=effort.duration,
+            initial_state=start(one),
+            seed=one,
         )
-        for name, controller in controllers.items()
-    }
-    return comparison, runs
+
+    runs: dict[str, Log] = {}
+    scores: dict[str, list[Score]] = {name: [] for name in controllers}
+    for number, (one, name) in enumerate(product(seeds, controllers)):
+        share = number / (len(seeds) * len(controllers))
+        tell("comparing compensations", _VALIDATED + (1.0 - _VALIDATED) * share)
+        if one == seed:
+            runs[name] = run(name, one)
+            scores[name].append(score(runs[name]))
+        else:
+            asked = np.array([list(controllers).index(name), one], dtype=float)
+            answer = recall("comparison", asked, lambda name=name, one=one: score(run(name, one)).to_arrays())
+            scores[name].append(Score.from_arrays(*answer))
+    return Comparison(seeds=seeds, scores={name: tuple(found) for name, found in scores.items()}), runs

@@ -147,9 +147,13 @@ def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: 
 def identity(robot: Robot, logs: Sequence[Log], options: Mapping[str, object]) -> dict[str, str]:
     """Return what a run belongs to: its robot, logs and options, and the machine's kind and versions."""
     columns = [(log.names, *(log[name] for name in log.names)) for log in logs]
+    return identity_of({"robot": [robot], "logs": [part for log in columns for part in log]}, options)
+
+
+def identity_of(inputs: Mapping[str, Sequence[object]], options: Mapping[str, object]) -> dict[str, str]:
+    """Return what a run belongs to: inputs by name, each of parts for `digest`, its options, and the machine's kind."""
     return {
-        "robot": digest(robot).hex(),
-        "logs": digest(*(part for log in columns for part in log)).hex(),
+        **{name: digest(*parts).hex() for name, parts in inputs.items()},
         **{name: str(value) for name, value in options.items()},
         **machine(),
     }

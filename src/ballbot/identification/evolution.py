@@ -12,6 +12,7 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.identification.checkpoint import Recall, afresh
 
 #: the search ends early where this many generations together gain less than `LEAST_GAIN`; a polish follows
@@ -25,6 +26,18 @@ class Evolved:
 
     best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
     history: tuple[float, ...]  #: best cost after each generation
+
+
+def check_seed(seed: int) -> None:
+    """Refuse what cannot seed all of an identification's random numbers.
+
+    Raises
+    ------
+    InputError
+        Where it is none.
+    """
+    if not 0 <= seed < 2**32:
+        raise InputError(f"The seed is {seed}; it must be a whole number from 0 to {2**32 - 1}.")
 
 
 def evolve(
@@ -52,7 +65,13 @@ def evolve(
         Told the number of generations done and the best cost after each.
     recall : Recall
         Answers for the costs of a generation; by default they are computed.
+
+    Raises
+    ------
+    InputError
+        Where the seed is none.
     """
+    check_seed(seed)
     strategy = CMA(
         mean=np.full(size, 0.5),
         sigma=0.3,

@@ -2,6 +2,14 @@
 
 The speeds are compared with the encoders' where the log has them, so that what the model does not have, as a ball that
 pivots on the floor, counts as an error too.
+
+Beside the errors stands how much of the friction a log asks for. With e_0 the errors without friction and d = e_0 - e
+what friction makes of the prediction, the share of d that leaves the least squares is
+
+    a = (sum e_0 d) / (sum d^2)
+
+1 where the log rubs as the model does, less where it rubs less. It tells a friction that has changed from one log
+to the next, a < 1 for speeds and lean alike, from errors that have nothing to do with friction, which leave a as it is.
 """
 
 from __future__ import annotations
@@ -26,6 +34,8 @@ HORIZONS = (0.1, 0.25, 0.5)
 #: from times of rows (m,) [s] to states (m, 10), NaN where there is none
 Starts = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
+#: blocks of neighbouring starts that a share's error is judged by
+_BLOCKS = 10
 _HALF = len(STATE_NAMES) // 2
 _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
 
@@ -35,7 +45,16 @@ class Errors:
     """Root mean square errors of predictions, over all starts and all wheels, or both leans."""
 
     with_friction: float
-    without_friction: float
+    viscous_part: float  #: with the viscous part of the friction found alone
+    without_friction: float  #: with the back-EMF alone, where motors are driven by voltage
+    share: float  #: of the friction's effect that would leave the least error
+    share_error: (
+        float  #: its standard error, by a jackknife over blocks of starts; NaN where there are too few
+    )
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Return what results.json holds."""
+        return {name: value if np.isfinite(value) else None for name, value in vars(self).items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +71,8 @@ class HorizonErrors:
         return {
             "horizon_s": self.horizon,
             "starts": self.starts,
-            "wheel_speed_rmse": vars(self.wheel_speed),
-            "lean_rmse": vars(self.lean),
+            "wheel_speed_rmse": self.wheel_speed.to_dict(),
+            "lean_rmse": self.lean.to_dict(),
         }
 
 
@@ -119,18 +138,40 @@ def horizon_errors(
 def _predicted(
     predictor: Predictor, values: NDArray[np.float64], windows: Windows, initial: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the states (2, w, m, 10) predicted with friction and without."""
-    both = np.stack([values, predictor.layout.without_friction(values)])
+    """Return the states (3, w, m, 10) predicted with friction, with its viscous part and without."""
+    layout = predictor.layout
+    sets = np.stack([values, layout.viscous_part(values), layout.without_friction(values)])
     parts, done = [], 0
     for chunk in chunks(windows):
         begin = initial[done : done + len(chunk)]
-        residuals = predictor.residuals(both, chunk, every=1, starts=np.stack([begin, begin]))
+        residuals = predictor.residuals(sets, chunk, every=1, starts=np.stack([begin] * len(sets)))
         parts.append(residuals + chunk.measured)
         done += len(chunk)
     return np.concatenate(parts, axis=1)
 
 
 def _errors(differences: NDArray[np.float64]) -> Errors:
-    """Return root mean squares of differences (2, w, k)."""
-    with_friction, without = np.sqrt((differences**2).mean(axis=(1, 2)))
-    return Errors(with_friction=float(with_friction), without_friction=float(without))
+    """Return what differences (3, w, k) with friction, with its viscous part and without make."""
+    with_friction, viscous, without = np.sqrt((differences**2).mean(axis=(1, 2))).tolist()
+    share, error = _share(differences[2], differences[2] - differences[0])
+    return Errors(
+        with_friction=with_friction,
+        viscous_part=viscous,
+        without_friction=without,
+        share=share,
+        share_error=error,
+    )
+
+
+def _share(without: NDArray[np.float64], effect: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the share of friction's effect (w, k) that explains most of the errors without it, and its error."""
+    products, squares = (without * effect).sum(axis=1), (effect**2).sum(axis=1)
+    if not squares.any():
+        return float("nan"), float("nan")
+    share = float(products.sum() / squares.sum())
+    blocks = np.array_split(np.arange(len(squares)), _BLOCKS)
+    left = np.array([[products.sum() - products[b].sum(), squares.sum() - squares[b].sum()] for b in blocks])
+    if len(squares) < 2 * _BLOCKS or not left[:, 1].all():
+        return share, float("nan")
+    shares = left[:, 0] / left[:, 1]
+    return share, float(np.sqrt((_BLOCKS - 1) * shares.var()))

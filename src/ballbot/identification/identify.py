@@ -18,7 +18,7 @@ from ballbot.identification.back_emf import standstill_torques
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates, scale_between
-from ballbot.identification.evolution import Evolved
+from ballbot.identification.evolution import Evolved, check_seed
 from ballbot.identification.found_robot import found_robot
 from ballbot.identification.laws import LawName, bounds_of, law_named
 from ballbot.identification.play import chatter, chatter_remark
@@ -50,6 +50,7 @@ from ballbot.identification.stages import (
     stages_of,
     states_counted,
 )
+from ballbot.identification.sweep import SweepFriction, Told, told_together
 from ballbot.log import Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
@@ -68,6 +69,7 @@ def identify(
     left_out: Sequence[str] = (),
     back_emf: float = 0.0,
     start: Identification | None = None,
+    sweep: SweepFriction | None = None,
     seed: int = 0,
     generations: int = 150,
     population: int = 24,
@@ -105,6 +107,9 @@ def identify(
         `ballbot.identification.back_emf`.
     start : Identification, optional
         One whose numbers the polish begins from where they predict better than what the evolution found.
+    sweep : SweepFriction, optional
+        What a sweep of the free wheels told, to be combined with what the logs tell; see
+        `ballbot.identification.sweep`.
     seed : int
         The result is the same to the bit for the same seed, wherever the work is done and however often it was resumed.
     generations, population : int
@@ -134,6 +139,7 @@ def identify(
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a share between 0 and 1, such as 0.25.")
+    check_seed(seed)
     effort = Effort(
         generations=generations,
         population=population,
@@ -172,6 +178,7 @@ def identify(
         logs=logs,
         left_out=tuple(left_out),
         window=window,
+        sweep=sweep,
         seed=seed,
         recall=recall,
     )
@@ -200,6 +207,7 @@ def _result(
     logs: Sequence[Log],
     left_out: tuple[str, ...],
     window: float,
+    sweep: SweepFriction | None,
     seed: int,
     recall: Recall,
 ) -> Identification:
@@ -212,20 +220,22 @@ def _result(
         seed=seed,
         recall=recall,
     )
-    held_out = errors(predictor, prepared.held_out, estimate.values)
     layout = predictor.layout
+    told = Told(values=estimate.values, uncertainty=sure)
+    if sweep is not None:
+        told = told_together(coordinates, told, sweep)
+    values, sure = told.values, told.uncertainty
+    held_out = errors(predictor, prepared.held_out, values)
     return Identification(
-        robot=found_robot(
-            predictor.robot, layout, estimate.values, sure.standard_errors, log_count=len(logs)
-        ),
+        robot=found_robot(predictor.robot, layout, values, sure.standard_errors, log_count=len(logs)),
         predictor=predictor,
-        values=estimate.values,
-        parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, estimate.values)),
+        values=values,
+        parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),
         standard_errors=layout.by_symbol(sure.standard_errors),
         bootstrap_errors=layout.by_symbol(sure.bootstrap_errors),
         intervals=sure.intervals,
         correlation=sure.correlation,
-        fit=errors(predictor, prepared.fit, estimate.values),
+        fit=errors(predictor, prepared.fit, values),
         held_out=held_out,
         fit_windows=prepared.fit.spans,
         held_out_windows=prepared.held_out.spans,
@@ -236,13 +246,14 @@ def _result(
         warnings=(
             *_chatter_remarks(predictor.robot, logs),
             *prepared.excitation.remarks,
-            *influence_remarks(coordinates, estimate.values, estimate.no_influence),
-            *bound_remarks(coordinates, estimate.values, _at_bounds(coordinates, estimate)),
+            *influence_remarks(coordinates, values, estimate.no_influence),
+            *bound_remarks(coordinates, values, _at_bounds(coordinates, estimate)),
             *error_remarks(coordinates, sure.scaled_errors),
             *interval_remarks(sure.intervals),
             *correlation_remarks(coordinates.labels, sure.correlation),
             *ridge_remarks(coordinates.labels, sure.correlation),
             *prediction_remarks(held_out.ratios),
+            *told.remarks,
         ),
     )
 

@@ -14,7 +14,7 @@ from ballbot.identification.coordinates import Coordinates
 from ballbot.identification.profile import Profile
 
 #: how an interval was obtained
-Method = Literal["clustered", "bootstrap", "profile", "at bound"]
+Method = Literal["clustered", "bootstrap", "profile", "at bound", "with sweep"]
 
 #: clustered and bootstrap errors that differ by more than this factor call for a profile
 LARGEST_RATIO = 1.5

@@ -6,6 +6,7 @@ those by how long ago the prediction began.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ballbot.errors import InputError
@@ -15,6 +16,9 @@ from ballbot.identification.play import Chatter, chatter, chatter_remark
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.stages import errors, windows_for
 from ballbot.log import Log
+
+#: a log asks for another friction where the share of it that it wants is off 1 by so much, and by so many errors
+_DIFFERS, _SURE = 0.2, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,18 +71,41 @@ def judge(found: Identification, log: Log, *, name: str, starts: Starts | None =
     judged = errors(predictor, windows, found.values)
     worse = [state for state, ratio in judged.ratios.items() if not ratio < 1.0]
     moved = chatter(log, predictor.robot)
+    horizons = horizon_errors(predictor, found.values, log, starts=starts)
     remarks = [
         f"In {name}, {state} is not predicted better with friction than without "
         f"(error ratio {judged.ratios[state]:.2f})."
         for state in worse
     ]
+    remarks += _share_remarks(name, horizons)
     if moved.matters:
         remarks.append(chatter_remark(moved, predictor.robot, name))
     return Judged(
         name=name,
         errors=judged,
-        horizons=horizon_errors(predictor, found.values, log, starts=starts),
+        horizons=horizons,
         causal=starts is not None,
         chatter=moved,
         remarks=tuple(remarks),
     )
+
+
+def _share_remarks(name: str, horizons: Sequence[HorizonErrors]) -> list[str]:
+    """Return a sentence where a log asks for clearly more or less friction than was found.
+
+    The shortest horizon is asked: after it, whatever else moves an unstable robot has grown.
+    """
+    if not horizons:
+        return []
+    speed, lean = horizons[0].wheel_speed, horizons[0].lean
+    off = abs(speed.share - 1.0)
+    # NaN, where there are too few starts to be sure, is never beyond a bound
+    if not (off > _DIFFERS and off > _SURE * speed.share_error):
+        return []
+    word = "less" if speed.share < 1.0 else "more"
+    return [
+        f"{name} asks for {word} friction than was found: over {horizons[0].horizon:.2g} s its wheels for "
+        f"{speed.share:.2f} +- {speed.share_error:.2f} of what it does to them, its lean for {lean.share:.2f} +- "
+        f"{lean.share_error:.2f}. The robot rubbed differently when the logs were made, or times in one of them are "
+        "off; fit both together for a mean, or each for itself."
+    ]

@@ -215,6 +215,14 @@ QUANTITIES: tuple[Quantity, ...] = (
         bounds=(0.0, 0.03),
     ),
     Quantity(
+        name="velocity_delay",
+        symbol="late",
+        unit="s",
+        meaning="from the moment that a row's x_dot and y_dot tell of to the row, as where encoders are differenced",
+        scale="signed",
+        bounds=(-0.01, 0.02),
+    ),
+    Quantity(
         name="lean_bias",
         symbol="lean",
         unit="rad",
@@ -253,8 +261,10 @@ def names_in(free: Sequence[str]) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        Where one is neither.
+        Where one is neither, or there is none.
     """
+    if not free:
+        raise InputError(f"Nothing is sought; name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()
     for word in free:
         if word not in BY_NAME and word not in GROUPS:
@@ -299,8 +309,15 @@ class Layout:
 
     def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
+        return self._without((*FRICTION, "load"), values)
+
+    def viscous_part(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) with all friction taken out of them but the wheels' viscous one."""
+        return self._without((*(name for name in FRICTION if name != "viscous"), "load"), values)
+
+    def _without(self, names: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
         result = values.copy()
-        for name in (*FRICTION, "load"):
+        for name in names:
             part = self.part(name, result)
             if part is not None:
                 part[...] = 1.0 if name in ("stribeck_speed", "stribeck_exponent") else 0.0

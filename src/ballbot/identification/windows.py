@@ -115,7 +115,7 @@ def cut_windows(
     Raises
     ------
     InputError
-        Where there is no log, a column is missing, the sample times differ or the window is no length.
+        Where there is no log, a column is missing or empty, the sample times differ or the window is no length.
     """
     if not logs:
         raise InputError("Identification needs at least one log.")
@@ -129,6 +129,10 @@ def cut_windows(
         raise InputError(
             f"The window is {duration:g} s long; it must be at least two samples, {2 * sample_time:g} s."
         )
+    for log in logs:
+        for name in (*STATE_NAMES, *torque_names(wheel_count)):
+            if not np.isfinite(log[name]).any():
+                raise InputError(f"The log's column {name} has no value in any row; identification needs it.")
     samples = round(duration / sample_time)
     samples = COMPARISONS * round(samples / COMPARISONS) if samples >= COMPARISONS else samples
 

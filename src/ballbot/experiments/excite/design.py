@@ -21,6 +21,7 @@ from ballbot.experiments.excite.limits import UNITS, Peaks
 from ballbot.experiments.excite.multisine import Family, family
 from ballbot.experiments.excite.task import Run, Task, run
 from ballbot.experiments.reference_file import sampled
+from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.evolution import evolve
 from ballbot.identification.spread import Spread, Threads
 
@@ -80,6 +81,7 @@ def design(
     effort: Effort | None = None,
     seed: int = 0,
     spread: Spread | None = None,
+    recall: Recall = afresh,
     report: Callable[[float, float], None] | None = None,
 ) -> Design:
     """Find the reference whose log would tell the parameters best, that which it tells worst above all.
@@ -92,6 +94,8 @@ def design(
         The same seed gives the same design, bit for bit.
     spread : Spread, optional
         Where the work is done; by default a thread for each core.
+    recall : Recall, optional
+        A checkpoint's, for a design that can be resumed: it answers for each generation.
     report : callable, optional
         Told the share that is done and the best `criterion` so far, after each generation.
 
@@ -110,6 +114,7 @@ def design(
         population=effort.population,
         seed=seed,
         report=lambda done, cost: report(done / effort.generations, _criterion_of(cost)) if report else None,
+        recall=recall,
     )
     best = _fitted(task, choice, evolved.best)
     _check_within(task, best)

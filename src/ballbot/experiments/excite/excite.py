@@ -19,6 +19,8 @@ from ballbot.experiments.excite.limits import Limits
 from ballbot.experiments.excite.task import Law, Run, Task, run, task
 from ballbot.experiments.excite.trial import Trial, follow_on_twin, try_reference
 from ballbot.identification.bounds import Bounds
+from ballbot.identification.checkpoint import Recall, afresh
+from ballbot.identification.evolution import check_seed
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
@@ -126,6 +128,7 @@ def excite(
     window: float = 0.25,
     effort: Effort | None = None,
     seed: int = 0,
+    recall: Recall = afresh,
     tell: Tell | None = None,
 ) -> Excitation:
     """Design an experiment, hold it against a square of the same length, and try both on the twin.
@@ -149,6 +152,8 @@ def excite(
     effort : Effort, optional
     seed : int
         Of the design and of identification.
+    recall : Recall, optional
+        A checkpoint's, for work that can be resumed; the twin's runs, seconds each, are made again.
     tell : callable, optional
         Told how far the work is.
 
@@ -157,6 +162,7 @@ def excite(
     InputError
         Where no reference keeps within the limits, none that does tells every parameter, or a run cannot be made.
     """
+    check_seed(seed)
     told = _Told(tell)
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
     follow = partial(follow_on_twin, robot, scenario, controller, duration=duration, seed=_SEED)
@@ -176,14 +182,14 @@ def excite(
         bounds=bounds,
         window=window,
     )
-    made = design(asked, effort=effort, seed=seed, report=told.design)
+    made = design(asked, effort=effort, seed=seed, recall=recall, report=told.design)
     if on_twin:
         logs["designed"] = follow(made.reference, progress=told.of(2))
     trials: dict[str, Trial] = {}
     for number, (name, log) in enumerate(logs.items() if on_twin else ()):
         share = told.of(3, first=number / len(logs), last=(number + 1) / len(logs))
         trials[name] = try_reference(
-            robot, log, law=law, bounds=bounds, window=window, seed=seed, progress=share
+            robot, log, law=law, bounds=bounds, window=window, seed=seed, recall=recall, progress=share
         )
     driven = run(asked, plain)
     return Excitation(

@@ -13,6 +13,7 @@ from ballbot.control.references import Reference
 from ballbot.experiments.excite.limits import Peaks, peaks_of
 from ballbot.experiments.excite.task import Law
 from ballbot.identification import Bounds, Identification, identify
+from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates
 from ballbot.identification.identify import sought
 from ballbot.log import Log
@@ -64,6 +65,7 @@ def try_reference(
     bounds: Bounds | None = None,
     window: float = 0.25,
     seed: int = 0,
+    recall: Recall = afresh,
     progress: Callable[[float], None] | None = None,
 ) -> Trial:
     """Identify from a log of the twin, as from a robot's, and return what it told.
@@ -78,6 +80,8 @@ def try_reference(
         Identification's.
     seed : int
         Of identification.
+    recall : Recall, optional
+        A checkpoint's.
     progress : callable, optional
         Told the share of the identification that is done.
 
@@ -94,6 +98,7 @@ def try_reference(
         bounds=asked,
         window=window,
         seed=seed,
+        recall=recall,
         progress=(lambda told: progress(told.share)) if progress else None,
     )
     coordinates = sought(robot, free=("friction",), law=law, bounds=asked)

@@ -135,7 +135,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
     Raises
     ------
     InputError
-        Where the log lacks torques or wheel speeds, or has them of fewer wheels than the robot.
+        Where the log lacks torques or wheel speeds or has them of fewer wheels than the robot, or the limit is none.
     """
     torques, speeds = log.torques, log.wheel_speeds
     if torques.shape[1] != robot.wheel_count or speeds.shape[1] != robot.wheel_count:
@@ -143,6 +143,8 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
             f"The log has torques of {torques.shape[1]} wheels and speeds of {speeds.shape[1]}; {robot.name} has "
             f"{robot.wheel_count}."
         )
+    if limit is not None and not limit > 0.0:
+        raise InputError(f"The speed limit is {limit:g} rad/s; it must be above zero.")
     highest = float(np.abs(speeds).max()) if limit is None else limit
     if not highest > 0.0:
         raise InputError("The wheels never turn in this log; a sweep has to go well beyond break-away.")

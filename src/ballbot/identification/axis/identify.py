@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +27,13 @@ from ballbot.identification.axis.output_error import (
     equal_spans,
     fit_output_error,
     open_loop_residuals,
+    recalled,
     search_output_error,
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.identification.axis.remarks import remarks
 from ballbot.identification.axis.result import AxisErrors, AxisIdentification, Estimate
+from ballbot.identification.checkpoint import Recall, afresh
 
 Report = Callable[[float, str], None]
 
@@ -48,6 +51,7 @@ def identify_axis(
     window: float = 1.0,
     horizon: float | None = None,
     held_against: Sequence[AxisRecord] = (),
+    recall: Recall = afresh,
     progress: Report | None = None,
 ) -> AxisIdentification:
     """Identify an axis's mass and friction.
@@ -67,6 +71,8 @@ def identify_axis(
         Duration of the windows [s] that the final open-loop fit predicts; the whole record by default.
     held_against : sequence of AxisRecord
         Other records of the axis: every estimate is held against them, none is fitted to them.
+    recall : Recall, optional
+        A checkpoint's, for a run that can be resumed: it answers for each law on the ladder and each fit.
     progress : callable, optional
         Told a share of the work, 0 to 1, and what is being done.
 
@@ -96,14 +102,15 @@ def identify_axis(
     def tell_ladder(share: float, what: str) -> None:
         tell(_LADDER_FROM + (_LADDER_TO - _LADDER_FROM) * share, what)
 
-    ladder = climb(record, motion, starts, window=window, progress=tell_ladder)
+    ladder = climb(record, motion, starts, window=window, recall=recall, progress=tell_ladder)
     rung = wanted or chosen(ladder)
     bench = _Bench(records=(record, *held_against), bandwidth=band)
     rungs = {}
     for number, name in enumerate(RUNGS):
         tell(_LADDER_TO + 0.25 * number / len(RUNGS), f"open loop, law {name}")
+        fit = partial(_open_loop, record, motion, RUNGS[name], starts[name], horizon)
         rungs[name] = bench.estimate(
-            "open loop", _open_loop(record, motion, RUNGS[name], starts[name], horizon)
+            "open loop", recalled(recall, "open loop", RUNGS[name], starts[name], fit)
         )
     tell(0.95, "closed loop")
     estimates = [_inverse_estimate(bench, inverse)]
@@ -111,9 +118,9 @@ def identify_axis(
         start = first_row(record, bandwidth=band)
         residuals = closed_loop_residuals(record, start=start, block=BLOCK)
         usual = float(np.std(record.force)) * 0.05
-        estimates.append(
-            bench.estimate("closed loop", fit_output_error(rung, starts[rung.name], residuals, scale=usual))
-        )
+        begin = starts[rung.name]
+        fit = partial(fit_output_error, rung, begin, residuals, scale=usual)
+        estimates.append(bench.estimate("closed loop", recalled(recall, "closed loop", rung, begin, fit)))
     estimates.append(rungs[rung.name])
     asymmetry = asymmetry_over_time(record)
     tell(1.0, "done")

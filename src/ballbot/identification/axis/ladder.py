@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from ballbot.identification.axis.output_error import (
     open_loop_residuals,
 )
 from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.checkpoint import Recall, afresh
 
 FOLDS = 3
 LEAST_WINDOWS = 8
@@ -51,6 +53,7 @@ def climb(
     starts: Mapping[str, Values],
     *,
     window: float,
+    recall: Recall = afresh,
     progress: Callable[[float, str], None],
 ) -> tuple[RungVerdict, ...]:
     """Return the verdict on every rung.
@@ -64,6 +67,8 @@ def climb(
         By the rung's name, where its search starts.
     window : float
         Duration of the windows [s].
+    recall : Recall, optional
+        A checkpoint's: it answers for each rung.
     progress : callable
         Told a share and what is done.
 
@@ -81,7 +86,9 @@ def climb(
     verdicts: dict[str, RungVerdict] = {}
     for number, (name, rung) in enumerate(RUNGS.items()):
         progress(number / len(RUNGS), f"law {name}")
-        squares = _held_out(record, motion, rung, starts[name], spans)
+        asked = np.array([starts[name][one] for one in rung.names])
+        judge = partial(_held_out, record, motion, rung, starts[name], spans)
+        squares = recall(f"ladder, {name}", asked, lambda judge=judge: [judge()])[0]
         below = verdicts[rung.below].square_sums if rung.below else None
         gain, interval = _gain(squares, below)
         verdicts[name] = RungVerdict(

@@ -20,6 +20,7 @@ from ballbot.identification.axis.filtering import Motion, speed_at_start
 from ballbot.identification.axis.laws import PARAMETERS, Rung, Scaling, Values
 from ballbot.identification.axis.motion import Axis
 from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.checkpoint import Recall
 from ballbot.identification.evolution import evolve
 
 #: half the central difference, in the scaled parameter
@@ -143,6 +144,26 @@ def fit_output_error(
         values=scaling.values(found.x),
         standard_errors=_standard_errors(scaling, found.x, found.jac, last, scale),
         rms=float(np.sqrt(np.mean(last.values**2))),
+    )
+
+
+def recalled(
+    recall: Recall, stage: str, rung: Rung, start: Values, fit: Callable[[], OutputErrorFit]
+) -> OutputErrorFit:
+    """Return a rung's fit from `start`, from a checkpoint where that has it."""
+
+    def answer() -> list[NDArray[np.float64]]:
+        found = fit()
+        tables = (found.values, found.standard_errors)
+        return [*(np.array([table[name] for name in rung.names]) for table in tables), np.array(found.rms)]
+
+    asked = np.array([start[name] for name in rung.names])
+    values, errors, rms = recall(f"{stage}, {rung.name}", asked, answer)
+    return OutputErrorFit(
+        rung=rung,
+        values=dict(zip(rung.names, values.tolist(), strict=True)),
+        standard_errors=dict(zip(rung.names, errors.tolist(), strict=True)),
+        rms=float(rms),
     )
 
 

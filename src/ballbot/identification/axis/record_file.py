@@ -103,7 +103,8 @@ def _read_variables(path: Path) -> Variables:
     from scipy.io.matlab import MatReadError
 
     try:
-        content = loadmat(path)
+        with path.open("rb") as stream:
+            content = loadmat(stream)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     except (MatReadError, ValueError, NotImplementedError) as error:

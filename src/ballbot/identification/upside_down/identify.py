@@ -16,8 +16,9 @@ from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
 from ballbot.identification.bounds import Bounds
+from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates, scale_between
-from ballbot.identification.evolution import evolve
+from ballbot.identification.evolution import check_seed, evolve
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.found_robot import found_robot
 from ballbot.identification.problem import DIFFERENCE, NormalEquations
@@ -59,6 +60,7 @@ def identify_upside_down(
     population: int = 20,
     evolution_windows: int = 20,
     threads: int | None = None,
+    recall: Recall = afresh,
     progress: Report | None = None,
 ) -> UpsideDown:
     """Find b, c, s of each wheel, v_s and delta from the robot clamped upside down.
@@ -83,6 +85,8 @@ def identify_upside_down(
         How many of the windows to fit the evolution looks at; what follows takes all.
     threads : int, optional
         All cores by default.
+    recall : Recall, optional
+        A checkpoint's, for a run that can be resumed: it answers for each generation and for the polish.
     progress : callable, optional
         Told a `Progress`; its cost is in rad/s here.
 
@@ -93,6 +97,7 @@ def identify_upside_down(
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a share between 0 and 1, such as 0.25.")
+    check_seed(seed)
     logs = [logs] if isinstance(logs, Log) else list(logs)
     coordinates = _coordinates(robot, bounds or Bounds())
     windows = cut_ball_windows(logs, wheel_count=robot.wheel_count, duration=window)
@@ -117,8 +122,10 @@ def identify_upside_down(
         population=population,
         seed=seed,
         report=told.of("evolution"),
+        recall=recall,
     )
-    point = _polished(problem, coordinates.from_search(evolved.best))
+    start = coordinates.from_search(evolved.best)
+    point = recall("polish", start, lambda: [_polished(problem, start)])[0]
     told.of("polish")(1, float(problem.costs(point[None])[0]))
     judged = {"found": coordinates.physical(point)}
     if robot.friction != Friction.none(robot.wheel_count):

@@ -1,0 +1,212 @@
+"""Balancing logs and a sweep of the free wheels in one estimate.
+
+A sweep tells b and c of each wheel far better than balancing does, but in units of the torque that its log has: ratios,
+as speed and dry friction for each unit of duty. A data sheet, or the balancing logs, give the scale. With g_i the gain
+of motor i, torque that acts for each N m logged (1 where it is not sought), and b', c' the sweep's numbers,
+
+    b_i - g_i b'_i = 0 +- g_i (error of b'_i)        c_i - g_i c'_i = 0 +- g_i (error of c'_i)
+
+are two more measurements a wheel. Logs and sweep being independent, the best linear estimate from both is that of
+generalised least squares: with x and C what the logs gave and their covariance, H the derivatives of the left sides r
+and S their covariance by the sweep,
+
+    K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
+
+Friction under the robot's weight is not always that of a free wheel. A measurement that contradicts the logs by more
+than `CONTRADICTS` of its errors is left out, and a sentence says so.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from ballbot.errors import InputError
+from ballbot.identification.assessment import CONFIDENCE, Uncertainty
+from ballbot.identification.checkpoint import digest
+from ballbot.identification.coordinates import Coordinates
+from ballbot.identification.intervals import Interval
+from ballbot.identification.quantities import Layout
+
+#: what the sweep and the logs may differ by, in standard errors of their difference
+CONTRADICTS = 3.0
+_SYMBOLS = ("b", "c")
+_QUANTITIES = ("viscous", "coulomb")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SweepFriction:
+    """Free wheels' friction, by the torque that the sweep's log has."""
+
+    values: NDArray[np.float64]  #: (n, 2), b [N m s/rad] and c [N m] of each wheel
+    covariances: NDArray[np.float64]  #: (n, 2, 2); NaN where a number has no standard error
+
+    @property
+    def digest(self) -> str:
+        """What a checkpoint knows it by."""
+        return digest(self.values, self.covariances).hex()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """An estimate and how sure it is."""
+
+    values: NDArray[np.float64]  #: (p,), SI units
+    uncertainty: Uncertainty
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Combined:
+    """What logs and a sweep tell together."""
+
+    values: NDArray[np.float64]  #: (p,), SI units
+    covariance: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
+    used: tuple[str, ...]  #: the sweep's numbers that entered, by label
+    remarks: tuple[str, ...]
+
+
+def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
+    """Return the friction in a results.json of `ballbot identify-driveline`.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is not such a file, or is of a robot with another number of wheels.
+    """
+    try:
+        results = json.loads(Path(path).read_text(encoding="utf-8"))
+        tables = [results[name] for name in ("parameters", "standard_errors")]
+        values, errors = (np.array([table[s] for s in _SYMBOLS], dtype=float).T for table in tables)
+        places = [results["correlation"]["labels"].index(symbol) for symbol in _SYMBOLS]
+        correlations = np.array(results["correlation"]["matrices"], dtype=float)
+        correlations = correlations[:, places][:, :, places]
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError):
+        raise InputError(
+            f"{path} is no results.json of `ballbot identify-driveline`; give that file."
+        ) from None
+    if values.shape != (wheel_count, 2) or correlations.shape != (wheel_count, 2, 2):
+        raise InputError(f"{path} is of {len(values)} wheels, where the robot has {wheel_count}.")
+    return SweepFriction(values=values, covariances=correlations * errors[:, :, None] * errors[:, None, :])
+
+
+def told_together(coordinates: Coordinates, told: Told, sweep: SweepFriction) -> Told:
+    """Return what logs and a sweep tell together, within bounds; bootstrap errors stay those of the logs.
+
+    Of two errors of the logs, clustered and by bootstrap, the larger counts. Where nothing of the sweep could be used,
+    all is as it was.
+    """
+    sure = told.uncertainty
+    logs = np.fmax(sure.standard_errors, sure.bootstrap_errors)
+    combined = combine(coordinates.layout, told.values, sure.correlation * np.outer(logs, logs), sweep)
+    if not combined.used:
+        return Told(values=told.values, uncertainty=sure, remarks=combined.remarks)
+    values = np.clip(combined.values, coordinates.lower, coordinates.upper)
+    errors = np.sqrt(combined.covariance.diagonal())
+    half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
+    lower, upper = np.maximum(values - half, coordinates.lower), np.minimum(values + half, coordinates.upper)
+    intervals = {
+        coordinates.labels[i]: Interval(lower=float(lower[i]), upper=float(upper[i]), method="with sweep")
+        for i in np.flatnonzero(np.isfinite(errors))
+    }
+    return Told(
+        values=values,
+        uncertainty=Uncertainty(
+            scaled_errors=errors / coordinates.slopes(coordinates.scaled(values)),
+            standard_errors=errors,
+            bootstrap_errors=sure.bootstrap_errors,
+            correlation=combined.covariance / np.outer(errors, errors),
+            intervals=sure.intervals | intervals,
+        ),
+        remarks=combined.remarks,
+    )
+
+
+def combine(
+    layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: SweepFriction
+) -> Combined:
+    """Return what logs and sweep tell together.
+
+    Parameters
+    ----------
+    layout : Layout
+    values : ndarray (p,)
+        By the logs, SI units.
+    covariance : ndarray (p, p)
+        Of these; NaN for parameters without standard error, which the sweep does not move.
+    sweep : SweepFriction
+    """
+    known = np.isfinite(covariance.diagonal())
+    C = np.where(np.outer(known, known), covariance, 0.0)
+    asked = _measurements(layout, values, known, sweep)
+    apart = np.abs(asked.r) / np.sqrt((asked.H @ C @ asked.H.T + asked.covariance).diagonal())
+    agrees = apart <= CONTRADICTS
+    remarks = [
+        f"The sweep's {label}, {theirs:.3g}, is not the balancing logs', {theirs + r:.3g}: they differ by {z:.1f} of "
+        "their standard errors, so that the sweep's is left out. A wheel under the robot's weight may rub otherwise."
+        for label, theirs, r, z in zip(asked.labels, asked.theirs, asked.r, apart, strict=True)
+        if z > CONTRADICTS
+    ]
+    if not agrees.any():
+        return Combined(
+            values=values,
+            covariance=covariance,
+            used=(),
+            remarks=(*remarks, "Nothing of the sweep could be used beside these logs."),
+        )
+    H, S, r = asked.H[agrees], asked.covariance[np.ix_(agrees, agrees)], asked.r[agrees]
+    K = np.linalg.solve(H @ C @ H.T + S, H @ C).T
+    return Combined(
+        values=values - K @ r,
+        covariance=np.where(np.outer(known, known), C - K @ H @ C, np.nan),
+        used=tuple(label for label, taken in zip(asked.labels, agrees, strict=True) if taken),
+        remarks=tuple(remarks),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Measurements:
+    """What the sweep says of k combinations of parameters."""
+
+    labels: tuple[str, ...]
+    theirs: NDArray[np.float64]  #: (k,), g times the sweep's number
+    r: NDArray[np.float64]  #: (k,), the logs' number less theirs
+    H: NDArray[np.float64]  #: (k, p), its derivatives
+    covariance: NDArray[np.float64]  #: (k, k)
+
+
+def _measurements(
+    layout: Layout, values: NDArray[np.float64], known: NDArray[np.bool_], sweep: SweepFriction
+) -> _Measurements:
+    """Return the measurements of parameters that the logs tell and the sweep has an error of."""
+    places = np.arange(len(values), dtype=np.float64)
+    friction = np.array([layout.part(name, places) for name in _QUANTITIES], dtype=np.int64)
+    gain = layout.part("torque_gain", places)
+    gains = None if gain is None else gain.astype(np.int64)
+    wheels, which = np.nonzero(np.isfinite(np.diagonal(sweep.covariances, axis1=1, axis2=2)))
+    at = friction[which, wheels]
+    kept = known[at]
+    wheels, which, at = wheels[kept], which[kept], at[kept]
+    scale = np.ones(len(at)) if gains is None else values[gains[wheels]]
+    numbers = sweep.values[wheels, which]
+    H = np.zeros((len(at), len(values)))
+    H[np.arange(len(at)), at] = 1.0
+    if gains is not None:
+        free = known[gains[wheels]]
+        H[np.flatnonzero(free), gains[wheels][free]] = -numbers[free]
+    same = wheels[:, None] == wheels
+    own = sweep.covariances[wheels[:, None], which[:, None], which]
+    return _Measurements(
+        labels=tuple(layout.labels[place] for place in at),
+        theirs=scale * numbers,
+        r=values[at] - scale * numbers,
+        H=H,
+        covariance=np.where(same, own * np.outer(scale, scale), 0.0),
+    )
