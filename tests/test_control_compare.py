@@ -82,17 +82,3 @@ def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, argu
     assert told.startswith("ballbot: ")
     assert sentence in told
     assert told.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_compensation_halves_the_error_on_the_twin():
-    pytest.importorskip("mujoco")
-    from ballbot.twin import Scenario, Twin
-
-    robot = alten()
-    told = robot.replace(friction=Scenario.nominal(robot).friction)
-    controllers = {name: nominal_controller(told, compensation=name) for name in ("none", "full", "partial")}
-    found = compare(lambda: Twin(robot), controllers, square(), duration=32.0, seeds=[1, 2])
-    for name in ("full", "partial"):
-        assert found.summary(name).falls == 0
-        assert found.summary(name).worst_position_error < 0.5 * found.summary("none").peak_position_error

@@ -39,7 +39,7 @@ def test_the_readmes_python_runs(tmp_path):
     pytest.importorskip("mujoco")
     (example,) = fenced("README.md", "python")
     for name, reference, seed in (("square", "square", "1"), ("figure_eight", "figure_eight", "2")):
-        run = ["record", "nominal", "--reference", reference, "--seed", seed, "--duration", "30"]
+        run = ["record", "nominal", "--reference", reference, "--seed", seed, "--duration", "15"]
         command = [sys.executable, "-m", "ballbot.cli.main", *run, "--out", f"demo/{name}"]
         subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     subprocess.run([sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True)
