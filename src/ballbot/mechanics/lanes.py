@@ -19,7 +19,7 @@ from ballbot.mechanics.vector import written
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MOST_PARAMETERS = 50
+MOST_PARAMETERS = np.int64(50)  # a plain integer would have each row compiled as a function of its own
 STATE = MOST_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11
@@ -50,9 +50,8 @@ def entry(work, row, lane):
 
 @inlined
 def put(work, row, lane, value):
-    """Store a number at that row and lane; returns a number, so that calls can stand in a tuple (`stored`)."""
+    """Store a number at that row and lane."""
     work[np.uint64(row * LANES + lane)] = value
-    return 0
 
 
 @inlined
@@ -101,15 +100,19 @@ def _classes(shape: types.Type) -> Iterator[type]:
             yield from _classes(item)
 
 
-def stored(work, row, lane, value) -> tuple:  # pragma: no cover (compiled form below)
+def stored(work, row, lane, value) -> None:  # pragma: no cover (compiled form below)
     """Store the numbers of a tuple, or of tuples in tuples, in the rows from `row` on."""
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(stored)
 def _stored(work, row, lane, value):
-    puts = "".join(f"put(work, row + {i}, lane, {name}), " for i, name in enumerate(_numbers(value, "value")))
-    return written("work, row, lane, value", f"({puts})", put=put)
+    # statements, not calls, likewise
+    puts = (
+        f"work[unsigned((row + {i}) * {LANES} + lane)] = {name}"
+        for i, name in enumerate(_numbers(value, "value"))
+    )
+    return written("work, row, lane, value", "None", *puts, unsigned=np.uint64)
 
 
 def _numbers(shape: types.Type, name: str) -> Iterator[str]:

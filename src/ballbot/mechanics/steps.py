@@ -120,15 +120,14 @@ def _is_open(work, lane):
 @called
 def _sort(work, width):
     """Bring the open lanes to the end."""
-    first, last = 0, width
-    while first < last:
-        if not _is_open(work, first):
-            first += 1
-        else:
+    last = width
+    for lane in range(width):
+        if lane < last and _is_open(work, lane):
             last -= 1
-            if not _is_open(work, last):
-                _swap_lanes(work, first, last)
-                first += 1
+            while lane < last and _is_open(work, last):
+                last -= 1
+            if lane < last:
+                _swap_lanes(work, lane, last)
 
 
 @inlined

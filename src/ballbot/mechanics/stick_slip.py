@@ -80,7 +80,7 @@ def rest_is_held(M, free, C, limits, rolling, h):
         for j in range(3):
             for wheel in range(n):
                 K[i, j] += C[wheel, 2 + i] * C[wheel, 2 + j]
-    if not solve_in_place(K, held, 3):
+    if not solve_in_place(K, held, len(held)):
         return False
     r_x, r_y, pivot = needed[0], needed[1], needed[5]
     low, high = -np.inf, np.inf
