@@ -14,7 +14,7 @@ from ballbot.experiments.league.course_file import LEAGUE, choose_courses
 from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import METRICS, Standing, standing
-from ballbot.report.league_tables import overall_rows
+from ballbot.report.league_tables import OVERALL_HEADINGS, overall_rows
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -58,11 +58,6 @@ def section(league: League) -> Section:
         for course in league.courses
         for name in league.controllers
     ]
-    first = league.controllers[0]
-    overall = "; ".join(
-        f"{name}: peak {peak}, RMS {rms}, above 10 Hz {rough}, energy {energy}, falls {falls}"
-        for name, peak, rms, rough, energy, falls in overall_rows(league)[1:]
-    )
     return Section(
         title="The league",
         before=f"The courses of `ballbot compare --scenarios league` on the nominal twin, {len(league.seeds)} seeds, "
@@ -71,9 +66,18 @@ def section(league: League) -> Section:
         "intervals (Student's); what they mean stands in [compare](compare.md).",
         columns=["course", "controller", *(f"{one.heading} ({one.unit})" for one in metrics), "falls"],
         rows=rows,
-        after=f"Over all courses, each number over {first}'s on the same course and seed, geometric means with 95 % "
-        f"intervals over the seeds. {overall}.",
+        after=_overall(league),
     )
+
+
+def _overall(league: League) -> str:
+    rows = "\n".join(f"| {' | '.join(row)} |" for row in overall_rows(league))
+    return f"""Each number over {league.controllers[0]}'s on the same course and seed: geometric means over the \
+courses, 95 % intervals over the seeds.
+
+| {" | ".join(OVERALL_HEADINGS)} |
+|---|{"---:|" * (len(OVERALL_HEADINGS) - 1)}
+{rows}"""
 
 
 def _cell(found: Standing, key: str) -> str:

@@ -17,7 +17,7 @@ from ballbot.control.nominal import design_gain
 
 
 class Softer:
-    """Half the nominal gain, and a memory that a run must not find again."""
+    """Four fifths of the nominal gain, and a memory that a run must not find again."""
 
     def __init__(self, robot):
         self.sample_time = robot.sensors.sample_time

@@ -2,6 +2,7 @@
 
 import json
 import re
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy import stats
 from ballbot import InputError, Robot
 from ballbot.cli.main import main
 from ballbot.experiments.league import play as playing
+from ballbot.experiments.league.course import Unlike
 from ballbot.experiments.league.course_file import choose_courses
 from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.league.play import League, play
@@ -21,6 +23,7 @@ from ballbot.experiments.league.statistics import mean_with_interval, paired_dif
 from ballbot.report.league_page import league_report
 from ballbot.report.provenance import provenance
 from ballbot.robot.file import write_robot
+from ballbot.twin import Twin
 from benchmarks.league import section
 
 #: two short courses on the model, so that a league takes seconds
@@ -238,6 +241,37 @@ def test_the_built_in_courses_are_all_of_the_league():
     )
 
 
+def test_a_robot_unlike_the_one_described(tmp_path):
+    """Mass and height of a body whose inertia goes with them, on either plant; the controllers' robot stays."""
+    robot = alten(FRICTION)
+    (tmp_path / "courses.toml").write_text(COURSE + "unlike = { mass = 1.2, height = 0.8, friction = 0.5 }")
+    (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "model")
+    true = course.plant(robot).robot
+    assert true.body.mass == pytest.approx(1.2 * robot.body.mass)
+    assert true.body.center_of_mass == pytest.approx(0.8 * robot.body.center_of_mass)
+    # J_0 = J_c + m l^2 about either lying axis
+    own, ml2 = robot.body.inertia_about_ball_center()[0, 0], robot.body.mass * robot.body.center_of_mass**2
+    expected = 1.2 * (own - ml2) + 1.2 * 0.8**2 * ml2
+    assert true.body.inertia_about_ball_center()[0, 0] == pytest.approx(expected)
+    assert true.friction.coulomb == pytest.approx([0.5 * one for one in FRICTION.coulomb])
+    assert true.friction.stribeck_speed == FRICTION.stribeck_speed
+    pytest.importorskip("mujoco")
+    (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
+    twin = course.plant(robot)
+    assert isinstance(twin, Twin)
+    assert twin.robot.body == true.body
+    assert twin.scenario.friction.rolling == pytest.approx(0.5 * 0.007)
+
+
+def test_the_robots_of_the_set_unlike_are_all_corners():
+    courses = choose_courses("unlike", alten(), "model")
+    corners = {(one.unlike.mass, one.unlike.height, one.unlike.friction) for one in courses}
+    assert corners == set(product((0.8, 1.2), repeat=3))
+    assert choose_courses("light_low_smooth", alten(), "model")[0].unlike == Unlike(
+        mass=0.8, height=0.8, friction=0.8
+    )
+
+
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
@@ -301,6 +335,7 @@ COURSE = '[mine.one]\nreference = "hold"\nduration = 9.0\n'
         ),
         (COURSE.replace('"hold"', '"nowhere.csv"'), "nowhere.csv"),
         (COURSE + "lenght = 3.0", "lenght is not a key of a course; it has about, reference, duration"),
+        (COURSE + "unlike = { mass = 0.0 }", "unlike.mass is 0.0; input should be greater than 0"),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + '[mine.one.scenario]\npivoting = "much"', "pivoting is 'much'; it must be a number."),
         (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "there are two courses 'one'"),

@@ -18,8 +18,7 @@ from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results
 from ballbot.experiments.reference_file import is_file
 from ballbot.files import write_text
-from ballbot.identification.checkpoint import digest
-from ballbot.identification.machine import machine
+from ballbot.identification.checkpoint import identity_of
 from ballbot.report.json_text import as_json
 from ballbot.report.league_page import league_report
 from ballbot.report.league_tables import OVERALL_HEADINGS, STANDING_HEADINGS, overall_rows, standing_rows
@@ -59,8 +58,8 @@ def compare(
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
     scenarios
-        Sets (motions, disturbances, league: both), courses (hold, square, circle, figure_eight, change_pose, push,
-        ramp, payload, floor, heading) and course files, with commas between.
+        Sets (motions, disturbances, league: both, unlike: robots 20 % off), courses (hold, square, circle,
+        figure_eight, change_pose, push, ramp, payload, floor, heading) and course files, with commas between.
     seeds
         Runs of each controller on each course, as 1-20 or 1,4,7-9.
     processes
@@ -113,17 +112,17 @@ def _identity(
     """Return what the games' scores depend on, each by a plain name."""
     files = [one.file.read_bytes() for one in entrants if one.file]
     references = [Path(one.asked.name).read_bytes() for one in courses if is_file(one.asked.name)]
-    found = {
-        "robot": digest(robot).hex(),
-        "controllers": digest(entrants, *files).hex(),
-        "courses": digest(courses, *references).hex(),
-        "seeds": digest(seeds).hex(),
+    inputs = {
+        "robot": [robot],
+        "controllers": [entrants, *files],
+        "courses": [courses, *references],
+        "seeds": [seeds],
     }
     try:
-        found["mujoco"] = version("mujoco")
+        mujoco = version("mujoco")
     except PackageNotFoundError:  # the model needs none
-        found["mujoco"] = "not installed"
-    return found | machine()
+        mujoco = "not installed"
+    return identity_of(inputs, {"mujoco": mujoco})
 
 
 def _show(league: League, console: Console) -> None:

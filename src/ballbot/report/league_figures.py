@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.play import League
-from ballbot.experiments.league.standings import METRIC_BY_KEY, Metric, standing
+from ballbot.experiments.league.standings import METRIC_BY_KEY, Metric, Standing, standing
 from ballbot.experiments.metrics import BAND
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, REFERENCE, Line
 
@@ -19,6 +19,8 @@ _COLORS = (ORANGE, BLUE, GREEN, INK, "#8a4f7d", MUTED)
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
+#: an interval that reaches zero has no end on a logarithmic scale: its bar is cut at this share of the mean
+_SHORTEST = 0.25
 #: what the overview shows
 _SHOWN = ("peak_position_error", "high_frequency_torque")
 
@@ -90,41 +92,33 @@ def line_of(index: int) -> Line:
 
 
 def _draw_controller(axes: Axes, league: League, index: int, metric: Metric) -> None:
-    """Draw one controller's means with their intervals, and beside the mark how many runs fell."""
+    """Draw one controller's means with their intervals."""
     name, count = league.controllers[index], len(league.controllers)
+    color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
     for row, course in enumerate(league.courses):
         found = standing(league, course.name, name)
-        estimate = found.means[metric.key]
+        one = found.means[metric.key]
         place = row + 0.7 * ((index + 0.5) / count - 0.5)
-        color, label = _COLORS[index % len(_COLORS)], name if row == 0 else None
-        marker = _MARKERS[index % len(_MARKERS)]
-        ends = metric.scale * np.array([estimate.low, estimate.high])
-        if np.isfinite(ends).all():
-            axes.plot(np.maximum(ends, 1e-9), [place, place], color=color, linewidth=1.4)
-        axes.plot(
-            metric.scale * estimate.mean,
-            place,
-            marker=marker,
-            color=color,
-            markersize=4,
-            linestyle="",
-            label=label,
-        )
+        if np.isfinite(one.low):
+            ends = metric.scale * np.array([max(one.low, _SHORTEST * one.mean), one.high])
+            axes.plot(ends, [place, place], color=color, linewidth=1.4)
+        label = name if row == 0 else None
+        mark = {"marker": marker, "color": color, "markersize": 4, "linestyle": "", "label": label}
+        axes.plot(metric.scale * one.mean, place, **mark)
         if found.falls and metric.key == _SHOWN[0]:
-            words = f" {found.falls} of {found.runs} fell"
-            at = metric.scale * (estimate.high if np.isfinite(estimate.high) else estimate.mean)
-            if np.isfinite(at):
-                axes.text(at, place, words, va="center", color=INK, fontsize=7)
-            else:  # all of them: there is no error to show
-                axes.text(
-                    0.01,
-                    place,
-                    name + words,
-                    va="center",
-                    color=INK,
-                    fontsize=7,
-                    transform=axes.get_yaxis_transform(),
-                )
+            _tell_falls(axes, found, metric, place)
+
+
+def _tell_falls(axes: Axes, found: Standing, metric: Metric, place: float) -> None:
+    """Write beside a mark how many runs fell, with the controller's name where there is no mark."""
+    one = found.means[metric.key]
+    words = f"{found.falls} of {found.runs} fell"
+    if one.runs:
+        at, transform = metric.scale * (one.high if np.isfinite(one.high) else one.mean), axes.transData
+    else:
+        at, transform = 0.01, axes.get_yaxis_transform()
+        words = f"{found.controller}: {words}"
+    axes.text(at, place, f" {words}", va="center", color=INK, fontsize=7, transform=transform)
 
 
 def _plain_ticks(axes: Axes) -> None:

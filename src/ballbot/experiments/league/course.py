@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 from ballbot.control.references import REFERENCES, Reference
@@ -11,6 +11,7 @@ from ballbot.errors import InputError
 from ballbot.experiments.reference_file import is_file, read_reference
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.scaled import scaled_body, scaled_friction
 from ballbot.simulation.plant import Plant
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
@@ -52,6 +53,15 @@ class Asked:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Unlike:
+    """How the robot that runs differs from the one described, which the controllers know: factors."""
+
+    mass: float = 1.0  #: of the body
+    height: float = 1.0  #: of its centre of mass above the ball's centre
+    friction: float = 1.0  #: of the wheels' and the rolling friction
+
+
+@dataclass(frozen=True, kw_only=True)
 class Course:
     """What every controller is put through."""
 
@@ -60,6 +70,7 @@ class Course:
     asked: Asked
     duration: float  #: [s]
     settle: float  #: errors count from so long after the start and each jump of the reference on [s]
+    unlike: Unlike = Unlike()
     scenario: Scenario | None  #: of the twin; None is the exact model with perfect sensors
 
     @property
@@ -68,7 +79,19 @@ class Course:
         return tuple(push.time for push in self.scenario.pushes) if self.scenario else ()
 
     def plant(self, robot: Robot) -> Plant | Model:
-        """Return a new robot to run; of the model the friction is the robot's, of the twin the scenario's."""
+        """Return a new robot to run; of the model the friction is the robot's, of the twin the scenario's.
+
+        Raises
+        ------
+        InputError
+            Where the robot would be none.
+        """
+        other = self.unlike
+        true = robot
+        if other != Unlike():
+            body = scaled_body(robot.body, mass=other.mass, height=other.height)
+            true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.scenario is None:
-            return Model(robot)
-        return Twin(robot, self.scenario)
+            return Model(true)
+        friction = scaled_friction(self.scenario.friction, other.friction)
+        return Twin(true, replace(self.scenario, friction=friction))

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, Posit
 from pydantic_core import ErrorDetails
 
 from ballbot.errors import InputError
-from ballbot.experiments.league.course import Asked, Course
+from ballbot.experiments.league.course import Asked, Course, Unlike
 from ballbot.experiments.metrics import SETTLE
 from ballbot.experiments.reference_file import is_file
 from ballbot.robot import Robot
@@ -20,21 +20,33 @@ from ballbot.twin.scenario_file import scenario_of
 
 PlantName = Literal["model", "twin"]
 
-#: the name of all built-in courses together
+#: the set that is these sets together
 LEAGUE = "league"
+_IN_LEAGUE = ("motions", "disturbances")
 
 _Tables = Mapping[str, Mapping[str, object]]
 
 
-class CourseTable(BaseModel):
-    """[set.course]: a course as a file says it."""
-
+class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class UnlikeTable(_Table):
+    """[set.course.unlike]: factors."""
+
+    mass: PositiveFloat = 1.0
+    height: PositiveFloat = 1.0
+    friction: NonNegativeFloat = 1.0
+
+
+class CourseTable(_Table):
+    """[set.course]: a course as a file says it."""
 
     about: str = ""
     reference: str | dict[str, FiniteFloat | str]
     duration: PositiveFloat
     settle: NonNegativeFloat = SETTLE
+    unlike: UnlikeTable = UnlikeTable()
     scenario: dict[str, object] = {}
 
 
@@ -65,10 +77,10 @@ def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, 
 
 
 def built_in_sets() -> dict[str, _Tables]:
-    """Return the tables of courses.toml: sets of courses by name, `league` all of them."""
+    """Return the tables of courses.toml, sets of courses by name; the first is `league`."""
     text = files("ballbot.experiments.league").joinpath("courses.toml").read_text(encoding="utf-8")
     sets: dict[str, _Tables] = tomllib.loads(text)
-    return {LEAGUE: {name: table for tables in sets.values() for name, table in tables.items()}} | sets
+    return {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
 
 
 def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
@@ -104,12 +116,13 @@ def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Cours
 def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantName) -> list[Course]:
     if Path(word).suffix == ".toml":
         return read_courses(word, robot, plant)
-    tables = sets[word] if word in sets else {word: sets[LEAGUE][word]} if word in sets[LEAGUE] else None
-    if tables is None:
+    known = {name: table for tables in sets.values() for name, table in tables.items()}
+    if word not in sets and word not in known:
         raise InputError(
-            f"there is no set or course {word!r}; the sets are {', '.join(sets)}, the courses "
-            f"{', '.join(sets[LEAGUE])}, and a course file's name ends in .toml."
+            f"there is no set or course {word!r}; the sets are {', '.join(sets)}, the courses {', '.join(known)}, "
+            "and a course file's name ends in .toml."
         )
+    tables = sets[word] if word in sets else {word: known[word]}
     return [
         _course(name, table, robot, plant, place=f"the course {name!r}", beside=Path())
         for name, table in tables.items()
@@ -139,6 +152,7 @@ def _course(
         asked=asked,
         duration=said.duration,
         settle=said.settle,
+        unlike=Unlike(**said.unlike.model_dump()),
         scenario=scenario,
     )
 

@@ -78,7 +78,7 @@ def play(
     Parameters
     ----------
     robot : Robot
-        That is driven; its friction is true of the model and nothing to the twin.
+        As it is described; courses may differ from it. Its friction is true of the model and nothing to the twin.
     controllers : mapping of str to Feedback
         By name; every run gets a copy. They are pickled where there is more than one process.
     courses : sequence of Course
