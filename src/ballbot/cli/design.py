@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.cli.output import matrix_text, standard_output, table
+from ballbot.cli.robust_design import RobustOptions, design_robustly
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
 from ballbot.control.lqr import LqrDesign
@@ -18,20 +19,27 @@ from ballbot.files import write_text
 from ballbot.robot import Robot
 from ballbot.robot.deviations import Propagated, propagate
 
+_WEIGHTS = ",".join(f"{weight:g}" for weight in STATE_WEIGHTS)
+_SEARCH = RobustOptions()
+
 
 def design(
     robot: str,
     /,
     *,
-    q: str = ",".join(f"{weight:g}" for weight in STATE_WEIGHTS),
+    q: str = _WEIGHTS,
     r: float = TORQUE_WEIGHT,
     sample_time: float | None = None,
     compensation: Compensation = "none",
+    robust: bool = False,
+    search: RobustOptions = _SEARCH,
     out: Path,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
 
     Example: ballbot design alten --q 20,20,500,500,5,30,30,20,20,2 --r 30 --compensation full --out soft
+
+    Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
     Writes controller.toml and results.json (gain and closed-loop poles). Standard deviations in the robot's file are
     carried through to each entry of the gain.
@@ -48,9 +56,17 @@ def design(
         Time between two updates [s]; the robot's own where not given.
     compensation
         none; full (all friction); partial (only while friction works against the intended motion).
+    robust
+        Seek the weights by search over perturbed robots in simulation, for the worst tenth of them; takes minutes,
+        shows how far it is, and goes on with --resume.
     out
         The folder to write into.
     """
+    if robust:
+        if q != _WEIGHTS or r != TORQUE_WEIGHT:
+            raise InputError("--robust seeks the weights itself; leave out --q and --r.")
+        design_robustly(robot, sample_time=sample_time, compensation=compensation, options=search, out=out)
+        return
     described, weights = Robot.load(robot), _weights(q)
 
     def gain_of(one: Robot) -> NDArray[np.float64]:

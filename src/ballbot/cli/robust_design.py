@@ -1,0 +1,181 @@
+"""`ballbot design --robust`: the weights sought over perturbed robots."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from ballbot.cli.long_run import long_run
+from ballbot.cli.output import matrix_text, progress_bar, standard_output, table
+from ballbot.control.controller import Compensation
+from ballbot.control.file import controller_text
+from ballbot.errors import InputError
+from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
+from ballbot.experiments.robust_design.perturbed import Spread
+from ballbot.files import write_text
+from ballbot.identification.checkpoint import identity
+from ballbot.report.json_text import as_json
+from ballbot.report.provenance import provenance
+from ballbot.report.robust_figures import robust_figure
+from ballbot.report.study_files import check_folder
+from ballbot.report.style import drawn
+from ballbot.robot import Robot
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class RobustOptions:
+    """What a search for robust weights is told; without --robust it has no effect."""
+
+    perturb: str = ""
+    """How far robots may be from the one described, as in mass=0.2,height=0.2,friction=0.2 (shares), delay=2
+    (samples), tilt=1 (degrees of the floor); what is not named is as here."""
+
+    robots: int = Effort.robots
+    """Perturbed robots that judge every candidate."""
+
+    generations: int = Effort.generations
+    """Of the search, at most."""
+
+    population: int = Effort.population
+    """Candidates of a generation."""
+
+    fresh: int = Effort.fresh
+    """Other robots on which the found weights are compared with the nominal ones and a plain LQR."""
+
+    seed: int = 0
+    """Of all that is random; equal seeds give equal results."""
+
+    resume: Annotated[bool, Parameter(negative="")] = False
+    """Go on with the search that was interrupted in the same folder."""
+
+
+def design_robustly(
+    source: str,
+    *,
+    sample_time: float | None,
+    compensation: Compensation,
+    options: RobustOptions,
+    out: Path,
+) -> None:
+    """Seek the weights, and write controller.toml, results.json and robust.svg."""
+    robot = Robot.load(source)
+    if sample_time is not None:
+        robot = robot.replace(sensors=replace(robot.sensors, sample_time=sample_time))
+    spread = spread_of(options.perturb)
+    effort = Effort(
+        robots=options.robots,
+        generations=options.generations,
+        population=options.population,
+        fresh=options.fresh,
+    )
+    folder, console = check_folder(out), standard_output()
+    words = _words(source, sample_time, compensation, options, folder)
+    asked = {"compensation": compensation, "seed": options.seed, **asdict(spread), **asdict(effort)}
+    with (
+        long_run(
+            folder,
+            words=words,
+            belongs_to=identity(robot, [], asked),
+            resume=options.resume,
+            cluster=None,
+        ) as run,
+        progress_bar(console, "robust design") as bar,
+    ):
+        found = robust_design(
+            robot,
+            compensation=compensation,
+            spread=spread,
+            effort=effort,
+            seed=options.seed,
+            tell=lambda share, note: bar.show(share, note=note),
+            recall=run.recall,
+        )
+        command = shlex.join(words)
+        files = [Path(source)] if Path(source).is_file() else []
+        made = provenance(command=command, files=files, seed=options.seed)
+        results = {
+            "robot": robot.name,
+            "sample_time": found.controller.sample_time,
+            "compensation": compensation,
+            "gain": found.controller.gain,
+            "poles": [[pole.real, pole.imag] for pole in found.design.poles.tolist()],
+            **found.to_dict(),
+            "perturbed": asdict(spread),
+            "provenance": made.to_dict(),
+        }
+        write_text(folder / "controller.toml", _how(found, command) + controller_text(found.controller))
+        write_text(folder / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
+        write_text(folder / "results.json", as_json(results))
+    _show(found, console)
+    console.print(str(folder / "controller.toml"), soft_wrap=True)
+
+
+def spread_of(text: str) -> Spread:
+    """Return the spread that a text such as mass=0.2,tilt=1 asks for.
+
+    Raises
+    ------
+    InputError
+        Where a name or a number is none.
+    """
+    names = [one.name for one in fields(Spread)]
+    given: dict[str, float | int] = {}
+    for part in filter(None, text.split(",")):
+        name, _, number = part.partition("=")
+        if name not in names:
+            raise InputError(f"--perturb has no {name!r}; it has {', '.join(names)}, as in mass=0.2,delay=2.")
+        try:
+            given[name] = int(number) if name == "delay" else float(number)
+        except ValueError:
+            kind = "a whole number" if name == "delay" else "a number"
+            raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
+    return replace(Spread(), **given)
+
+
+def _words(
+    source: str, sample_time: float | None, compensation: str, options: RobustOptions, folder: Path
+) -> list[str]:
+    words = ["ballbot", "design", source, "--robust", "--compensation", compensation]
+    words += [] if sample_time is None else ["--sample-time", repr(sample_time)]
+    words += ["--perturb", options.perturb] if options.perturb else []
+    for name in ("robots", "generations", "population", "fresh", "seed"):
+        words += [f"--{name}", str(getattr(options, name))]
+    return [*words, "--out", str(folder)]
+
+
+def _how(found: RobustDesign, command: str) -> str:
+    """Return the comment that says how the gain was found."""
+    weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
+    rivals = {name: f"{one.worst_tenth:.3g}" for name, one in found.rivals.items()}
+    return (
+        f"# Found by: {command}\n"
+        f"# Q = diag({weights}), R = {found.torque_weight:g} I\n"
+        f"# worst tenth of J on {found.fresh} fresh robots: {rivals['robust']}; nominal gain {rivals['nominal']}, "
+        f"plain LQR {rivals['plain']}\n\n"
+    )
+
+
+def _show(found: RobustDesign, console: Console) -> None:
+    console.print(matrix_text("K", found.controller.gain), markup=False, soft_wrap=True)
+    headings = ("design", "worst tenth of J", "mean J", "worst error (mm)", "worst roughness (N m)", "falls")
+    rows = [
+        [
+            name,
+            f"{one.worst_tenth:.2f}",
+            f"{one.mean:.2f}",
+            f"{1e3 * one.worst_error:.1f}",
+            f"{one.worst_roughness:.3f}",
+            f"{one.falls}",
+        ]
+        for name, one in found.rivals.items()
+    ]
+    title = f"On {found.fresh} perturbed robots that the search had not seen"
+    console.print(table(title, headings, rows, framed=console.is_terminal))
+    weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
+    console.print(f"Q = diag({weights}), R = {found.torque_weight:g} I", soft_wrap=True)

@@ -1,0 +1,154 @@
+"""What a controller costs on perturbed robots: the position error once settled, and how rough its torques are.
+
+    J = e / e_n + r / r_n,      10 to 20 for a robot that falls, the more the earlier
+
+e is the root mean square distance from where the robot is asked to be over the run's last part, r the root mean square
+change of torque from sample to sample; e_n and r_n are the nominal gain's medians over the same robots, whose J is
+therefore about 2. The sensors' white noise sigma is not in the simulated loop; through the gain K it makes the torques
+rougher by sqrt(2 sum_j (K_ij sigma_j)^2), the noise of two samples, which is added to r (root of the sum of squares).
+A set of robots counts by its worst tenth: the mean of the largest tenth of the J.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import hold
+from ballbot.errors import InputError
+from ballbot.experiments.robust_design.perturbed import Perturbed
+from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
+from ballbot.simulation.batch import simulate_batch
+
+#: a run [s], and its last part, which counts as settled
+RUN, SETTLED = 8.0, 2.0
+#: the share of the robots that counts
+TAIL = 0.1
+_FALL = 10.0
+_EVERY = 10  # samples between two that are looked at for the error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Marks:
+    """How controllers did, on each of the robots."""
+
+    error: NDArray[
+        np.float64
+    ]  #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
+    roughness: NDArray[np.float64]  #: (controllers, robots), torque's change from sample to sample [N m]
+    ended: NDArray[np.float64]  #: (controllers, robots), when it fell [s]; infinity where it stood
+
+    @property
+    def fell(self) -> NDArray[np.bool_]:
+        """Whether it fell (controllers, robots)."""
+        return np.isfinite(self.ended)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """What J is counted in."""
+
+    error: float  #: e_n [m]
+    roughness: float  #: r_n [N m]
+
+    def costs(self, marks: Marks) -> NDArray[np.float64]:
+        """Return J (controllers, robots)."""
+        standing = marks.error / self.error + marks.roughness / self.roughness
+        return np.where(marks.fell, _FALL * (2.0 - np.minimum(marks.ended / RUN, 1.0)), standing)
+
+
+def run_marks(
+    robot: Robot,
+    controllers: Sequence[Controller],
+    perturbed: Perturbed,
+    *,
+    step: float,
+    threads: int | None = None,
+) -> Marks:
+    """Run every controller on every perturbed robot, all in one batch.
+
+    Parameters
+    ----------
+    robot : Robot
+        The one described, whose sensors are everyone's.
+    controllers : sequence of Controller
+    perturbed : Perturbed
+    step : float
+        Inner step [s].
+    threads : int, optional
+        All cores by default; the result does not depend on it.
+    """
+    count = len(perturbed)
+    batch = simulate_batch(
+        Model(robot, step=step),
+        [one for one in controllers for _ in range(count)],
+        hold(),
+        duration=RUN,
+        initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
+        robots=perturbed.robots * len(controllers),
+        conditions=perturbed.conditions * len(controllers),
+        every=_EVERY,
+        threads=threads,
+    )
+    shape = (len(controllers), count)
+    late = batch.t > RUN - SETTLED
+    error = np.sqrt((batch.states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
+    noise = np.array([noise_roughness(robot, one) for one in controllers])
+    return Marks(
+        error=np.where(batch.survived, error, np.nan).reshape(shape),
+        roughness=np.hypot(batch.torque_change.reshape(shape), noise[:, None]),
+        ended=batch.ended.reshape(shape),
+    )
+
+
+def units_of(nominal: Marks) -> Units:
+    """Return what J is counted in, by the nominal gain's marks (1, robots).
+
+    Raises
+    ------
+    InputError
+        Where it falls with half of the robots.
+    """
+    if np.mean(nominal.fell) > 0.5:
+        raise InputError(
+            f"The nominal gain falls with {np.mean(nominal.fell):.0%} of the perturbed robots, and what it does with "
+            "them is the measure; perturb them less."
+        )
+    stood = ~nominal.fell
+    return Units(
+        error=float(np.median(nominal.error[stood])), roughness=float(np.median(nominal.roughness[stood]))
+    )
+
+
+def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of the largest tenth of costs (..., robots), of one robot at least."""
+    count = max(1, round(TAIL * costs.shape[-1]))
+    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1)
+
+
+def noise_roughness(robot: Robot, controller: Controller) -> float:
+    """Return the torque's root mean square change [N m] that the sensors' white noise makes through the gain."""
+    passed = controller.gain * measurement_noise(robot, controller.sample_time)
+    return float(np.sqrt(2.0 * (passed**2).sum(axis=1).mean()))
+
+
+def measurement_noise(robot: Robot, sample_time: float) -> NDArray[np.float64]:
+    """Return the standard deviations (10,) of the measured state's white noise.
+
+    The attitude's and the gyro's are the robot's; the ball's velocity is r_b times A^-1 times the encoders' speeds,
+    each the difference of two counts of uniform error, plus the gyro's. Place and heading are smooth.
+    """
+    sensors, radius = robot.sensors, robot.ball.radius
+    step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+    encoder = step / (sample_time * np.sqrt(6.0))  # of a difference of two U(0, step)
+    turning = np.sqrt((np.linalg.pinv(transforms(robot).T_owb)[:2] ** 2).sum(axis=1)) * encoder
+    velocity = radius * np.hypot(turning[::-1], sensors.gyro_noise)
+    lean, rate = sensors.attitude_noise, sensors.gyro_noise
+    return np.array([0.0, 0.0, lean, lean, 0.0, *velocity, rate, rate, rate])
