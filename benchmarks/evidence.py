@@ -35,12 +35,15 @@ CAMPAIGNS = {
     "twin_speed": "benchmarks.twin_speed",
     "compensation": "benchmarks.compensation",
     "league": "benchmarks.league",
+    "limits": "benchmarks.limits",
+    "robust_design": "benchmarks.robust_design",
     "coverage": "benchmarks.coverage",
     "one_axis": "benchmarks.one_axis",
     "drivelines": "benchmarks.drivelines",
     "resume": "benchmarks.resume",
     "identified_errors": "benchmarks.identified_errors",
     "identified_friction": "benchmarks.identified_friction",
+    "validation_bbr": "benchmarks.validation_bbr",
 }
 
 _HEAD = """# Evidence
@@ -55,10 +58,10 @@ def main(names: Sequence[str]) -> None:
     unknown = sorted(set(names) - set(CAMPAIGNS))
     if unknown:
         raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
-    sections = written_sections()
     for name in names or CAMPAIGNS:
         started = perf_counter()
         section = import_module(CAMPAIGNS[name]).campaign().markdown()
+        sections = written_sections()  # another run may have written meanwhile
         sections[name] = f"{section}\n{_origin(name, perf_counter() - started)}\n"
         print(section)
         parts = [f"<!-- {known} -->\n{sections[known]}" for known in CAMPAIGNS if known in sections]
