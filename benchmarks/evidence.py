@@ -34,6 +34,7 @@ CAMPAIGNS = {
     "estimation": "benchmarks.estimation",
     "twin_speed": "benchmarks.twin_speed",
     "compensation": "benchmarks.compensation",
+    "control_parts": "benchmarks.control_parts",
     "coverage": "benchmarks.coverage",
     "one_axis": "benchmarks.one_axis",
     "drivelines": "benchmarks.drivelines",

@@ -88,6 +88,9 @@ def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
     assert np.array(designed["gain"]).shape == (3, 10)
     assert max(real for real, _ in designed["poles"]) < 0.0
 
+    assert main(["design", robot, "--kind", "precise", "--out", str(out / "precise")]) == 0
+    precise = str(out / "precise" / "controller.toml")
+
     run = ["--reference", "square", "--duration", "8", "--controller", controller, "--out", str(out / "run")]
     assert main(["simulate", robot, *run]) == 0
     assert len(Log.read(out / "run" / "log.csv")) == 1600
@@ -96,9 +99,11 @@ def test_design_simulate_compare_from_the_command_line(tmp_path, capsys):
     assert results["peak_position_error"] >= results["rms_position_error"]
 
     runs = ["--duration", "16", "--seeds", "1", "--out", str(out / "compare")]
-    assert main(["compare", robot, "none", controller, *runs]) == 0
+    assert main(["compare", robot, "none", controller, precise, "precise", *runs]) == 0
     compared = json.loads((out / "compare" / "results.json").read_text())["comparison"]
     assert compared[controller]["peak_position_error"] < 0.5 * compared["none"]["peak_position_error"]
+    assert compared[precise] == compared["precise"]
+    assert compared[precise]["peak_position_error"] < 0.1 * compared["none"]["peak_position_error"]
     assert "falls" in capsys.readouterr().out
 
 

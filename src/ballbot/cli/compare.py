@@ -14,8 +14,10 @@ from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.precise import precise_controller
 from ballbot.control.references import named
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import SETTLE, Comparison
 from ballbot.experiments.compare import compare as run
 from ballbot.files import write_text
@@ -33,6 +35,7 @@ def compare(
     *,
     plant: PlantName = "model",
     scenario: str = "nominal",
+    estimator: EstimatorName = "onboard",
     reference: str = "square",
     duration: float = 32.0,
     settle: float = SETTLE,
@@ -50,11 +53,13 @@ def compare(
     robot
         A preset's name or a robot file. Its friction is what is compensated, and what the model has.
     controllers
-        Controller files, or none, full and partial: the nominal gain with that compensation.
+        Controller files, or none, full and partial: the nominal gain with that compensation; or precise.
     plant
         model, or twin: a MuJoCo robot whose faults are the scenario's.
     scenario
         Of the twin.
+    estimator
+        Whose state is fed back on the twin: onboard, or kalman, which a stiff controller needs.
     reference
         Where the robot is asked to be: hold, square, change_pose, circle or figure_eight.
     duration
@@ -71,7 +76,7 @@ def compare(
     console = standard_output()
     with progress_bar(console, f"{len(chosen) * seeds} runs on the {plant}") as bar:
         comparison = run(
-            _plant_factory(plant, described, scenario),
+            _plant_factory(plant, described, scenario, estimator),
             chosen,
             named(reference),
             duration=duration,
@@ -91,20 +96,25 @@ def compare(
 def _controller(name: str, robot: Robot) -> Controller:
     if name == "none" or name == "full" or name == "partial":
         return nominal_controller(robot, compensation=name)
+    if name == "precise":
+        return precise_controller(robot)
     if not Path(name).exists():
         raise InputError(
-            f"There is no controller file {name!r}; it must be a file's path, or none, full or partial."
+            f"There is no controller file {name!r}; it must be a file's path, or none, full, partial or precise."
         )
     return read_controller(name, robot)
 
 
-def _plant_factory(plant: PlantName, robot: Robot, scenario: str) -> Callable[[], Plant | Model]:
+def _plant_factory(
+    plant: PlantName, robot: Robot, scenario: str, estimator: EstimatorName
+) -> Callable[[], Plant | Model]:
     if plant == "model":
         return lambda: Model(robot)
     from ballbot.twin import Scenario, Twin  # MuJoCo is an extra
 
     faults = Scenario.load(scenario, robot)
-    return lambda: Twin(robot, faults)
+    sample_time = faults.sensors.sample_time
+    return lambda: Twin(robot, faults, estimator=named_estimator(estimator, robot, sample_time=sample_time))
 
 
 def _rows(comparison: Comparison) -> list[list[str]]:

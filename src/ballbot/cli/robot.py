@@ -15,6 +15,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.cli.margins import margins_parts, margins_results
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
@@ -26,6 +27,7 @@ from ballbot.robot.file import write_robot
 from ballbot.robot.parameters import PARAMETERS, value_of
 
 if TYPE_CHECKING:
+    from ballbot.control.margins import Margins
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
 
@@ -76,7 +78,14 @@ def new(
 
 
 def check(
-    robot: str, /, *, figure: Path | None = None, predict: Path | None = None, out: Path | None = None
+    robot: str,
+    /,
+    *,
+    figure: Path | None = None,
+    predict: Path | None = None,
+    reference: str | None = None,
+    duration: float = 32.0,
+    out: Path | None = None,
 ) -> None:
     """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
 
@@ -87,6 +96,8 @@ def check(
 
     Example: `ballbot check mine.toml --predict square.csv --out checked`
 
+    Example: `ballbot check mine.toml --reference change-pose`
+
     Parameters
     ----------
     robot : str
@@ -95,10 +106,14 @@ def check(
         File for a drawing to print: .svg, .pdf or .png.
     predict : Path
         A log; says how far the standard deviations in the file spread predictions of it over 0.25 s.
+    reference : str
+        A reference's name or file; says what torque, speed and lean it asks for and whether the robot can follow.
+    duration : float
+        Of the reference [s].
     out : Path
         Folder for results.json and check.txt.
     """
-    checked = _examine(Robot.load(robot), predict)
+    checked = _examine(Robot.load(robot), predict, reference, duration)
     console = standard_output()
     for part in _report(checked, framed=console.is_terminal):
         console.print(part)
@@ -121,9 +136,10 @@ class _Checked:
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None where no value has a standard deviation
     band: PredictionBand | None
+    margins: Margins | None
 
 
-def _examine(robot: Robot, predict: Path | None) -> _Checked:
+def _examine(robot: Robot, predict: Path | None, reference: str | None, duration: float) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
     from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
@@ -135,6 +151,7 @@ def _examine(robot: Robot, predict: Path | None) -> _Checked:
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
         band=None if predict is None else _band(robot, predict),
+        margins=None if reference is None else _margins(robot, reference, duration),
         derived=derived_quantities(robot),
         matrices={name: getattr(found, name) for name in _MATRICES},
         poles=poles[np.argsort(-poles.real)],
@@ -148,6 +165,13 @@ def _band(robot: Robot, path: Path) -> PredictionBand:
     return prediction_band(robot, Log.read(path))
 
 
+def _margins(robot: Robot, reference: str, duration: float) -> Margins:
+    from ballbot.control.margins import reference_margins
+    from ballbot.experiments.reference_file import reference_of
+
+    return reference_margins(robot, reference_of(reference), duration=duration)
+
+
 def _results(checked: _Checked) -> dict[str, object]:
     return {
         "robot": checked.robot.name,
@@ -159,6 +183,7 @@ def _results(checked: _Checked) -> dict[str, object]:
         "standard_deviations": dict(checked.robot.standard_deviations),
         "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
         "prediction": checked.band.to_dict() if checked.band else None,
+        "motion": margins_results(checked.margins) if checked.margins else None,
     }
 
 
@@ -179,6 +204,8 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     parts += [*_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
     if checked.band:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
+    if checked.margins:
+        parts += [Text(""), *margins_parts(checked.margins, framed=framed)]
     return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import control_law
+from ballbot.control.law import MEMORY, control_law
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
@@ -148,6 +148,7 @@ def run_closed_loop_block(
     """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
     work = np.zeros(ROWS * LANES)
     state, held = np.empty(10), np.empty(torques.shape[2])
+    memories = np.zeros((width, MEMORY))
     samples = len(references)
     for lane in range(width):
         _load_robot(work, lane, parameters[_row_of(parameters, first + lane)])
@@ -157,7 +158,7 @@ def run_closed_loop_block(
         for lane in range(width):
             robot = first + robot_in(work, lane)
             write_state(selected, work, lane, state)
-            control_law(laws[_row_of(laws, robot)], state, references[sample], held)
+            control_law(laws[_row_of(laws, robot)], memories[robot - first], state, references[sample], held)
             for i in range(len(held)):
                 work[(TORQUE + i) * LANES + lane] = held[i]
         take_steps(selected, work, width, steps)
