@@ -37,6 +37,7 @@ CAMPAIGNS = {
     "league": "benchmarks.league",
     "limits": "benchmarks.limits",
     "robust_design": "benchmarks.robust_design",
+    "control_parts": "benchmarks.control_parts",
     "coverage": "benchmarks.coverage",
     "one_axis": "benchmarks.one_axis",
     "drivelines": "benchmarks.drivelines",

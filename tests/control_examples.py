@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot import Robot
+from ballbot import Controller, Robot
+from ballbot.control.adaptation import Adaptation
+from ballbot.control.disturbance_observer import DisturbanceObserver
+from ballbot.control.precise import precise_controller
+from ballbot.control.standstill import Standstill
+from ballbot.control.torque_balance import TorqueBalance
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
 
@@ -38,3 +43,16 @@ def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
     state = np.zeros(10)
     state[2:4] = theta, phi
     return state
+
+
+def everything(robot: Robot) -> Controller:
+    """Return a controller with every part."""
+    precise, balance = precise_controller(robot, compensation="partial"), TorqueBalance.of(robot)
+    return precise.with_parts(
+        replace(
+            precise.parts,
+            standstill=Standstill(ahead=0.3, feed=0.4),
+            observer=DisturbanceObserver(balance=balance, frequency=3.0),
+            adaptation=Adaptation(balance=balance),
+        )
+    )

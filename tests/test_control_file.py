@@ -1,11 +1,14 @@
 """Controller files: what is written reads back, and a wrong file ends in one sentence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from control_examples import FRICTION, alten, four_wheeled
+from control_examples import FRICTION, alten, everything, four_wheeled
 
 from ballbot import InputError
 from ballbot.control.controller import Controller
+from ballbot.control.feed_forward import FeedForward
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.nominal import design_gain, nominal_controller
 
@@ -23,6 +26,23 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
     assert read.compensation == "partial"
 
 
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_every_part_reads_back_to_the_bit(tmp_path, robot):
+    written, path = everything(robot), tmp_path / "controller.toml"
+    write_controller(written, path)
+    np.testing.assert_array_equal(read_controller(path, robot).packed, written.packed)
+
+
+def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
+    path = tmp_path / "controller.toml"
+    write_controller(everything(alten(FRICTION)), path)
+    heavy = alten(FRICTION)
+    heavy = heavy.replace(body=replace(heavy.body, mass=1.2 * heavy.body.mass))
+    read = read_controller(path, heavy)
+    assert read.parts.feed_forward is not None
+    np.testing.assert_array_equal(read.parts.feed_forward.by_second, FeedForward.of(heavy).by_second)
+
+
 def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
     path = tmp_path / "controller.toml"
     write_controller(nominal_controller(alten(FRICTION), compensation="full"), path)
@@ -30,6 +50,7 @@ def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
 
 
 GOOD = controller_text(nominal_controller(alten(FRICTION), compensation="full"))
+ALL = controller_text(everything(alten(FRICTION)))
 
 
 @pytest.mark.parametrize(
@@ -54,12 +75,17 @@ GOOD = controller_text(nominal_controller(alten(FRICTION), compensation="full"))
         ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[1\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
+        ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; input should be greater than 0"),
+        ("feed = 0.4", "feed = 4", r"standstill.feed is 4"),
+        ("[adaptation]", "[adaption]", "adaption is not a key of a controller file"),
+        ("highest = 1.5", "highest = 0.5", "1 must lie between"),
     ],
 )
 def test_a_wrong_file_is_told_in_one_sentence(tmp_path, good, bad, sentence):
-    assert good in GOOD
+    text = GOOD if good in GOOD else ALL
+    assert good in text
     path = tmp_path / "controller.toml"
-    path.write_text(GOOD.replace(good, bad, 1))
+    path.write_text(text.replace(good, bad, 1))
     with pytest.raises(InputError, match=sentence) as caught:
         read_controller(path, alten())
     text = str(caught.value)

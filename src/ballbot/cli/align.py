@@ -10,8 +10,8 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.report.alignment_page import alignment_report, alignment_results, error_rows
-from ballbot.report.provenance import provenance
 from ballbot.report.json_text import as_json
+from ballbot.report.provenance import provenance
 from ballbot.report.study_files import check_folder
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal
 
 from ballbot.cli.output import matrix_text, standard_output, table
 from ballbot.cli.robust_design import RobustOptions, design_robustly
+from ballbot.control.cautious_friction import cautious_friction, stated_covariance
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
+from ballbot.control.precise import STATE_WEIGHTS as PRECISE_WEIGHTS
+from ballbot.control.precise import IntegralDesign, design_integral_gain, precise_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.robot.deviations import Propagated, propagate
 
-_WEIGHTS = ",".join(f"{weight:g}" for weight in STATE_WEIGHTS)
+Kind = Literal["nominal", "precise"]
+
 _SEARCH = RobustOptions()
 
 
@@ -27,10 +29,11 @@ def design(
     robot: str,
     /,
     *,
-    q: str = _WEIGHTS,
+    kind: Kind = "nominal",
+    q: str | None = None,
     r: float = TORQUE_WEIGHT,
     sample_time: float | None = None,
-    compensation: Compensation = "none",
+    compensation: Compensation | None = None,
     robust: bool = False,
     search: RobustOptions = _SEARCH,
     out: Path,
@@ -39,23 +42,31 @@ def design(
 
     Example: ballbot design alten --q 20,20,500,500,5,30,30,20,20,2 --r 30 --compensation full --out soft
 
+    Example: ballbot design found/robot.toml --kind precise --out precise
+
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
-    Writes controller.toml and results.json (gain and closed-loop poles). Standard deviations in the robot's file are
-    carried through to each entry of the gain.
+    Writes controller.toml and results.json (gain and closed-loop poles). The precise kind is stiff and has integral
+    action, smooth references with feed-forward, a standstill and a disturbance observer; it is made for the Kalman
+    filter's state. Standard deviations in the robot's file are carried through to each entry of the gain; those of its
+    friction limit what is compensated to what is there with 95 % confidence.
 
     Parameters
     ----------
     robot
         A preset's name or a robot file. Its friction is what is compensated; the gain is designed without it.
+    kind
+        nominal: the thesis's soft gain; precise: stands where it is asked to.
     q
-        Weights of x y theta phi psi and of their rates, ten numbers with commas between them.
+        Weights of x y theta phi psi and of their rates, ten numbers with commas between them; the kind's own where
+        not given.
     r
         Weight of each wheel's torque.
     sample_time
         Time between two updates [s]; the robot's own where not given.
     compensation
-        none; full (all friction); partial (only while friction works against the intended motion).
+        none; full (all friction); partial (only while friction works against the intended motion). Where not given,
+        none for the nominal kind and full for the precise one.
     robust
         Seek the weights by search over perturbed robots in simulation, for the worst tenth of them; takes minutes,
         shows how far it is, and goes on with --resume.
@@ -63,18 +74,36 @@ def design(
         The folder to write into.
     """
     if robust:
-        if q != _WEIGHTS or r != TORQUE_WEIGHT:
-            raise InputError("--robust seeks the weights itself; leave out --q and --r.")
-        design_robustly(robot, sample_time=sample_time, compensation=compensation, options=search, out=out)
+        if kind != "nominal" or q is not None or r != TORQUE_WEIGHT:
+            raise InputError(
+                "--robust seeks the weights of the nominal kind itself; leave out --kind, --q and --r."
+            )
+        chosen = compensation or "none"
+        design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
         return
-    described, weights = Robot.load(robot), _weights(q)
+    described, weights = Robot.load(robot), None if q is None else _weights(q)
 
-    def gain_of(one: Robot) -> NDArray[np.float64]:
-        return design_gain(one, state_weights=weights, torque_weight=r, sample_time=sample_time).gain
+    def designed(one: Robot) -> LqrDesign | IntegralDesign:
+        if kind == "precise":
+            return design_integral_gain(
+                one, state_weights=weights or PRECISE_WEIGHTS, torque_weight=r, sample_time=sample_time
+            )
+        return design_gain(
+            one, state_weights=weights or STATE_WEIGHTS, torque_weight=r, sample_time=sample_time
+        )
 
-    found = design_gain(described, state_weights=weights, torque_weight=r, sample_time=sample_time)
-    spread = propagate(described, gain_of)
-    controller = Controller(described, found.gain, sample_time=found.sample_time, compensation=compensation)
+    found = designed(described)
+    spread = propagate(described, lambda one: designed(one).gain)
+    covariance = stated_covariance(described)
+    compensated = described
+    if covariance is not None:
+        compensated = described.replace(friction=cautious_friction(described.friction, covariance))
+    if isinstance(found, IntegralDesign):
+        controller = precise_controller(compensated, compensation=compensation or "full", design=found)
+    else:
+        controller = Controller(
+            compensated, found.gain, sample_time=found.sample_time, compensation=compensation or "none"
+        )
     write_controller(controller, out / "controller.toml")
     write_text(out / "results.json", json.dumps(_results(controller, found, spread), indent=2) + "\n")
     console = standard_output()
@@ -87,6 +116,8 @@ def design(
             soft_wrap=True,
         )
         console.print(matrix_text("+-", spread.deviation), markup=False, soft_wrap=True)
+    if compensated is not described:
+        console.print(_certain(described.friction, compensated.friction), soft_wrap=True)
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.poles]
     console.print(table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=console.is_terminal))
     console.print(str(out / "controller.toml"), soft_wrap=True)
@@ -99,7 +130,17 @@ def _weights(text: str) -> list[float]:
         raise InputError(f"--q is {text!r}; it must be ten numbers with commas between them.") from None
 
 
-def _results(controller: Controller, found: LqrDesign, spread: Propagated) -> dict[str, object]:
+def _certain(found: Friction, compensated: Friction) -> str:
+    shares = [
+        f"{100.0 * less / whole:.0f} %" if whole else "none"
+        for less, whole in zip(compensated.coulomb, found.coulomb, strict=True)
+    ]
+    return f"\ncompensated is what is certain of each wheel's friction: {', '.join(shares)} of it"
+
+
+def _results(
+    controller: Controller, found: LqrDesign | IntegralDesign, spread: Propagated
+) -> dict[str, object]:
     return {
         "robot": controller.robot.name,
         "sample_time": controller.sample_time,

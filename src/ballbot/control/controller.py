@@ -1,4 +1,4 @@
-"""The controller as one object: LQR gain, heading frame, friction compensation and torque limit."""
+"""The controller as one object: LQR gain, heading frame, friction compensation, torque limit, and parts to add."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.law import ALLOWED, control_law, pack_law
+from ballbot.control.law import ALLOWED, MEMORY, control_law, pack_law, scales
+from ballbot.control.parts import Parts
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot
@@ -33,7 +34,9 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
 
 
 class Controller:
-    """u = K S(psi) (r - x) + friction compensation, limited; see `ballbot.control.law`. Not changed once made.
+    """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
+
+    Its settings are not changed once made; what shaping and integral action remember is forgotten by `reset`.
 
     Parameters
     ----------
@@ -50,11 +53,13 @@ class Controller:
         [N m] for each wheel; the robot's own where not given.
     speed_band : float, optional
         Wheel speed [rad/s] below which the friction's sign is a linear ramp; `default_speed_band` where not given.
+    parts : Parts
+        What is added; nothing by default.
 
     Raises
     ------
     InputError
-        Where a value is not one a controller can have.
+        Where a value is not one a controller can have, or a part is another robot's.
     """
 
     robot: Robot
@@ -63,6 +68,7 @@ class Controller:
     compensation: Compensation
     torque_limit: float
     speed_band: float
+    parts: Parts
 
     def __init__(
         self,
@@ -73,6 +79,7 @@ class Controller:
         compensation: Compensation = "none",
         torque_limit: float | None = None,
         speed_band: float | None = None,
+        parts: Parts = Parts(),  # noqa: B008 (frozen)
     ) -> None:
         self.robot = robot
         self.gain = _checked_gain(gain, robot.wheel_count)
@@ -87,6 +94,11 @@ class Controller:
         )
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
+        parts.check(robot.wheel_count)
+        if parts.adaptation is not None and compensation == "none":
+            raise InputError("An adaptation needs a compensation, 'full' or 'partial', that it can scale.")
+        self.parts = parts
+        self._memory = np.zeros(MEMORY)
 
     @cached_property
     def packed(self) -> NDArray[np.float64]:
@@ -102,10 +114,24 @@ class Controller:
             compensation=compensation,
             torque_limit=self.torque_limit,
             speed_band=self.speed_band,
+            parts=self.parts,
+        )
+
+    def with_parts(self, parts: Parts) -> Controller:
+        """Return a copy with other parts."""
+        return Controller(
+            self.robot,
+            self.gain,
+            sample_time=self.sample_time,
+            compensation=self.compensation,
+            torque_limit=self.torque_limit,
+            speed_band=self.speed_band,
+            parts=parts,
         )
 
     def reset(self) -> None:
-        """Forget the past; this controller has none."""
+        """Forget the past: a run starts, and a shaped reference with it at the pose first measured."""
+        self._memory[:] = 0.0
 
     def update(
         self,
@@ -141,10 +167,15 @@ class Controller:
                 "each must be ten numbers."
             )
         torques = np.empty(len(self.gain))
-        place = control_law(self.packed, both[:10], both[10:], torques)
+        place = control_law(self.packed, self._memory, both[:10], both[10:], torques)
         if place != ALLOWED:
             raise InputError(refusal(place, float(both[10 + place])))
         return torques
+
+    @property
+    def friction_scales(self) -> NDArray[np.float64]:
+        """By what the compensation of each wheel's friction is multiplied now, and that of the rolling (n + 1,)."""
+        return scales(self._memory, len(self.gain))
 
 
 def refusal(place: int, value: float) -> str:

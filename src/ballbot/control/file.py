@@ -1,4 +1,4 @@
-"""Controller files: commented TOML with the gain, the sample time and the friction that is compensated.
+"""Controller files: commented TOML with gain, sample time, parts, and the friction that is compensated.
 
 The geometry is not in it: a controller is read together with its robot.
 """
@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Annotated
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     FiniteFloat,
     NonNegativeFloat,
@@ -23,6 +21,7 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from ballbot.control.controller import Compensation, Controller
+from ballbot.control.parts_file import PartsTable, Table, parts_of, parts_text
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.robot import Friction, Robot
@@ -31,11 +30,7 @@ _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10
 _WheelValues = Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=4)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class FrictionTable(_Table):
+class FrictionTable(Table):
     """[friction]: as in a robot file, in SI units."""
 
     viscous: _WheelValues
@@ -46,7 +41,7 @@ class FrictionTable(_Table):
     rolling: NonNegativeFloat
 
 
-class ControllerTable(_Table):
+class ControllerTable(PartsTable):
     """A whole controller file."""
 
     robot: str
@@ -136,7 +131,7 @@ stribeck_speed = {friction.stribeck_speed!r}
 stribeck_exponent = {friction.stribeck_exponent!r}
 # C_rr [-]
 rolling = {friction.rolling!r}
-"""
+{parts_text(controller.parts)}"""
 
 
 def _row(values: Sequence[float]) -> str:
@@ -155,6 +150,7 @@ def _controller(table: ControllerTable, robot: Robot) -> Controller:
         compensation=table.compensation,
         torque_limit=table.torque_limit,
         speed_band=table.speed_band,
+        parts=parts_of(table, robot),
     )
 
 

@@ -1,103 +1,125 @@
 """The control law, compiled once for the single robot and for robots in lanes.
 
-    u = K S(psi) (r - x) + compensation,      clipped to the torque limit
+    u = K S(psi) (r_s - x) + feed-forward + integral action + compensation + what was lost,     clipped to its limit
 
-S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is
-designed at psi = 0 and the wheels turn with the body (design section 8). Compensation adds, for wheel i with
-encoder speed w_i and the law's own torque u_i,
-
-    full       b w + (c + s exp(-|w/v_s|^delta)) ramp(w)
-    partial    the same, only while u_i w_i > 0: where friction works against the intended motion (thesis 5.2)
-
-and the wheel torques that carry the rolling friction N C_rr v/|v| (partial: only while they do not oppose u).
-A law is one row of numbers, so that every robot in a batch can have one of its own.
+r_s is the reference, or what `ballbot.control.reference_shaping` and `.feed_forward` make of it. The other parts are
+those of `.integral`, `.compensation` with `.adaptation`, and `.disturbance_observer`. S(psi) turns the pairs (x y),
+(theta phi) of the error and their rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn
+with the body (design section 8). A law is one row of numbers, so that every robot in a batch can have one of its own,
+and what it remembers is another.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.adaptation import pack_adaptation
+from ballbot.control.compensation import (
+    FRICTION_PER_WHEEL,
+    FRICTION_SIZE,
+    load_friction,
+    pack_friction,
+    relative_rate,
+    rolling_force,
+    rolling_torque,
+    wheel_friction,
+)
+from ballbot.control.disturbance_observer import pack_observer
+from ballbot.control.feed_forward import (
+    FLAT_PER_WHEEL,
+    FLAT_SIZE,
+    load_flat,
+    motion_torque,
+    pack_feed_forward,
+    times,
+)
+from ballbot.control.integral import (
+    INTEGRAL_MEMORY,
+    INTEGRAL_PER_WHEEL,
+    INTEGRAL_SIZE,
+    integrate,
+    pack_integral,
+)
+from ballbot.control.reference_shaping import (
+    SHAPING_MEMORY,
+    SHAPING_SIZE,
+    Smooth,
+    load_shaping,
+    pack_shaping,
+    shaped,
+)
+from ballbot.control.torque_balance import (
+    BALANCE_MEMORY,
+    BALANCE_PER_WHEEL,
+    MOST_WHEELS,
+    accelerations,
+    pack_balance,
+    remember_rates,
+    torque_needed,
+)
 from ballbot.mechanics.compiled import compiled, inlined
-from ballbot.mechanics.equations import attitude, ball_rate, body_rates
-from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.parameters import Wheel
-from ballbot.mechanics.vector import dot, rotate_back, subtract
+from ballbot.mechanics.equations import attitude
 
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller
 
-_COMMON = 9  # numbers before the wheels' own
-_PER_WHEEL = 18  # gain (10), axle (3), b, c, s, share of the rolling friction (2)
+# places in a row: the torque limit, then what the wheels share of each part, then the wheels
+_FRICTION = 1
+_SHAPING = _FRICTION + FRICTION_SIZE
+_FLAT = _SHAPING + SHAPING_SIZE
+_INTEGRAL = _FLAT + FLAT_SIZE
+_OBSERVER = _INTEGRAL + INTEGRAL_SIZE
+_ADAPTATION = _OBSERVER + 2
+_RATE = _ADAPTATION + 4  # samples a second
+_WHEELS = _RATE + 1
+# places in a wheel's part: gain (10), then each part's own
+_OWN_FRICTION = 10
+_OWN_FLAT = _OWN_FRICTION + FRICTION_PER_WHEEL
+_OWN_INTEGRAL = _OWN_FLAT + FLAT_PER_WHEEL
+_OWN_BALANCE = _OWN_INTEGRAL + INTEGRAL_PER_WHEEL
+_PER_WHEEL = _OWN_BALANCE + BALANCE_PER_WHEEL
+# places in the memory: shaping, integrals, torque balance (rates, then torque given and compensation of each wheel),
+# torque given back, friction that adaptation judges, rolling part of it, scale of each wheel's less 1, of the rolling's
+_SUMS = SHAPING_MEMORY
+_BALANCE = _SUMS + INTEGRAL_MEMORY
+_GIVEN = _BALANCE + 6
+_COMPENSATED = _GIVEN + MOST_WHEELS
+_BACK = _BALANCE + BALANCE_MEMORY
+_JUDGED = _BACK + MOST_WHEELS
+_JUDGED_ROLLING = _JUDGED + MOST_WHEELS
+_SCALES = _JUDGED_ROLLING + MOST_WHEELS
+_ROLLING_SCALE = _SCALES + MOST_WHEELS
+
+#: how many numbers a law remembers from update to update; all zero at the start of a run
+MEMORY = _ROLLING_SCALE + 1
 
 #: what `control_law` returns where the reference may be followed
 ALLOWED = -1
 
 
-class Common(NamedTuple):
-    """What the wheels of a law have in common, in compiled code."""
-
-    inv_rb: float  #: 1/r_b [1/m]
-    inv_vs: float  #: 1/v_s [s/rad]
-    delta: float
-    rolling: float  #: N C_rr [N]
-    limit: float  #: torque limit [N m]
-    steepness: float  #: 1/(speed band) [s/rad]
-    rolling_steepness: float  #: 1/(rolling band) [s/m]
-    full: float  #: 1 where compensation is full
-    partial: float  #: 1 where it is partial
-
-
 def pack_law(controller: Controller) -> NDArray[np.float64]:
-    """Return a controller's numbers as the row (9 + 18 n,) that compiled code reads."""
-    robot, friction = controller.robot, controller.robot.friction
-    A = transforms(robot).T_owb
-    common = Common(
-        inv_rb=1.0 / robot.ball.radius,
-        inv_vs=1.0 / friction.stribeck_speed,
-        delta=friction.stribeck_exponent,
-        rolling=(robot.ball.mass + robot.body.mass) * robot.gravity * friction.rolling,
-        limit=controller.torque_limit,
-        steepness=1.0 / controller.speed_band,
-        rolling_steepness=1.0 / (controller.speed_band * robot.ball.radius),
-        full=float(controller.compensation == "full"),
-        partial=float(controller.compensation == "partial"),
-    )
-    own = [
-        controller.gain,
-        A,
-        friction.viscous,
-        friction.coulomb,
-        friction.stribeck,
-        rolling_shares(controller),
-    ]
-    return np.concatenate([common, np.column_stack(own).ravel()])
+    """Return a controller's numbers as the row that compiled code reads."""
+    n, parts = len(controller.gain), controller.parts
+    friction, own_friction = pack_friction(controller)
+    flat, own_flat = pack_feed_forward(parts.feed_forward, n)
+    integral, own_integral = pack_integral(parts.integral, n, controller.sample_time)
+    shaping = pack_shaping(parts.shaping, controller.sample_time)
+    observer, adaptation = parts.observer, parts.adaptation
+    judge = observer or adaptation
+    own = [controller.gain, own_friction, own_flat, own_integral, pack_balance(judge and judge.balance, n)]
+    shared = [controller.torque_limit, *friction, *shaping, *flat, *integral]
+    shared += pack_observer(observer, controller.sample_time)
+    shared += pack_adaptation(adaptation, controller.sample_time)
+    shared += [1.0 / controller.sample_time]
+    return np.concatenate([shared, np.column_stack(own).ravel()])
 
 
-def rolling_shares(controller: Controller) -> NDArray[np.float64]:
-    """Return the wheel torques (n, 2) of least norm for a force of 1 N along x and along y of the heading frame.
-
-    The torque T = A' u on the ball pushes it over the ground with (T_y, -T_x)/r_b near upright, so a force F
-    needs T = r_b (-F_y, F_x, 0); without T_z it does not turn the robot.
-    """
-    r_b = controller.robot.ball.radius
-    T = r_b * np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-    return np.linalg.pinv(transforms(controller.robot).T_owb.T) @ T
-
-
-@inlined
-def _load_common(row):
-    return Common(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
-
-
-@inlined
-def _ramp(value, steepness):
-    """Return the sign of a speed, made linear within the band around zero."""
-    slope = value * steepness
-    return 1.0 if slope > 1.0 else (-1.0 if slope < -1.0 else slope)
+def scales(memory: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]:
+    """Return by what adaptation multiplies each wheel's friction and the rolling friction (n + 1,)."""
+    return 1.0 + memory[[*range(_SCALES, _SCALES + wheel_count), _ROLLING_SCALE]]
 
 
 @inlined
@@ -116,21 +138,45 @@ def _forbidden(reference):
 
 
 @inlined
-def _heading_error(a, state, reference):
-    """Return S(psi) (r - x)."""
-    e = reference - state
-    c, s = a.cos_psi, a.sin_psi
+def _turned(a, v_x, v_y):
+    """Return a vector of the world in the heading frame."""
+    return a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x
+
+
+@inlined
+def _wanted(row, memory, state, reference):
+    """Return x, y and psi asked for, each a `Smooth`: shaped, or as they are."""
+    if row[_SHAPING] > 0.0:
+        return shaped(load_shaping(row, _SHAPING), memory, state, reference)
     return (
-        c * e[0] + s * e[1],
-        c * e[1] - s * e[0],
-        c * e[2] + s * e[3],
-        c * e[3] - s * e[2],
-        e[4],
-        c * e[5] + s * e[6],
-        c * e[6] - s * e[5],
-        c * e[7] + s * e[8],
-        c * e[8] - s * e[7],
-        e[9],
+        Smooth(reference[0], 0.0, 0.0, 0.0, 0.0),
+        Smooth(reference[1], 0.0, 0.0, 0.0, 0.0),
+        Smooth(reference[4], 0.0, 0.0, 0.0, 0.0),
+    )
+
+
+@inlined
+def _heading_error(flat, a, state, wanted):
+    """Return S(psi) (r_s - x), r_s with the lean that the motion needs."""
+    x, y, psi = wanted
+    second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
+    lean, lean_rate = times(flat.lean, second), times(flat.lean, third)
+    ahead, ahead_rate = times(flat.offset, second), times(flat.offset, third)
+    place = _turned(a, x.value - state[0], y.value - state[1])
+    leaned = _turned(a, state[2], state[3])
+    speed = _turned(a, x.rate - state[5], y.rate - state[6])
+    leaning = _turned(a, state[7], state[8])
+    return (
+        place[0] - ahead[0],
+        place[1] - ahead[1],
+        lean[0] - leaned[0],
+        lean[1] - leaned[1],
+        psi.value - state[4],
+        speed[0] - ahead_rate[0],
+        speed[1] - ahead_rate[1],
+        lean_rate[0] - leaning[0],
+        lean_rate[1] - leaning[1],
+        psi.rate - state[9],
     )
 
 
@@ -151,60 +197,120 @@ def _feedback(row, place, e):
 
 
 @inlined
-def _wheel_friction(L, row, place, relative) -> tuple[float, float]:
-    """Return a wheel's encoder speed and the friction there, its sign a ramp around zero."""
-    axle = (row[place + 10], row[place + 11], row[place + 12])
-    speed = dot(axle, relative)
-    wheel = Wheel(axle, row[place + 13], row[place + 14], row[place + 15], L.inv_vs, L.delta)
-    return speed, wheel.b * speed + dry_friction(wheel, speed) * _ramp(speed, L.steepness)
+def _drive(row, memory, a, wanted, e, torques):
+    """Fill in feedback, feed-forward and integral action."""
+    x, y, psi = wanted
+    second, fourth = _turned(a, x.second, y.second), _turned(a, x.fourth, y.fourth)
+    I_x, I_y = _turned(a, memory[_SUMS], memory[_SUMS + 1])
+    I_psi = memory[_SUMS + 2]
+    for i in range(len(torques)):
+        place = _WHEELS + _PER_WHEEL * i
+        own = place + _OWN_INTEGRAL
+        torques[i] = (
+            _feedback(row, place, e)
+            + motion_torque(row, place + _OWN_FLAT, second, fourth, psi.second)
+            + (row[own] * I_x + row[own + 1] * I_y + row[own + 2] * I_psi)
+        )
 
 
 @inlined
-def _rolling_force(L, a, v):
-    """Return N C_rr v/|v| in the heading frame, v/|v| a ramp around zero."""
-    speed = (v[0] * v[0] + v[1] * v[1]) ** 0.5
-    size = L.rolling * min(1.0, speed * L.rolling_steepness) / max(speed, 1e-300)
-    return size * (a.cos_psi * v[0] + a.sin_psi * v[1]), size * (a.cos_psi * v[1] - a.sin_psi * v[0])
-
-
-@inlined
-def _compensate(L, row, a, state, torques):
-    """Add the friction's compensation to the law's torques."""
-    v = (state[5], state[6])
-    w = body_rates(a, (state[7], state[8], state[9]))
-    relative = subtract(rotate_back(a.R, ball_rate(L, v)), w)
-    F_x, F_y = _rolling_force(L, a, v)
+def _compensate(F, row, memory, a, state, e, torques):
+    """Add the friction's compensation to the law's torques, and keep what adaptation judges."""
+    d_x, d_y = a.cos_psi * e[5] - a.sin_psi * e[6], a.sin_psi * e[5] + a.cos_psi * e[6]
+    d_t, d_p = a.cos_psi * e[7] - a.sin_psi * e[8], a.sin_psi * e[7] + a.cos_psi * e[8]
+    rates = (
+        state[5] + F.ahead * d_x,
+        state[6] + F.ahead * d_y,
+        state[7] + F.ahead * d_t,
+        state[8] + F.ahead * d_p,
+        state[9] + F.ahead * e[9],
+    )
+    relative, force = relative_rate(F, a, rates), rolling_force(F, a, rates)
     agreement = 0.0  # u . rolling
     for i in range(len(torques)):
-        place = _COMMON + _PER_WHEEL * i
-        agreement += torques[i] * (row[place + 16] * F_x + row[place + 17] * F_y)
-    rolling = L.full + (L.partial if agreement > 0.0 else 0.0)
+        place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
+        agreement += torques[i] * rolling_torque(row, place, force)
+    rolls = (F.full + (F.partial if agreement > 0.0 else 0.0)) * (1.0 + memory[_ROLLING_SCALE])
     for i in range(len(torques)):
-        place = _COMMON + _PER_WHEEL * i
-        speed, friction = _wheel_friction(L, row, place, relative)
-        weight = L.full + (L.partial if torques[i] * speed > 0.0 else 0.0)
-        torques[i] += weight * friction + rolling * (row[place + 16] * F_x + row[place + 17] * F_y)
+        place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
+        carried = rolling_torque(row, place, force)
+        friction, share, turns = wheel_friction(F, row, place, relative, torques[i])
+        added = share * (1.0 + memory[_SCALES + i]) * friction + rolls * carried
+        torques[i] += added
+        memory[_COMPENSATED + i] = added
+        memory[_JUDGED + i] = friction if turns else 0.0
+        memory[_JUDGED_ROLLING + i] = carried if turns else 0.0
+
+
+@inlined
+def _look_back(row, memory, a, state, n):
+    """Find the torque lost in the sample that has passed; adapt the friction's scales, step what is given back."""
+    if memory[_BALANCE + 5] > 0.0:
+        changes = accelerations(a, memory, _BALANCE, state, row[_RATE])
+        lean = (a.cos_psi * state[2] + a.sin_psi * state[3], a.cos_psi * state[3] - a.sin_psi * state[2])
+        rolling_told, rolling_size = 0.0, row[_ADAPTATION + 3]
+        for i in range(n):
+            needed = torque_needed(row, _WHEELS + _PER_WHEEL * i + _OWN_BALANCE, changes, lean)
+            lost = memory[_GIVEN + i] - needed
+            left = lost - memory[_COMPENSATED + i] - memory[_BACK + i]
+            back = memory[_BACK + i] + row[_OBSERVER] * left
+            memory[_BACK + i] = _limited(back, row[_OBSERVER + 1])
+            friction, carried = memory[_JUDGED + i], memory[_JUDGED_ROLLING + i]
+            miss = lost - (1.0 + memory[_SCALES + i]) * friction - (1.0 + memory[_ROLLING_SCALE]) * carried
+            told = miss * friction / (friction * friction + row[_ADAPTATION + 3])
+            memory[_SCALES + i] = _scale(row, memory[_SCALES + i] + row[_ADAPTATION] * told)
+            rolling_told += miss * carried
+            rolling_size += carried * carried
+        told = rolling_told / rolling_size
+        memory[_ROLLING_SCALE] = _scale(row, memory[_ROLLING_SCALE] + row[_ADAPTATION] * told)
+    remember_rates(memory, _BALANCE, state)
+
+
+@inlined
+def _scale(row, value):
+    """Return a scale less 1 within its bounds."""
+    return max(row[_ADAPTATION + 1] - 1.0, min(row[_ADAPTATION + 2] - 1.0, value))
+
+
+@inlined
+def _give_back(memory, torques, limit):
+    """Add what was lost, limit the torques and remember them; return whether one was beyond the limit."""
+    beyond = False
+    for i in range(len(torques)):
+        torques[i] += memory[_BACK + i]
+        beyond = beyond or abs(torques[i]) > limit
+        torques[i] = _limited(torques[i], limit)
+        memory[_GIVEN + i] = torques[i]
+    return beyond
 
 
 @compiled
-def control_law(row, state, reference, torques):
+def control_law(row, memory, state, reference, torques):
     """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
 
     Parameters
     ----------
-    row : ndarray (9 + 18 n,)
+    row : ndarray
         From `pack_law`.
+    memory : ndarray (`MEMORY`,)
+        What the law remembers; changed. All zero at the start of a run.
     state, reference : ndarray (10,)
     torques : ndarray (n,)
         [N m]
     """
-    L = _load_common(row)
+    F = load_friction(row, _FRICTION)
     a = attitude((state[2], state[3], state[4]))
-    e = _heading_error(a, state, reference)
-    for i in range(len(torques)):
-        torques[i] = _feedback(row, _COMMON + _PER_WHEEL * i, e)
-    if L.full + L.partial > 0.0:
-        _compensate(L, row, a, state, torques)
-    for i in range(len(torques)):
-        torques[i] = _limited(torques[i], L.limit)
+    if row[_OBSERVER] + row[_ADAPTATION] > 0.0:
+        _look_back(row, memory, a, state, len(torques))
+    wanted = _wanted(row, memory, state, reference)
+    e = _heading_error(load_flat(row, _FLAT), a, state, wanted)
+    _drive(row, memory, a, wanted, e, torques)
+    if F.full + F.partial > 0.0:
+        _compensate(F, row, memory, a, state, e, torques)
+    beyond = _give_back(memory, torques, row[0])
+    if beyond:  # a sample at the limit says nothing of what was lost
+        memory[_BALANCE + 5] = 0.0
+    if row[_INTEGRAL] > 0.0:
+        e_x, e_y = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1]
+        integrate(row, _INTEGRAL, memory, _SUMS, e_x, e_y, e[4], beyond)
     return _forbidden(reference)

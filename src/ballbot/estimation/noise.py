@@ -34,7 +34,9 @@ class FilterNoise:
     pivoting_limit: float = 0.08  #: average from which it does; rollers and play make 0.02 [rad/s]
     start_position: float = 1e-3  #: of the place given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
-    start_speed: float = 0.05  #: the robot stands still at the reset [m/s]
+    #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
+    #: their play, and a stiff controller falls within a second
+    start_speed: float = 0.005
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import control_law
+from ballbot.control.law import MEMORY, control_law
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
@@ -188,6 +188,7 @@ def run_closed_loop_block(
     """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
     work = new_work()
     state, held = np.empty(10), np.empty(torques.shape[2])
+    memories = np.zeros((width, MEMORY))
     samples, moving = len(references), width
     late = np.zeros((1 + int(conditions[:, 0].max()), width, len(held)))  # torques on their way
     acting, room = np.zeros((width, len(held))), np.zeros(len(held))
@@ -202,7 +203,8 @@ def run_closed_loop_block(
             if ended[robot] == samples and settled[robot] == samples:
                 row = conditions[_row_of(conditions, robot)]
                 _measure(selected, work, lane, row, state)
-                control_law(laws[_row_of(laws, robot)], state, references[sample], held)
+                law, memory = laws[_row_of(laws, robot)], memories[robot - first]
+                control_law(law, memory, state, references[sample], held)
                 fill(late[sample % len(late), robot - first], held)
                 due = late[(sample - int(row[0])) % len(late), robot - first]
                 if sample > int(row[0]):

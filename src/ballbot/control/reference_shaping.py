@@ -1,0 +1,199 @@
+"""Shaped references: a jump becomes a smooth motion that the robot can follow without saturating.
+
+For x, y and psi alike, the reference r passes
+
+    a limit of speed      p follows r by no more than the limit a second, x and y together in a straight line
+    four equal lags       s_1' = w (p* - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
+
+so that s has four derivatives, which the feed-forward needs, and never overshoots a step. A reference that moves
+within the limit of speed is no jump: p* = p + (4/w) p' then takes away what the lags cost at constant speed. With
+p* held over a sample of h, d_i = s_i - p* and g = w h, the lags are stepped exactly:
+
+    d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.mechanics.compiled import compiled, inlined
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceShaping:
+    """How references are smoothed.
+
+    The defaults suit the thesis's robot: a step of 0.5 m is done to 1 mm after 5 s and asks for a lean of 0.05 rad.
+
+    Raises
+    ------
+    InputError
+        Where a value is not positive.
+    """
+
+    frequency: float = 3.0  #: w of each of the four lags of x and y [rad/s]
+    speed_limit: float = 0.5  #: of a jump's way over the floor [m/s]
+    yaw_frequency: float = 3.0  #: w of each of the four lags of psi [rad/s]
+    yaw_rate_limit: float = 1.0  #: of a turn [rad/s]
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{field.name} of a reference shaping is {value:g}; it must be positive.")
+
+
+class Lags(NamedTuple):
+    """One axis's lags over a sample, in compiled code."""
+
+    frequency: float  #: w [rad/s]
+    decay: float  #: exp(-w h)
+    step: float  #: g = w h
+
+
+class Shaping(NamedTuple):
+    """A shaping's numbers, in compiled code."""
+
+    place: Lags
+    heading: Lags
+    speed: float  #: how far p may go in a sample [m]
+    turn: float  #: the same of psi [rad]
+    rate: float  #: samples a second [1/s]
+
+
+class Smooth(NamedTuple):
+    """One axis's shaped reference, in compiled code."""
+
+    value: float
+    rate: float
+    second: float
+    third: float
+    fourth: float
+
+
+#: numbers that `pack_shaping` returns
+SHAPING_SIZE = 7
+#: numbers that it remembers: four lags, p and the last r for each of x, y and psi; whether it has started
+SHAPING_MEMORY = 19
+
+
+def pack_shaping(shaping: ReferenceShaping | None, sample_time: float) -> list[float]:
+    """Return the numbers that `load_shaping` reads; all zero where there is none."""
+    if shaping is None:
+        return [0.0] * SHAPING_SIZE
+    return [
+        shaping.frequency,
+        math.exp(-shaping.frequency * sample_time),
+        shaping.yaw_frequency,
+        math.exp(-shaping.yaw_frequency * sample_time),
+        shaping.speed_limit * sample_time,
+        shaping.yaw_rate_limit * sample_time,
+        1.0 / sample_time,
+    ]
+
+
+def shape_references(
+    shaping: ReferenceShaping, references: NDArray[np.float64], sample_time: float
+) -> NDArray[np.float64]:
+    """Return x, y and psi of references (N, 10), shaped, each with four derivatives (N, 3, 5), from the first on."""
+    smooth = np.empty((len(references), 3, 5))
+    _shape_all(np.array(pack_shaping(shaping, sample_time)), references, smooth)
+    return smooth
+
+
+@compiled
+def _shape_all(row, references, smooth):
+    memory = np.zeros(SHAPING_MEMORY)
+    S = load_shaping(row, 0)
+    for k in range(len(references)):
+        x, y, psi = shaped(S, memory, references[0], references[k])
+        for i in range(5):
+            smooth[k, 0, i], smooth[k, 1, i], smooth[k, 2, i] = x[i], y[i], psi[i]
+
+
+@inlined
+def load_shaping(row, place):
+    """Return the `Shaping` at that place of a row."""
+    rate = row[place + 6]
+    return Shaping(
+        Lags(row[place], row[place + 1], row[place] / rate),
+        Lags(row[place + 2], row[place + 3], row[place + 2] / rate),
+        row[place + 4],
+        row[place + 5],
+        rate,
+    )
+
+
+@inlined
+def shaped(S, memory, state, reference):
+    """Return the shaped x, y and psi as three `Smooth`, and step the memory (19,) on; they start at the pose."""
+    if memory[18] == 0.0:
+        _start(memory, state, reference)
+    x, y, psi = reference[0], reference[1], reference[4]
+    lead_x, lead_y = _lead(S, memory, x, y)
+    turned = psi - memory[17]
+    lead_psi = 4.0 / S.heading.frequency * S.rate * turned if abs(turned) <= S.turn else 0.0
+    _follow(S, memory, x, y, psi)
+    return (
+        _lagged(S.place, memory, 0, memory[12] + lead_x),
+        _lagged(S.place, memory, 4, memory[13] + lead_y),
+        _lagged(S.heading, memory, 8, memory[14] + lead_psi),
+    )
+
+
+@inlined
+def _start(memory, state, reference):
+    x, y, psi = state[0], state[1], state[4]
+    for i in range(4):
+        memory[i], memory[4 + i], memory[8 + i] = x, y, psi
+    memory[12], memory[13], memory[14] = x, y, psi
+    memory[15], memory[16], memory[17] = reference[0], reference[1], reference[4]
+    memory[18] = 1.0
+
+
+@inlined
+def _lead(S, memory, x, y):
+    """Return (4/w) r' of a reference that moves within the limit of speed, zero of one that jumps."""
+    d_x, d_y = x - memory[15], y - memory[16]
+    moves = d_x * d_x + d_y * d_y <= S.speed * S.speed
+    size = 4.0 / S.place.frequency * S.rate if moves else 0.0
+    return size * d_x, size * d_y
+
+
+@inlined
+def _follow(S, memory, x, y, psi):
+    """Let p go towards r within the limits, and remember r."""
+    d_x, d_y, d_psi = x - memory[12], y - memory[13], psi - memory[14]
+    distance = (d_x * d_x + d_y * d_y) ** 0.5
+    share = S.speed / distance if distance > S.speed else 1.0
+    memory[12] += share * d_x
+    memory[13] += share * d_y
+    memory[14] += max(-S.turn, min(S.turn, d_psi))
+    memory[15], memory[16], memory[17] = x, y, psi
+
+
+@inlined
+def _lagged(lags, memory, first, target):
+    """Return an axis's `Smooth` at the sample and step its four lags on to the next."""
+    w, a, g = lags.frequency, lags.decay, lags.step
+    d_1, d_2 = memory[first] - target, memory[first + 1] - target
+    d_3, d_4 = memory[first + 2] - target, memory[first + 3] - target
+    half, sixth = 0.5 * g * g, g * g * g / 6.0
+    memory[first] = target + a * d_1
+    memory[first + 1] = target + a * (d_2 + g * d_1)
+    memory[first + 2] = target + a * (d_3 + g * d_2 + half * d_1)
+    memory[first + 3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
+    w_2 = w * w
+    return Smooth(
+        target + d_4,
+        w * (d_3 - d_4),
+        w_2 * (d_2 - 2.0 * d_3 + d_4),
+        w_2 * w * (d_1 - 3.0 * d_2 + 3.0 * d_3 - d_4),
+        w_2 * w_2 * (-4.0 * d_1 + 6.0 * d_2 - 4.0 * d_3 + d_4),
+    )
