@@ -17,19 +17,14 @@ from ballbot.mechanics.lanes import (
     stored,
 )
 from ballbot.mechanics.parameters import load, state_like
-from ballbot.mechanics.proximal import ROUNDS, convex_end, convex_problem, newton_round
+from ballbot.mechanics.proximal import ROUNDS, ConvexProblem, convex_end, convex_problem, newton_round
 from ballbot.mechanics.vector import each, each_with, second
 
 # Scratch rows: the problem, the forces and their probe, and which lanes have settled
-_FREE = SCRATCH
-_RESPONSES = _FREE + 6
-_MATRIX = _RESPONSES + 36
-_RIGHT = _MATRIX + 36
-_LIMITS = _RIGHT + 6
-_PROBE = _LIMITS + 4
+_PROBLEM = SCRATCH
+_PROBE = _PROBLEM + 89
 _FORCES = _PROBE + 6
-_RESTS = _FORCES + 6
-_SETTLED = _RESTS + 1
+_SETTLED = _FORCES + 6
 assert _SETTLED < ROWS  # compiled code does not look whether a row is in the array
 
 
@@ -51,8 +46,10 @@ def _zero(wheel):
 
 
 @inlined
-def _matrix_like(selected):
-    return each_with(second, _contacts_like(selected), _contacts_like(selected))
+def _problem_like(selected):
+    boxes, contacts = _boxes_like(selected), _contacts_like(selected)
+    matrix = each_with(second, contacts, contacts)
+    return ConvexProblem(contacts, matrix, matrix, contacts, boxes, 0.0)
 
 
 @called
@@ -61,15 +58,10 @@ def _problems(selected, work, first, last):
         P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
         u, h = restored(selected.wheels, work, TORQUE, lane), entry(work, STEP, lane)
         a = balancing_attitude((state[2], state[3], state[4]))
-        problem = convex_problem(selected, P, a, state, u, h)
-        stored(work, _FREE, lane, problem.free)
-        stored(work, _RESPONSES, lane, problem.Y)
-        stored(work, _MATRIX, lane, problem.G)
-        stored(work, _RIGHT, lane, problem.b)
-        stored(work, _LIMITS, lane, problem.limits)
-        stored(work, _PROBE, lane, problem.s)
+        problem, s = convex_problem(selected, P, a, state, u, h)
+        stored(work, _PROBLEM, lane, problem)
+        stored(work, _PROBE, lane, s)
         stored(work, _FORCES, lane, _contacts_like(selected))  # what takes no round has none
-        put(work, _RESTS, lane, problem.rests)
         # a lane whose trial counts, or that does not move, asks for no rounds
         counts = entry(work, MARGIN, lane) > 0.0
         put(work, _SETTLED, lane, 1.0 if counts or problem.rests > 0.0 or not h > 0.0 else 0.0)
@@ -80,16 +72,10 @@ def _round(selected, work, first, last):
     """Take one Newton round; what has settled stays as it is, whatever its neighbours need."""
     for lane in range(first, last):
         P, settled = load(selected, work, lane), entry(work, _SETTLED, lane)
-        G, b = (
-            restored(_matrix_like(selected), work, _MATRIX, lane),
-            restored(_contacts_like(selected), work, _RIGHT, lane),
-        )
-        s, limits = (
-            restored(_contacts_like(selected), work, _PROBE, lane),
-            restored(_boxes_like(selected), work, _LIMITS, lane),
-        )
+        problem = restored(_problem_like(selected), work, _PROBLEM, lane)
+        s = restored(_contacts_like(selected), work, _PROBE, lane)
         forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        new_forces, new_s, agrees = newton_round(s, G, b, limits, P.rolling)
+        new_forces, new_s, agrees = newton_round(s, problem.G, problem.b, problem.limits, P.rolling)
         stored(work, _FORCES, lane, each_with(_chosen, each(_pair, forces, new_forces), settled > 0.0))
         stored(work, _PROBE, lane, each_with(_chosen, each(_pair, s, new_s), settled > 0.0))
         put(work, _SETTLED, lane, max(settled, agrees))
@@ -108,28 +94,10 @@ def _ends(selected, work, first, last):
     for lane in range(first, last):
         P, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
         a = balancing_attitude((state[2], state[3], state[4]))
-        free, Y = (
-            restored(_contacts_like(selected), work, _FREE, lane),
-            restored(_matrix_like(selected), work, _RESPONSES, lane),
-        )
-        s, limits = (
-            restored(_contacts_like(selected), work, _PROBE, lane),
-            restored(_boxes_like(selected), work, _LIMITS, lane),
-        )
+        problem = restored(_problem_like(selected), work, _PROBLEM, lane)
+        s = restored(_contacts_like(selected), work, _PROBE, lane)
         forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        end = convex_end(
-            selected,
-            P,
-            a,
-            state,
-            free,
-            Y,
-            limits,
-            forces,
-            s,
-            entry(work, _RESTS, lane),
-            entry(work, STEP, lane),
-        )
+        end = convex_end(selected, P, a, state, problem, forces, s, entry(work, STEP, lane))
         counts = entry(work, MARGIN, lane) > 0.0
         trial = restored(state_like(selected), work, TRIAL, lane)
         stored(work, TRIAL, lane, each_with(_chosen, each(_pair, trial, end), counts))

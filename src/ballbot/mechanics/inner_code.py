@@ -49,7 +49,6 @@ class InnerCompiler(Compiler):
         """Return Numba's own passes."""
         state = self.state
         state.library = InnerLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.library.enable_object_caching()
         return super().define_pipelines()
 
 

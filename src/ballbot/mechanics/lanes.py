@@ -8,6 +8,7 @@ one lane's numbers wait, the next lane's are on their way.
 
 from collections.abc import Iterator
 from itertools import count
+from typing import TypeVar
 
 import numpy as np
 from numba import types
@@ -31,6 +32,8 @@ ROWS = SCRATCH + 102  # as many as `convex_block` needs
 
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples
 GROUP = 8
+
+Like = TypeVar("Like")
 
 
 @inlined
@@ -68,7 +71,7 @@ def swap(work, row, first, second):
     put(work, row, second, number)
 
 
-def restored(like, work, row, lane) -> tuple:  # pragma: no cover (compiled form below)
+def restored(like: Like, work, row, lane) -> Like:  # pragma: no cover (compiled form below)
     """Return the numbers of a lane from `row` on as a tuple, named or not, or tuples in tuples, of the shape of `like`.
 
     The array is an argument of its own: in a tuple of arguments its reference would be counted in the loop over

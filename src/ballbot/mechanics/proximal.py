@@ -228,13 +228,12 @@ class ConvexProblem(NamedTuple):
     G: tuple  #: kappa h C M^-1 C^T, by rows
     b: tuple  #: kappa C nu_free
     limits: tuple  #: of the boxes
-    s: tuple  #: the first probe
     rests: float  #: 1 where friction holds the whole robot
 
 
 @inlined
 def convex_problem(selected, P, a, state, u, h):
-    """Return the `ConvexProblem` of a step from a state with that attitude."""
+    """Return the `ConvexProblem` of a step from a state with that attitude, and the first probe."""
     free = free_motion(selected, P, a, state, u)
     v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
     v, w = advanced(free.v, v_dot, h), advanced(free.w, w_dot, h)
@@ -245,15 +244,15 @@ def convex_problem(selected, P, a, state, u, h):
     rests = all_stick(held, free.limits, P.rolling)
     rests_below = of_boxes(selected, rest_speeds(P, h), REST)
     s = first_probe(contact_speeds(selected, P, a, free.v, free.w), held, rests_below, free.limits, P.rolling)
-    return ConvexProblem(v + w, Y, G, b, free.limits, s, rests)
+    return ConvexProblem(v + w, Y, G, b, free.limits, rests), s
 
 
 @inlined
-def convex_end(selected, P, a, state, problem_free, Y, limits, forces, s, rests, h):
+def convex_end(selected, P, a, state, problem, forces, s, h):
     """Return the state after a step with these forces and their probe s; rest is exactly zero."""
-    moves = 1.0 - rests
-    v, w = parted(each_with(_product, less_response(problem_free, Y, forces, h), moves))
-    v = still_where_held(v, s, limits, P.rolling)
+    moves = 1.0 - problem.rests
+    v, w = parted(each_with(_product, less_response(problem.free, problem.Y, forces, h), moves))
+    v = still_where_held(v, s, problem.limits, P.rolling)
     return finished(selected, state, a, v, w, h)
 
 
@@ -293,13 +292,11 @@ def _convex_step(selected, P, state, u, h):
 @inlined
 def _three_wheeled_step(selected, P, state, u, h):
     a = balancing_attitude((state[2], state[3], state[4]))
-    problem = convex_problem(selected, P, a, state, u, h)
-    s, forces, settled = problem.s, problem.b, 0.0
+    problem, s = convex_problem(selected, P, a, state, u, h)
+    forces, settled = problem.b, 0.0
     for _ in range(ROUNDS):
         forces, s, settled = newton_round(s, problem.G, problem.b, problem.limits, P.rolling)
-    end = convex_end(
-        selected, P, a, state, problem.free, problem.Y, problem.limits, forces, s, problem.rests, h
-    )
+    end = convex_end(selected, P, a, state, problem, forces, s, h)
     return end, max(settled, problem.rests)
 
 
