@@ -126,7 +126,7 @@ def rolling_torque(row, place, force):
 
 
 @inlined
-def wheel_friction(F, row, place, relative, own):
+def wheel_friction(F, row, place, relative, own) -> tuple[float, float, bool]:
     """Return a wheel's friction, the share compensated where the law's torque is `own`, and whether the wheel turns."""
     axle = (row[place], row[place + 1], row[place + 2])
     speed = dot(axle, relative)
