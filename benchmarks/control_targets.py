@@ -23,7 +23,7 @@ from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
-from ballbot.robot import Friction
+from ballbot.robot.scaled import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
@@ -71,35 +71,9 @@ TASKS = {
 def another(seed: int) -> tuple[Robot, Scenario]:
     """Return a robot whose mass, height and friction are each 20 % above or below what is known, by chance."""
     mass, height, friction = 1.0 + OFF * np.random.default_rng([seed, 20]).choice([-1.0, 1.0], 3)
-    body = ALTEN.body
-    robot = ALTEN.replace(
-        body=replace(
-            body,
-            mass=mass * body.mass,
-            center_of_mass=height * body.center_of_mass,
-            inertia=_inertia(mass, height),
-        )
-    )
-    return robot, replace(
-        Scenario.nominal(robot), friction=scaled(Scenario.nominal(robot).friction, friction)
-    )
-
-
-def _inertia(mass: float, height: float) -> tuple[float, ...]:
-    """Return the inertia about the ball's centre where the mass and its height are so many times as large."""
-    body = ALTEN.body
-    raised = (height**2 - 1.0) * body.mass * body.center_of_mass**2
-    xx, yy, *rest = body.inertia
-    return tuple(mass * value for value in (xx + raised, yy + raised, *rest))
-
-
-def scaled(friction: Friction, by: float) -> Friction:
-    """Return a friction by so much larger, at all speeds alike."""
-    parts = {
-        name: tuple(by * value for value in getattr(friction, name))
-        for name in ("viscous", "coulomb", "stribeck")
-    }
-    return replace(friction, **parts, rolling=by * friction.rolling)
+    robot = ALTEN.replace(body=scaled_body(ALTEN.body, mass=mass, height=height))
+    nominal = Scenario.nominal(robot)
+    return robot, replace(nominal, friction=scaled_friction(nominal.friction, friction))
 
 
 def run(known: Robot, job: tuple[str, int]) -> Outcome:

@@ -38,6 +38,7 @@ CAMPAIGNS = {
     "limits": "benchmarks.limits",
     "robust_design": "benchmarks.robust_design",
     "control_parts": "benchmarks.control_parts",
+    "control_targets": "benchmarks.control_targets",
     "coverage": "benchmarks.coverage",
     "one_axis": "benchmarks.one_axis",
     "drivelines": "benchmarks.drivelines",
