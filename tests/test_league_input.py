@@ -88,6 +88,7 @@ def test_the_robots_of_the_set_unlike_are_all_corners():
         ("{}/bad.py:Mine", "bad.py cannot be run: NameError: name 'no_such_name' is not defined (line 2)"),
         ("{}/worse.py:Mine", "worse.py cannot be run: SyntaxError"),
         ("=none", "lacks its name or its source"),
+        ("none@camera", "there is no estimator 'camera'; there are onboard, kalman"),
     ],
 )
 def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
@@ -195,3 +196,14 @@ def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, argu
     assert told.startswith("ballbot: ")
     assert sentence in told
     assert told.count("\n") == 1
+
+
+def test_precise_is_given_the_filter_s_state_and_others_what_they_ask_for():
+    found = entrants_of(["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman"])
+    assert {one.name: (one.source, one.estimator) for one in found} == {
+        "precise": ("precise", "kalman"),
+        "precise@onboard": ("precise", "onboard"),
+        "none": ("none", "onboard"),
+        "none@kalman": ("none", "kalman"),
+        "mine": ("full", "kalman"),
+    }

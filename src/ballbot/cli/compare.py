@@ -11,6 +11,7 @@ from rich.console import Console
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.seeds import parse_seeds
+from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.course_file import PlantName, choose_courses
 from ballbot.experiments.league.entrants import Entrant, entrants_of
@@ -52,9 +53,9 @@ def compare(
     robot
         A preset's name or a robot file. Its friction is what is compensated, and what the model has.
     controllers
-        none, full and partial (the nominal gain with that compensation), controller files, or your own in Python as
-        FILE.py:NAME, where NAME(robot) makes it; any of them as LABEL=... under another name. The first is what the
-        others are held against.
+        none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
+        Python as FILE.py:NAME, where NAME(robot) makes it; any of them as LABEL=... under another name, and with
+        @kalman behind it fed the Kalman filter's state on the twin. The first is what the others are held against.
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
     scenarios
@@ -73,6 +74,7 @@ def compare(
     entrants, courses = entrants_of(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in entrants}
+    estimators: dict[str, EstimatorName] = {one.name: one.estimator for one in entrants}
     words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
     words += ["--seeds", seeds, "--out", str(out)]
     origin = provenance(
@@ -85,7 +87,14 @@ def compare(
         progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
     ):
         league = play(
-            described, made, courses, seeds=numbers, processes=processes, recall=run.recall, progress=bar.show
+            described,
+            made,
+            courses,
+            seeds=numbers,
+            estimators=estimators,
+            processes=processes,
+            recall=run.recall,
+            progress=bar.show,
         )
         write_text(
             folder / "results.json", as_json(league_results(league) | {"provenance": origin.to_dict()})

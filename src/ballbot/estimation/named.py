@@ -13,6 +13,14 @@ from ballbot.robot.robot import Robot
 EstimatorName = Literal["onboard", "kalman"]
 
 
+def checked_name(name: str) -> EstimatorName:
+    """Return the name of an estimator; InputError where there is none of that name."""
+    for known in get_args(EstimatorName):
+        if name == known:
+            return known
+    raise InputError(f"there is no estimator {name!r}; there are {', '.join(get_args(EstimatorName))}.")
+
+
 def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:
     """Return a new estimator of that name for a robot.
 
@@ -28,11 +36,8 @@ def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) ->
     InputError
         Where there is none of that name, or the sample time is not positive.
     """
-    match name:
-        case "onboard":
-            return OnboardState(robot, sample_time=sample_time)
-        case "kalman":
-            from ballbot.estimation.kalman import KalmanFilter  # compiled: only who uses it loads Numba
+    if checked_name(name) == "onboard":
+        return OnboardState(robot, sample_time=sample_time)
+    from ballbot.estimation.kalman import KalmanFilter  # compiled: only who uses it loads Numba
 
-            return KalmanFilter(robot, sample_time=sample_time)
-    raise InputError(f"there is no estimator {name!r}; there are {', '.join(get_args(EstimatorName))}.")
+    return KalmanFilter(robot, sample_time=sample_time)

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 
 from ballbot.control.references import REFERENCES, Reference
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.reference_file import is_file, read_reference
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -78,8 +79,10 @@ class Course:
         """When something pushes the robot [s]."""
         return tuple(push.time for push in self.scenario.pushes) if self.scenario else ()
 
-    def plant(self, robot: Robot) -> Plant | Model:
+    def plant(self, robot: Robot, *, estimator: EstimatorName = "onboard") -> Plant | Model:
         """Return a new robot to run; of the model the friction is the robot's, of the twin the scenario's.
+
+        The model's state is measured without error; the twin's is estimated, from what the robot is described to be.
 
         Raises
         ------
@@ -94,4 +97,6 @@ class Course:
         if self.scenario is None:
             return Model(true)
         friction = scaled_friction(self.scenario.friction, other.friction)
-        return Twin(true, replace(self.scenario, friction=friction))
+        scenario = replace(self.scenario, friction=friction)
+        state = named_estimator(estimator, robot, sample_time=scenario.sensors.sample_time)
+        return Twin(true, scenario, estimator=state)

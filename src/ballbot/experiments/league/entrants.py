@@ -1,9 +1,11 @@
 """Who takes part: a controller by its word on the command line.
 
-none, full, partial      the nominal gain with that compensation
-found/controller.toml    a controller file
-mine.py:Mine             a user's own: `Mine(robot)` in that file returns it
-adaptive=mine.py:Mine    any of these under another name
+none, full, partial            the nominal gain with that compensation
+precise                        the precise controller (`ballbot.control.precise`)
+found/controller.toml          a controller file
+mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
+adaptive=mine.py:Mine          any of these under another name
+found/controller.toml@kalman   any of these with an estimator's state, where the robot's has errors
 """
 
 from __future__ import annotations
@@ -17,9 +19,14 @@ from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.precise import precise_controller
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName, checked_name
 from ballbot.experiments.own_controller import OwnController
 from ballbot.robot import Robot
+
+#: controllers that are not files
+NAMED = (*get_args(Compensation), "precise")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +34,8 @@ class Entrant:
     """A controller under a name, by what makes it."""
 
     name: str  #: in tables and figures
-    source: str  #: none, full, partial, a controller file, or FILE.py:NAME
+    source: str  #: one of `NAMED`, a controller file, or FILE.py:NAME
+    estimator: EstimatorName = "onboard"  #: whose state it is given
 
     def controller(self, robot: Robot) -> Feedback:
         """Return it, new.
@@ -40,6 +48,8 @@ class Entrant:
         for compensation in get_args(Compensation):
             if self.source == compensation:
                 return nominal_controller(robot, compensation=compensation)
+        if self.source == "precise":
+            return precise_controller(robot)
         path, _, made_by = self.source.rpartition(":")
         if path.endswith(".py"):
             return OwnController(path, made_by, robot)
@@ -50,14 +60,14 @@ class Entrant:
         if not Path(self.source).exists():
             raise InputError(
                 f"There is no controller file {self.source!r}; it must be a file's path, FILE.py:NAME for your own, "
-                f"or {', '.join(get_args(Compensation))}."
+                f"or {', '.join(NAMED)}."
             )
         return read_controller(self.source, robot)
 
     @property
     def file(self) -> Path | None:
         """The file it comes from, or None."""
-        if self.source in get_args(Compensation):
+        if self.source in NAMED:
             return None
         path, _, _ = self.source.rpartition(":")
         return Path(path if path.endswith(".py") else self.source)
@@ -66,10 +76,13 @@ class Entrant:
 def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
     """Return those whom words of the command line name.
 
+    The precise controller is given the Kalman filter's state, for which it is made; others the thesis's where no word
+    says otherwise.
+
     Raises
     ------
     InputError
-        Where there is none, or two have one name.
+        Where there is none, two have one name, or there is no such estimator.
     """
     if not words:
         raise InputError("There is nothing to compare: at least one controller is needed.")
@@ -79,10 +92,19 @@ def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
         name, equals, source = word.partition("=")
         if not equals:  # by its file's name, where that tells it apart
             name, source = ending if short.count(ending) == 1 else word, word
-        one = Entrant(name=name, source=source)
+        source, estimator = _parted(source)
+        one = Entrant(name=name, source=source, estimator=estimator)
         if not (one.name and one.source):
             raise InputError(f"the controller {word!r} lacks its name or its source; write NAME=SOURCE.")
         if one.name in found:
             raise InputError(f"two controllers are called {one.name!r}; tell them apart as NAME=SOURCE.")
         found[one.name] = one
     return tuple(found.values())
+
+
+def _parted(source: str) -> tuple[str, EstimatorName]:
+    """Return what makes a controller and whose state it is given, of SOURCE or SOURCE@ESTIMATOR."""
+    before, at, after = source.rpartition("@")
+    if at and "/" not in after:
+        return before, checked_name(after)
+    return source, "kalman" if source == "precise" else "onboard"

@@ -16,13 +16,14 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
@@ -67,6 +68,7 @@ def play(
     courses: Sequence[Course],
     *,
     seeds: Sequence[int],
+    estimators: Mapping[str, EstimatorName] = MappingProxyType({}),
     processes: int | None = None,
     recall: Recall = afresh,
     progress: Callable[[float], None] | None = None,
@@ -83,6 +85,8 @@ def play(
         By name; every run gets a copy. They are pickled where there is more than one process.
     courses : sequence of Course
     seeds : sequence of int
+    estimators : mapping of str to {"onboard", "kalman"}, optional
+        Whose state a controller is given on the twin, by its name; onboard where not given.
     processes : int, optional
         One for each core where not given; with one, all is done in this process.
     recall : Recall, optional
@@ -98,7 +102,14 @@ def play(
     if not (controllers and courses and seeds):
         raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
     games = [
-        _Game(course=course, name=name, controller=controller, seed=seed, tracked=seed == seeds[0])
+        _Game(
+            course=course,
+            name=name,
+            controller=controller,
+            estimator=estimators.get(name, "onboard"),
+            seed=seed,
+            tracked=seed == seeds[0],
+        )
         for seed in seeds
         for course in courses
         for name, controller in controllers.items()
@@ -132,6 +143,7 @@ class _Game:
     course: Course
     name: str
     controller: Feedback
+    estimator: EstimatorName
     seed: int
     tracked: bool
 
@@ -197,7 +209,7 @@ def _play(robot: Robot, game: _Game) -> Arrays:
     """Return the score's numbers, the codes of why the run ended, and the track (4, N), empty unless tracked."""
     course = game.course
     log = simulate(
-        course.plant(robot),
+        course.plant(robot, estimator=game.estimator),
         copy.deepcopy(game.controller),
         course.asked.reference(),
         duration=course.duration,
