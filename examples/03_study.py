@@ -8,6 +8,7 @@
 import sys
 
 import ballbot
+from ballbot.validation import findings
 
 robot = ballbot.Robot.load("alten")
 logs = [ballbot.Log.read(path) for path in sys.argv[1:]]
@@ -19,5 +20,5 @@ for name, value in found.parameters.items():
     print(f"{name:5} = {value}  +- {found.standard_errors[name]}")
 
 validation = ballbot.validate(found.robot, logs[0])
-ratios = {state: round(ratio, 1) for state, ratio in validation.open_loop.ratio.items()}
-print("open loop, error without friction over error with it:", ratios)
+for finding in findings(validation):
+    print(finding)

@@ -16,6 +16,7 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.odometry import with_position
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
@@ -78,8 +79,9 @@ def validate(
         Of the noise drawn for the noise floors.
     """
     models = _models(robot, against, formulation)
-    named = read_logs(logs, mapping)
-    driver = read_controller(controller, models.first.model.robot) if controller else None
+    described = models.first.model.robot
+    named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
+    driver = read_controller(controller, described) if controller else None
     folder = check_folder(out)
     words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]
     words += ["--against", against] if against else []
@@ -95,7 +97,7 @@ def validate(
     results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
     write_text(folder / "results.json", as_json({"validation": results, "provenance": made.to_dict()}))
     first, second = models.names
-    title = f"{models.first.model.robot.name}: the model {first} and {second} against its logs"
+    title = f"{described.name}: the model {first} and {second} against its logs"
     page = validation_report(
         validation, title=title, lead=f"On {', '.join(named)}.", example_of=next(iter(named)), made=made
     )

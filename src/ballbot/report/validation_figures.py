@@ -79,8 +79,8 @@ def ratio_figure(
     axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
     axes.set_ylabel(f"error {names[1]}\nover error {names[0]}")
     _plain_log_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100))
-    axes.annotate(f"better {names[0]} above this line", (places[-1] + 0.5, 1.0), (0, 2), textcoords="offset points",
-                  ha="right", fontsize=7, color=MUTED)  # fmt: skip
+    axes.annotate(f"above the line: better {names[0]}", (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
+                  ha="right", va="top", fontsize=7, color=MUTED)  # fmt: skip
     axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
     figure.legend(loc="outside upper center", ncols=2)
     axes.grid(axis="x", visible=False)
@@ -100,7 +100,7 @@ def _draw_ratios(
 
 def _plain_log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
     lower, upper = axes.get_ylim()
-    lower, upper = min(lower, 0.8), max(upper, 2.0)
+    lower, upper = min(lower, 0.7), max(upper, 2.0)
     shown = [tick for tick in ticks if lower <= tick <= upper]
     axes.set_yticks(shown, [f"{tick:g}" for tick in shown])
     axes.yaxis.set_minor_locator(NullLocator())

@@ -42,8 +42,8 @@ class ModelPair:
         counts = [one.model.robot.wheel_count for one in (first, second)]
         if counts[0] != counts[1]:
             raise InputError(
-                f"The model {first.name} has {counts[0]} wheels and the model {second.name} has {counts[1]}; one log "
-                "cannot be of both."
+                f"The model {first.name} has {counts[0]} wheels and the model {second.name} has {counts[1]} wheels; "
+                "one log cannot be of both."
             )
         same_form = first.model.formulation == second.model.formulation
         if same_form and np.array_equal(first.model.packed, second.model.packed):

@@ -17,6 +17,8 @@ _NOISE_SHARE = 0.7
 _DITHER_SHARE = 0.5
 #: reversals this many times as frequent as the motion's own are chatter
 _CHATTER = 5.0
+#: a model that falls at less than this times another's rate falls more slowly
+_SLOWER = 0.95
 
 
 def findings(validation: Validation) -> tuple[str, ...]:
@@ -34,15 +36,15 @@ def findings(validation: Validation) -> tuple[str, ...]:
 def weak_states(validation: Validation) -> tuple[str, ...]:
     """Return a sentence for each state that the first model does not surely foretell better in open loop, and why.
 
-    "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. With too few runs for an
-    interval there is one sentence for all.
+    "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. Without an open loop, or with
+    too few runs for an interval, there is nothing to say of single states.
     """
     if validation.open_loop is None:
         return ()
     errors = validation.open_loop.errors
     lower, upper = errors.ratio_interval()
     if not np.isfinite(lower).any():
-        return (f"{errors.runs} open-loop runs are too few to tell which model is better.",)
+        return ()
     first, second = validation.models.names
     claims = {
         "worse": f"the model {first} is worse than the one {second} in open loop",
@@ -104,12 +106,19 @@ def _reason(validation: Validation, index: int) -> str:
     loop = validation.open_loop
     assert loop is not None
     share = loop.noise_floor[index] / loop.errors.first.rmse[index]
+    first, second = validation.models.both
+    falls = [float(model.linearize().poles()[0].real) for model in (first, second)]
+    if share > _NOISE_SHARE and loop.errors.verdicts()[index] == "worse" and falls[1] < _SLOWER * falls[0]:
+        return (
+            f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the error, and the other "
+            f"model falls more slowly ({falls[1]:.1f} against {falls[0]:.1f} rad/s), so that it carries this noise "
+            "less far, whichever is right."
+        )
     if share > _NOISE_SHARE:
         return (
             f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the error, so that this "
             "state cannot tell the two models apart."
         )
-    first, second = validation.models.both
     dither = validation.dither if first.robot.friction != second.robot.friction else None
     if dither is not None and _chatters(dither):
         return f"Reason: the wheels chatter. {describe_dither(validation)}"

@@ -46,7 +46,7 @@ class ResidualAnalysis:
     by_position: PositionEffect | None
     roller_passing: (
         NDArray[np.float64] | None
-    )  #: (3,) [Hz] of a ring's rollers at the 10 %, 50 %, 90 % wheel speed
+    )  #: (3,) [Hz] of a ring, at 10, 50 and 90 % of the wheels' speeds
     no_wheels: str | None  #: why there is no look at the wheels' speed and travel
     no_position: str | None  #: why there is none at their position
 

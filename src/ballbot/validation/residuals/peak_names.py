@@ -54,7 +54,7 @@ def named_peaks(found: Spectrum, clues: Clues) -> tuple[NamedPeak, ...]:
         frequency, apart = strongest.frequency, found.resolution
         near = [words for low, high, words in causes if low - apart <= frequency <= high + apart]
         states = tuple(STATE_NAMES[index] for index in sorted({peak.state for peak in group}))
-        cause = near[0] if near else "a resonance that the model lacks"
+        cause = near[0] if near else "a resonance, of the robot or of the loop, that the model lacks"
         named.append(NamedPeak(frequency=frequency, states=states, cause=cause))
     return tuple(named)
 

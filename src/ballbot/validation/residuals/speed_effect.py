@@ -34,6 +34,8 @@ def speed_effect(
     known = np.isfinite(speed)
     torque, speed, blocks = torque[known], speed[known], blocks[known]
     edges = np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1)))
+    if len(edges) < 2:  # a wheel that stood still
+        edges = np.array([-np.inf, np.inf])
     place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
     columns = indicators(place, len(edges) - 1)
     found = fit(columns, torque, blocks)

@@ -167,12 +167,10 @@ def _by_travel(analysis: ResidualAnalysis) -> str:
         "motion is not modelled, clearest"
     )
     turned = np.degrees((0.0, *EDGES)[place : place + 2])
+    where = f"{torque} {turned[0]:.1f} to {turned[1]:.1f} degrees of the wheel after it"
     if EDGES[place] > _PLAY:
-        return f"{torque} from {turned[0]:.1f} to {turned[1]:.1f} degrees of the wheel after it: too far for play."
-    return (
-        f"{torque} within {turned[1]:.1f} degrees of the wheel after it: play of the gearbox, or friction that gives "
-        "way before it slips."
-    )
+        return f"{where}: too far for play."
+    return f"{where}: play of the gearbox, or friction that gives way before it slips."
 
 
 def _by_position(analysis: ResidualAnalysis) -> str:
@@ -193,7 +191,11 @@ def _by_position(analysis: ResidualAnalysis) -> str:
         f"{order} times a turn{_of_rollers(order, effect.per_row)} ({', '.join(wheels)})"
         for order, wheels in by_order.items()
     )
-    return f"A residual torque comes back with the wheels' position: {words}."
+    passing = ""
+    if analysis.roller_passing is not None and any(order % effect.per_row == 0 for order in by_order):
+        slow, _, fast = analysis.roller_passing
+        passing = f" At these speeds the rollers of a ring pass {slow:.1f} to {fast:.1f} times a second."
+    return f"A residual torque comes back with the wheels' position: {words}.{passing}"
 
 
 def _of_rollers(order: int, per_row: int) -> str:
