@@ -14,6 +14,7 @@ from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.log import Log
 from ballbot.report.robust_figures import robust_figure
 from ballbot.robot import Robot
+from ballbot.robot.scaled import scaled_body
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
@@ -21,7 +22,7 @@ from benchmarks.compensation import identified_robot
 from benchmarks.pictures import write_picture
 from benchmarks.section import Section
 
-EFFORT = Effort(robots=400, generations=20, population=10, fresh=2000)
+EFFORT = Effort(robots=400, generations=15, population=10, fresh=2000)
 #: robots that differ from the one described, on the twin: shares of mass and height, samples of delay, tilt [rad]
 TWINS = (
     ("nominal twin", 1.0, 1.0, 0, 0.0),
@@ -76,17 +77,7 @@ def _on_twin(
     robot: Robot, controllers: dict[str, Controller], case: tuple[str, float, float, int, float]
 ) -> list[str]:
     name, mass, height, delay, tilt = case
-    body = robot.body
-    central = mass * body.inertia_about_center_of_mass()
-    true = robot.replace(
-        body=replace(
-            body,
-            mass=mass * body.mass,
-            center_of_mass=height * body.center_of_mass,
-            inertia=tuple(float(central[i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
-            inertia_about="center_of_mass",
-        )
-    )
+    true = robot.replace(body=scaled_body(robot.body, mass=mass, height=height))
     scenario = replace(
         Scenario.nominal(true), floor_tilt=(tilt, 0.0), timing=Timing(delay=delay) if delay else None
     )

@@ -10,6 +10,7 @@ from control_examples import FRICTION, alten, leaning
 from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
 from ballbot.cli.main import main
 from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.precise import precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.experiments.limits import starts
 from ballbot.experiments.limits.loop import Loop
@@ -89,6 +90,16 @@ def test_runs_that_are_cut_short_end_as_whole_ones_do():
         kept = chosen.survives(states)
         assert 0.02 < kept.mean() < 0.98
         np.testing.assert_array_equal(kept, chosen.survives(states, cut_short=False))
+
+
+def test_a_controller_that_remembers_is_run_to_the_end():
+    robot = alten(FRICTION)
+    one = Loop(robot=robot, controller=precise_controller(robot, compensation="full"))
+    states = starts.leaning(np.linspace(0.0, 6.0, 32), np.linspace(0.0, 0.5, 32))
+    kept = one.survives(states)
+    assert kept[0]
+    assert not kept[-1]
+    np.testing.assert_array_equal(kept, one.survives(states, cut_short=False))
 
 
 def test_a_refined_map_is_the_whole_map():

@@ -20,7 +20,7 @@ from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE
 _LOOKS = ((ORANGE, "o", 3.2), (BLUE, "s", 2.0), (GREEN, "^", 1.0), (MUTED, "D", 0.6))
 _SURE, _MOST = "#7fa6cf", "#d8e3ef"
 #: every so many points of a plane are drawn
-_DRAWN = 2
+_DRAWN = 4
 
 
 def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:

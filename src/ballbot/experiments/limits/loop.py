@@ -25,6 +25,7 @@ from scipy.optimize import root_scalar
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import held
+from ballbot.control.parts import Parts
 from ballbot.control.references import hold
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import contact_directions
@@ -126,12 +127,16 @@ def top_speed(robot: Robot) -> float:
 
 
 def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
-    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1; none where the linear loop is not stable."""
+    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1.
+
+    One row of infinities, which nothing settles by, where the linear loop is not stable, or where parts of the
+    controller remember something, so that the state does not tell its future.
+    """
     linear, K = model.linearize(), controller.gain
     F, G = held(linear.A, linear.B, controller.sample_time)
     loop = F - G @ K
-    if np.abs(np.linalg.eigvals(loop)).max() >= 1.0:
-        return np.zeros((0, 10))
+    if controller.parts != Parts() or np.abs(np.linalg.eigvals(loop)).max() >= 1.0:
+        return np.full((1, 10), np.inf)
     speeds = np.hstack([np.zeros((len(K), 5)), model.wheel_jacobian(np.zeros(5))])
     now = [
         K / (_SHARE * min(controller.torque_limit, grip * _torque_per_grip(model.robot))),

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
+from ballbot.robot.scaled import scaled_body
 from ballbot.simulation.conditions import STEEPEST, Conditions
 
 #: the ball lies so far from where it is asked to be at the start [m]
@@ -96,27 +97,18 @@ def draw_perturbed(robot: Robot, count: int, *, spread: Spread, seed: int) -> Pe
 
 
 def _scaled(robot: Robot, mass: float, height: float, friction: list[float]) -> Robot:
-    body = robot.body
-    central = mass * body.inertia_about_center_of_mass()
-    scaled = replace(
-        body,
-        mass=mass * body.mass,
-        center_of_mass=height * body.center_of_mass,
-        inertia=tuple(float(central[i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
-        inertia_about="center_of_mass",
-    )
+    """Return the robot with these factors on its body, and on the friction of each wheel and of the rolling ball."""
     *wheels, rolling = friction
     old = robot.friction
 
     def each(values: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(factor * value for factor, value in zip(wheels, values, strict=True))
 
-    new = Friction(
+    new = replace(
+        old,
         viscous=each(old.viscous),
         coulomb=each(old.coulomb),
         stribeck=each(old.stribeck),
-        stribeck_speed=old.stribeck_speed,
-        stribeck_exponent=old.stribeck_exponent,
         rolling=rolling * old.rolling,
     )
-    return robot.replace(body=scaled, friction=new)
+    return robot.replace(body=scaled_body(robot.body, mass=mass, height=height), friction=new)
