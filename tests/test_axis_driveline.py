@@ -1,6 +1,7 @@
 """The driveline stage: known friction found in a simulated sweep, and the command on the shared one."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +78,34 @@ def test_a_log_of_too_few_wheels_is_refused():
     log = Log({"t": t, "u1": t, "wheel1_dot": t})
     with pytest.raises(InputError, match="of 1 wheels"):
         sweeps_of(Robot.load("alten"), log)
+
+
+def test_a_motor_driven_by_voltage_is_braked_by_the_speed_predicted():
+    t, brake = np.arange(2000) * SAMPLE_TIME, 0.05
+    standstill = np.sin(2.0 * np.pi * t / 5.0)
+    braked = classical(TRUTH + np.array([brake, 0.0, 0.0, 0.0, 0.0]))
+    motion = simulate_drivelines(
+        Driveline(inertia=0.003, friction=braked), standstill[:-1], sample_time=SAMPLE_TIME
+    )
+    speed = np.concatenate([[0.0], motion.speeds[0]])
+    torque = standstill - brake * speed  # what a mapping makes of duties
+    columns = {f"u{i}": torque for i in (1, 2, 3)} | {f"wheel{i}_dot": speed for i in (1, 2, 3)}
+    first = sweeps_of(Robot.load("alten"), Log({"t": t} | columns), back_emf=brake)[0]
+    np.testing.assert_allclose(first.torque, standstill, atol=1e-12)
+    again = simulate_drivelines(
+        replace(first, inertia=0.003).driveline(TRUTH), first.torque[:-1], sample_time=SAMPLE_TIME
+    )
+    np.testing.assert_allclose(again.speeds, motion.speeds, atol=1e-9)
+
+
+@pytest.mark.parametrize("limit", [-1.0, 0.0, math.nan])
+def test_a_speed_limit_that_is_none_is_refused(limit):
+    t = np.arange(10) * SAMPLE_TIME
+    log = Log(
+        {"t": t} | {f"{name}{i}{end}": t for i in (1, 2, 3) for name, end in (("u", ""), ("wheel", "_dot"))}
+    )
+    with pytest.raises(InputError, match="The speed limit is"):
+        sweeps_of(Robot.load("alten"), log, limit=limit)
 
 
 @pytest.mark.slow

@@ -83,6 +83,11 @@ def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
     assert "law coulomb" in capsys.readouterr().out
 
 
+def test_a_mat_file_that_is_not_there(tmp_path, capsys):
+    assert main(["identify-axis", str(tmp_path / "none.mat"), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.endswith("none.mat cannot be read: No such file or directory.\n")
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

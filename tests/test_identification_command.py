@@ -2,10 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 from identification_examples import balancing_log, noisy
 
-from ballbot import Robot
+from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.identification.laws import LAWS
 
@@ -81,11 +82,19 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
         (["{log}", "--free", "frixion"], "did you mean 'friction'?"),
         (["{log}", "--leave-out", "psy"], "'psy' is no state"),
         (["{log}", "--mapping", "a", "--mapping", "b"], "--mapping is given 2 times and there are 1 logs"),
+        (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
+        (["{log}", "--free", ""], "Nothing is sought; name some of friction"),
+        (["{unread}"], "The log's column theta has no value in any row"),
+        (["nowhere"], "nowhere cannot be read: No such file"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, log_file, capsys, words, sentence):
+    unread = tmp_path / "unread.csv"
+    if "{unread}" in words:
+        log = Log.read(log_file)
+        log.with_columns({"theta": np.full(len(log), np.nan)}).write(unread)
     command = ["identify", "alten", *words, "--out", str(tmp_path / "out")]
-    assert main([word.format(log=log_file) for word in command]) == 2
+    assert main([word.format(log=log_file, unread=unread) for word in command]) == 2
     told = capsys.readouterr().err
     assert told.startswith("ballbot: ")
     assert sentence in told

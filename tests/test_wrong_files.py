@@ -128,7 +128,8 @@ def test_a_folder_that_is_a_file(tmp_path, capsys):
     path.write_text("in the way")
     log = tmp_path / "log.csv"
     log.write_text(GOOD_LOG)
-    assert "out" in sentence_of(capsys, "study", "alten", str(log), "--out", str(path))
+    for command in (["study", "alten"], ["check-log"]):
+        assert "out" in sentence_of(capsys, *command, str(log), "--out", str(path))
 
 
 @given(st.binary(max_size=400))

@@ -13,6 +13,7 @@ from ballbot.identification.axis.driveline import (
     fit_driveline,
     sweeps_of,
 )
+from ballbot.identification.back_emf import back_emf_of
 from ballbot.log import Log
 from ballbot.report.driveline_page import (
     driveline_report,
@@ -70,7 +71,8 @@ def identify_driveline(
         Of the search.
     """
     described = Robot.load(robot)
-    sweeps = sweeps_of(described, Log.read(log, mapping=mapping), limit=speed_limit)
+    read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
+    sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
     bounds = DrivelineBounds(lower=lower, upper=upper)
     folder = check_folder(out)
     words = ["ballbot", "identify-driveline", robot, str(log), "--out", str(out), "--seed", str(seed)]

@@ -19,6 +19,7 @@ from ballbot.log.findings import Finding
 from ballbot.log.formats import is_foreign
 from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
 from ballbot.log.summary import ColumnSummary, summarize
+from ballbot.report.study_files import check_folder
 from ballbot.robot import Robot
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
@@ -47,6 +48,8 @@ def check_log(
         A folder for results.json and, of a foreign file, the mapping and the log that it makes.
     """
     described = Robot.load(robot) if robot else None
+    if out:
+        check_folder(out)
     if described and mapping is None and is_foreign(file):
         propose_mapping(file, described, out=out)
         return

@@ -14,9 +14,6 @@ R = Rx(theta) Ry(phi) Rz(psi); a centre of mass beside the axis looks the same. 
 
 and the gyro's bias (g_x, g_y, g_z) turns with the body likewise in the lean's rates. That about z is added to
 psi_dot, and a heading that is the integral of psi_dot runs away at that rate: by g_z times the time since the start.
-
-Late velocities. Where encoders are differenced, x_dot and y_dot of a row are the mean of the time to the row before,
-and so those of a moment d earlier, half a sample: to first order v - d v_dot, with the slope v_dot of the prediction.
 """
 
 from __future__ import annotations
@@ -28,7 +25,6 @@ from ballbot.identification.quantities import Layout
 from ballbot.identification.windows import Windows
 
 _PSI = 4
-_VELOCITY = slice(5, 7)
 
 
 def acting_torques(
@@ -77,31 +73,6 @@ def sensor_offsets(
         about_z = gyro[:, 2, None, None]
         offsets[..., 9] = about_z
         offsets[..., _PSI] = about_z * times
-    return offsets
-
-
-def late_velocities(
-    layout: Layout, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
-    """Return what a delay of their velocities adds to states, None where it is not sought.
-
-    Parameters
-    ----------
-    values : ndarray (sets, p)
-    states : ndarray (sets or 1, w, k, 10)
-        From a window's start on.
-    times : ndarray (k,)
-        Since the start [s].
-
-    Returns
-    -------
-    ndarray (sets, w, k, 10)
-    """
-    delay = layout.part("velocity_delay", values)
-    if delay is None:
-        return None
-    offsets = np.zeros((len(values), *states.shape[1:]))
-    offsets[..., _VELOCITY] = -delay[:, :, None, None] * np.gradient(states[..., _VELOCITY], times, axis=-2)
     return offsets
 
 

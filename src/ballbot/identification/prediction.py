@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.identification.nuisance import acting_torques, late_velocities, sensor_offsets
+from ballbot.identification.nuisance import acting_torques, sensor_offsets
 from ballbot.identification.quantities import Layout
 from ballbot.identification.rigid_body import RIGID, with_rigid_body
 from ballbot.identification.windows import Windows
@@ -96,13 +96,10 @@ class Predictor:
         )
         states = self._simulate(values, lanes, sample_time=windows.sample_time, every=every)
         measured = windows.measured[:, every - 1 :: every]
-        predicted = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)]
-        times = windows.sample_time * every * np.arange(measured.shape[1] + 1)
-        offsets = sensor_offsets(self.layout, values, measured, times[1:])
-        residuals = predicted - measured if offsets is None else predicted - measured + offsets
-        begun = lanes.initial[lanes.initial_of].reshape(sets, count, 1, -1)[..., : len(STATE_NAMES)]
-        late = late_velocities(self.layout, values, np.concatenate([begun, predicted], axis=2), times)
-        return residuals if late is None else residuals + late[:, :, 1:]
+        residuals = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)] - measured
+        times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
+        offsets = sensor_offsets(self.layout, values, measured, times)
+        return residuals if offsets is None else residuals + offsets
 
     def square_sums(
         self, values: NDArray[np.float64], windows: Windows, *, every: int
@@ -118,27 +115,17 @@ class Predictor:
     ) -> NDArray[np.float64] | None:
         """Return the true states at the starts (sets, w, 10 or 11); None where they are those measured."""
         offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
-        late = self._late_at_start(values, windows)
         pivots = "pivoting" in self.layout.extra
-        if offsets is None and late is None and starts is None and not pivots:
+        if offsets is None and starts is None and not pivots:
             return None
         shape = (len(values), *windows.initial.shape)
         initial = np.broadcast_to(windows.initial, shape) if starts is None else starts
-        for added in (offsets, late):
-            if added is not None:
-                initial = initial - added[:, :, 0]
+        if offsets is not None:
+            initial = initial - offsets[:, :, 0]
         if pivots:
             spin = np.broadcast_to(windows.spin[:, None], (*shape[:2], 1))
             initial = np.concatenate([initial, spin], axis=2)
         return initial
-
-    def _late_at_start(self, values: NDArray[np.float64], windows: Windows) -> NDArray[np.float64] | None:
-        """Return what a delay of velocities adds at the starts (sets, w, 1, 10), by the slopes that were measured."""
-        every = windows.comparison_interval
-        first = np.stack([windows.initial, windows.measured[:, every - 1]], axis=1)
-        times = windows.sample_time * every * np.arange(2)
-        late = late_velocities(self.layout, values, first[None], times)
-        return None if late is None else late[:, :, :1]
 
     def _simulate(
         self, values: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int

@@ -215,14 +215,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         bounds=(0.0, 0.03),
     ),
     Quantity(
-        name="velocity_delay",
-        symbol="late",
-        unit="s",
-        meaning="from the moment that a row's x_dot and y_dot tell of to the row, as where encoders are differenced",
-        scale="signed",
-        bounds=(-0.01, 0.02),
-    ),
-    Quantity(
         name="lean_bias",
         symbol="lean",
         unit="rad",

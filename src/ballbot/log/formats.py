@@ -54,6 +54,8 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> dict[str
         return read_parquet_table(path)
     if suffix in _TEXT_SUFFIXES:
         return read_text_table(path, layout or TextLayout())
+    if not Path(path).exists():
+        raise InputError(f"{path} cannot be read: No such file or directory.")
     raise InputError(
         f"{path} is of no kind that Ballbot reads as a log; those are .csv, .parquet and text (.txt)."
     )

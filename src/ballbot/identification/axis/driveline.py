@@ -8,6 +8,9 @@ supply's speed limit l:
 *restarted*: where the supply limits the speed, the torque that acts is not the one recorded, so that the sweep is cut
 there; each piece starts from the measured speed. *As printed* (3.2): the speed seen is clamped while the one
 integrated runs on through the limit for as long as the torque pushes, and comes back late.
+
+A motor driven by voltage brakes with its back-EMF (`ballbot.identification.back_emf`). The brake follows the predicted
+speed, or an error of the speed would not die out: the torque is that at standstill, and b acts beside the brake b_e.
 """
 
 from __future__ import annotations
@@ -109,6 +112,12 @@ class Sweep:
     speed: NDArray[np.float64]  #: (N,) [rad/s]
     limit: float  #: l [rad/s]
     inertia: float  #: [kg m^2]
+    brake: float = 0.0  #: b_e of the motor's back-EMF [N m s/rad]; the torque is then that at standstill
+
+    def driveline(self, values: NDArray[np.float64], *, clamp: SpeedClamp | None = None) -> Driveline:
+        """Return the driveline with friction b, c, s, v_s, delta (5,) beside the motor's brake."""
+        law = classical(values + np.array([self.brake, 0.0, 0.0, 0.0, 0.0]))
+        return Driveline(inertia=self.inertia, friction=law, speed_limit=clamp)
 
     @property
     def sample_time(self) -> float:
@@ -129,8 +138,10 @@ def classical(values: NDArray[np.float64]) -> Classical:
     return Classical(viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=delta)
 
 
-def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
+def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: float = 0.0) -> list[Sweep]:
     """Return each wheel's sweep; the limit [rad/s] is the greatest speed in the log where none is given.
+
+    `back_emf` is what motors driven by voltage brake with [N m s/rad], where the log's torques contain it.
 
     Raises
     ------
@@ -152,10 +163,11 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
         Sweep(
             wheel=i + 1,
             t=log.t,
-            torque=torques[:, i],
+            torque=torques[:, i] + back_emf * speeds[:, i],
             speed=speeds[:, i],
             limit=highest,
             inertia=Driveline.of_wheel(robot, i).inertia,
+            brake=back_emf,
         )
         for i in range(robot.wheel_count)
     ]
@@ -204,6 +216,7 @@ def fit_driveline(
         ftol=1e-8,
         max_nfev=40,
     ).x
+    z = np.where(z <= _AT_BOUND, 0.0, np.where(z >= 1.0 - _AT_BOUND, 1.0, z))
     residual = errors(bounds.values(z[None]))[0]
     covariance = _covariance(slopes(z), residual, blocks, z)
     return _result(
@@ -293,7 +306,7 @@ def _predict_pieces(
     sweep: Sweep, pieces: Sequence[tuple[int, int]], values: NDArray[np.float64]
 ) -> list[NDArray[np.float64]]:
     """Return each piece's speeds (sets, rows), from the measured speed at its start."""
-    lines = [Driveline(inertia=sweep.inertia, friction=classical(one)) for one in values]
+    lines = [sweep.driveline(one) for one in values]
     predicted = []
     for first, end in pieces:
         start = float(sweep.speed[first])
@@ -311,7 +324,7 @@ def _predict_pieces(
 def _predict_clamped(sweep: Sweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return speeds (sets, N) over the whole sweep with the clamp (3.2)."""
     clamp = SpeedClamp(limit=sweep.limit)
-    lines = [Driveline(inertia=sweep.inertia, friction=classical(one), speed_limit=clamp) for one in values]
+    lines = [sweep.driveline(one, clamp=clamp) for one in values]
     motion = simulate_drivelines(
         lines,
         sweep.torque[:-1],
