@@ -45,6 +45,7 @@ CAMPAIGNS = {
     "resume": "benchmarks.resume",
     "identified_errors": "benchmarks.identified_errors",
     "identified_friction": "benchmarks.identified_friction",
+    "spin": "benchmarks.spin",
     "validation_bbr": "benchmarks.validation_bbr",
 }
 

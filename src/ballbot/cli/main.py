@@ -87,9 +87,14 @@ COMMANDS = (
     ),
     Command(name="validate", target="validate:validate", summary="Hold a robot's model against its logs."),
     Command(name="align", target="align:align", summary="Set a log's sensors against motion capture."),
+    Command(name="spin", target="spin:spin", summary="Measure the ball's velocity in a video of its seam."),
     Command(name="design", target="design:design", summary="Design a controller for a robot."),
+    Command(name="limits", target="limits:limits", summary="Find the leans and blows that a robot survives."),
     Command(
-        name="compare", target="compare:compare", summary="Compare the friction compensations in closed loop."
+        name="compare", target="compare:compare", summary="Compare controllers on the same courses and seeds."
+    ),
+    Command(
+        name="reproduce", target="reproduce:reproduce", summary="Remake the thesis's figures and tables."
     ),
 )
 

@@ -1,1 +1,4 @@
-"""The ball's angular velocity from a video of its seam."""
+"""What a camera tells: the ball's angular velocity by its seam (`spin`), a body's swing (`swing`).
+
+Nothing is imported here, for OpenCV, which some of it needs, is an extra.
+"""

@@ -1,0 +1,52 @@
+"""`ballbot reproduce`: every figure and table of the thesis, remade."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.report.provenance import provenance
+from ballbot.report.study_files import check_folder
+
+#: share of the work that is done when drawing begins
+_MEASURED = 0.9
+
+
+def reproduce(*, out: Path, seed: int = 0) -> None:
+    """Remake every figure and table of the thesis from the twin and the models, and show its mistakes.
+
+    Writes index.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/: a command that
+    was stopped goes on where it was when it is given again. Equal seeds give equal results.
+
+    Example: ballbot reproduce --out thesis
+
+    Parameters
+    ----------
+    out
+        The folder to write into.
+    seed
+        Of all that is random.
+    """
+    # imported late: the twin and the vision are extras
+    from ballbot.experiments.reproduce import reproduce as remake
+    from ballbot.report.reproduce.page import write_reproduction
+
+    folder, console = check_folder(out), standard_output()
+    words = ["ballbot", "reproduce", "--out", str(out), "--seed", str(seed)]
+    made = provenance(command=shlex.join(words), files=[], seed=seed)
+    with progress_bar(console, "the thesis remade") as bar:
+        found = remake(
+            folder / "runs", seed=seed, progress=lambda share, doing: bar.show(_MEASURED * share, doing=doing)
+        )
+        index = write_reproduction(
+            found,
+            folder,
+            provenance=made,
+            progress=lambda share, doing: bar.show(_MEASURED + (1.0 - _MEASURED) * share, doing=doing),
+        )
+    rows = [[item.name, item.title, item.verdict] for item in found.items]
+    console.print(table("The thesis remade", ("", "shows", "ours"), rows, framed=console.is_terminal))
+    proven = sum(mistake.proven for mistake in found.mistakes)
+    console.print(f"Of {len(found.mistakes)} misprints and mistakes, {proven} are shown by their numbers.")
+    console.print(str(index), markup=False, soft_wrap=True)

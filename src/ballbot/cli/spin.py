@@ -1,0 +1,147 @@
+"""`ballbot spin`: the ball's angular velocity from a video of its seam."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from ballbot.cli.output import progress_bar, standard_output
+from ballbot.errors import InputError
+from ballbot.files import write_bytes, write_text
+from ballbot.log import Log
+from ballbot.report.json_text import as_json
+from ballbot.report.provenance import provenance
+from ballbot.report.spin_figures import difference_figure, velocity_figure
+from ballbot.report.spin_results import spin_results
+from ballbot.report.study_files import check_folder
+from ballbot.report.style import drawn
+from ballbot.robot import Robot
+from ballbot.vision.comparison import compare_with_wheels, log_with_spin
+from ballbot.vision.overlay import overlay
+from ballbot.vision.seams import seam_named
+from ballbot.vision.spin import Setup, facing, measure_spin
+from ballbot.vision.video import open_video
+from ballbot.vision.words import spin_findings
+
+
+def spin(
+    video: Path,
+    /,
+    *,
+    out: Path,
+    seam: str = "thesis",
+    colour: str | None = None,
+    circle: str | None = None,
+    distance: float | None = None,
+    forward: float | None = None,
+    frame_rate: float | None = None,
+    log: Path | None = None,
+    robot: str | None = None,
+    mapping: Path | None = None,
+) -> None:
+    """Measure the ball's angular velocity in a video of its seam, looked at from above on the upside-down robot.
+
+    Finds the ball, its seam and the camera's distance, follows the seam frame by frame, and with a log holds the
+    result against T_obw times the wheels' speeds (the thesis's Figure V.2). Writes spin.csv (t, ball_omega_x, _y,
+    _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
+    and log.csv, the log with ball_omega.
+
+    Example: ballbot spin upside_down.mp4 --log upside_down.csv --robot alten --out spin
+
+    Parameters
+    ----------
+    video
+        Any file that OpenCV reads. The camera stands still and looks down on the ball.
+    out
+        The folder to write into.
+    seam
+        thesis, tennis or basketball.
+    colour
+        The seam's, as red,green,blue from 0 to 255; found if not given.
+    circle
+        The ball's outline, as x,y,radius in pixels; found if not given.
+    distance
+        From the lens to the ball's centre, in radii of the ball; found from the seam's perspective if not given.
+    forward
+        Where the robot's x points in the picture, in degrees clockwise from its right. Without it, it is found with
+        a log; without one, velocities are in the camera's frame: x to the right, y down, z away.
+    frame_rate
+        The camera's, where the file says another, as slow motion does.
+    log
+        Of the same run, with the wheels' speeds.
+    robot
+        A preset's name or a robot file; needed with a log.
+    mapping
+        A TOML file that says how a foreign log becomes Ballbot's.
+    """
+    if log is not None and robot is None:
+        raise InputError("--log needs --robot, whose geometry turns wheel speeds into the ball's velocity.")
+    setup = Setup(
+        seam=seam_named(seam),
+        colour=_colour(colour) if colour is not None else None,
+        circle=_circle(circle) if circle is not None else None,
+        distance=distance,
+        known_rate=frame_rate is not None,
+    )
+    run = Log.read(log, mapping=mapping) if log is not None else None
+    described = Robot.load(robot) if robot is not None else None
+    film = open_video(video, frame_rate=frame_rate)
+    folder, console = check_folder(out), standard_output()
+    with progress_bar(console, "looking") as bar:
+        found = measure_spin(
+            film, setup, progress=lambda share, doing: bar.show(share, doing=doing, note=video.stem)
+        )
+    turn = facing(float(np.radians(forward))) if forward is not None else None
+    comparison = None
+    if run is not None and described is not None:
+        try:
+            comparison = compare_with_wheels(found, run, described, known=turn)
+        except InputError as error:
+            raise InputError(f"{video} and {log}: {error}") from None
+        turn = turn or comparison.robot_camera
+    found = found.turned(turn) if turn is not None else found
+    found.log().write(folder / "spin.csv")
+    options = {"seam": seam, "colour": colour, "circle": circle, "distance": distance, "forward": forward,
+               "frame-rate": frame_rate, "log": log, "robot": robot, "mapping": mapping}  # fmt: skip
+    words = ["ballbot", "spin", str(video), "--out", str(out)]
+    words += [
+        word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
+    ]
+    files = [path for path in (video, log, mapping) if path is not None]
+    made = provenance(command=shlex.join(words), files=files, seed=0)
+    write_text(
+        folder / "results.json", as_json(spin_results(found, comparison) | {"provenance": made.to_dict()})
+    )
+    write_text(folder / "velocity.svg", drawn(lambda: velocity_figure(found, comparison), name="velocity"))
+    write_bytes(folder / "overlay.png", overlay(found))
+    if run is not None and comparison is not None:
+        write_text(
+            folder / "difference.svg", drawn(lambda: difference_figure(found, comparison), name="difference")
+        )
+        log_with_spin(run, found, comparison.clock).write(folder / "log.csv")
+    for sentence in spin_findings(found, comparison):
+        console.print(sentence, markup=False, soft_wrap=True)
+    console.print(str(folder / "spin.csv"), markup=False, soft_wrap=True)
+
+
+def _circle(text: str) -> tuple[float, float, float]:
+    values = _numbers(text)
+    if len(values) != 3:
+        raise InputError(f"--circle is {text!r}; it must be x,y,radius in pixels, as in 320,240,150.")
+    return values[0], values[1], values[2]
+
+
+def _colour(text: str) -> tuple[int, int, int]:
+    values = _numbers(text)
+    if len(values) != 3 or not all(0.0 <= value <= 255.0 for value in values):
+        raise InputError(f"--colour is {text!r}; it must be red,green,blue from 0 to 255, as in 225,190,40.")
+    return round(values[0]), round(values[1]), round(values[2])
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        return []

@@ -1,0 +1,106 @@
+"""The work of `ballbot reproduce`: record, identify, compensate, then measure figure by figure."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballbot.experiments.reproduce.bench import Bench
+from ballbot.experiments.reproduce.item import Item, Mistake
+from ballbot.experiments.reproduce.mistakes import MISTAKES
+from ballbot.experiments.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
+from ballbot.experiments.reproduce.registry import ITEMS
+from ballbot.identification.identify import identify
+from ballbot.identification.progress import Progress as Identifying
+from ballbot.log import Log
+from ballbot.robot import Friction, Robot
+from ballbot.robot.file import read_robot, write_robot
+
+#: when each stage has ended, of the whole
+_RECORDED, _IDENTIFIED, _COMPENSATED = 0.4, 0.65, 0.7
+#: the logs that friction is identified from
+_FITTED = ("fit_square", "fit_eight")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reproduction:
+    """The thesis remade."""
+
+    bench: Bench
+    items: tuple[Item, ...]
+    mistakes: tuple[Mistake, ...]
+
+
+def reproduce(folder: Path, *, seed: int, progress: Progress) -> Reproduction:
+    """Remake every figure and table; equal seeds give equal results, wherever the run was stopped in between.
+
+    Parameters
+    ----------
+    folder : Path
+        Where recordings are kept, so that a run that was stopped goes on.
+    seed : int
+        Of all that is random.
+    progress : callable
+        Told the share that is done, and what is being done.
+    """
+    bench = make_bench(folder, seed=seed, progress=progress)
+    total = len(ITEMS) + len(MISTAKES)
+    items, mistakes = [], []
+    for done, make in enumerate(ITEMS):
+        progress(_COMPENSATED + (1.0 - _COMPENSATED) * done / total, make.__name__.replace("_", " "))
+        items.append(make(bench))
+    for done, make in enumerate(MISTAKES, start=len(ITEMS)):
+        progress(_COMPENSATED + (1.0 - _COMPENSATED) * done / total, "mistakes")
+        mistakes.append(make(bench))
+    return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
+
+
+def make_bench(folder: Path, *, seed: int, progress: Progress) -> Bench:
+    """Record the twin, identify its friction, record it compensated; see `reproduce`."""
+    alten = Robot.load("alten")
+    robot = alten.replace(friction=Friction.none(alten.wheel_count))
+    progress(0.0, "recording the twin")
+    recordings = record_all(
+        FIRST,
+        robot,
+        seed=seed,
+        folder=folder,
+        progress=lambda share, note: progress(_RECORDED * share, f"recorded: {note}"),
+    )
+    identified = _identified(robot, recordings, seed=seed, folder=folder, progress=progress)
+    progress(_IDENTIFIED, "recording the twin, compensated")
+    recordings |= record_all(
+        SECOND,
+        identified,
+        seed=seed,
+        folder=folder,
+        progress=lambda _, note: progress(_COMPENSATED, note),
+    )
+    return Bench(robot=robot, identified=identified, recordings=recordings, seed=seed, folder=folder)
+
+
+def _identified(
+    robot: Robot, recordings: dict[str, Logs], *, seed: int, folder: Path, progress: Progress
+) -> Robot:
+    """Return the robot with the friction that two recordings tell, from the folder where it was found before."""
+    logs = [recordings[name]["log"].without_truth() for name in _FITTED]
+    path = folder / f"friction-{_stamp(logs, seed)}.toml"
+    if path.exists():
+        return read_robot(path)
+
+    def tell(now: Identifying) -> None:
+        progress(_RECORDED + (_IDENTIFIED - _RECORDED) * now.share, f"identifying: {now.stage}")
+
+    found = identify(robot, logs, seed=seed, progress=tell)
+    write_robot(found.robot, path)
+    return read_robot(path)
+
+
+def _stamp(logs: Sequence[Log], seed: int) -> str:
+    digest = hashlib.sha256(f"{sources_of('mechanics', 'identification')} {seed}".encode())
+    for log in logs:
+        for name in log:
+            digest.update(log[name].tobytes())
+    return digest.hexdigest()[:12]

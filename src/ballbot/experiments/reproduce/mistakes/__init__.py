@@ -1,0 +1,34 @@
+"""The thesis's misprints and mistakes (design section 10), each with the number that shows it, computed.
+
+algebra.py      printed equations that cannot be: 1 to 3, 10
+mechanics.py    physics of the model: 4 to 8
+numbers.py      limits, parameters and error measures: 9, 11, 12, 15
+conclusions.py  what is read from residuals, and the gain away from psi = 0: 13, 14
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ballbot.experiments.reproduce.bench import Bench
+from ballbot.experiments.reproduce.item import Mistake
+from ballbot.experiments.reproduce.mistakes import algebra, conclusions, mechanics, numbers
+
+#: in the order of the list
+MISTAKES: tuple[Callable[[Bench], Mistake], ...] = (
+    algebra.rotation_about_y,
+    algebra.velocity_over_ground,
+    algebra.derivative_of_angles,
+    mechanics.rates_of_angles,
+    mechanics.inertia_counted_twice,
+    mechanics.no_counter_torque,
+    mechanics.rotors_left_out,
+    mechanics.friction_on_absolute_spin,
+    numbers.speed_clamp_printed,
+    algebra.seam_curve,
+    numbers.ball_inertia,
+    numbers.rounded_constants,
+    conclusions.residual_pairs,
+    conclusions.gain_at_other_headings,
+    numbers.error_over_count,
+)

@@ -1,0 +1,187 @@
+"""What is recorded on the nominal twin, and kept in a folder: a run that was stopped goes on where it was.
+
+Two rounds: what friction is identified from and validated on, and then, with that friction, the comparison of
+compensations. Each recording is a function of the robot and the seed, so that it can be made in a process of its own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+import ballbot
+from ballbot.control.controller import Compensation
+from ballbot.control.nominal import nominal_controller
+from ballbot.control.references import Reference, change_pose, figure_eight, square
+from ballbot.files import write_bytes
+from ballbot.log import Log
+from ballbot.robot import Robot
+from ballbot.simulation.run import simulate
+from ballbot.twin import Scenario, Twin
+from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import record_bench
+
+Logs = dict[str, Log]
+#: called with the share that is done and what was done last
+Progress = Callable[[float, str], None]
+
+#: the thesis's change of reference: from the origin to [1 m, -1 m, pi] at t = 3 s, in a step
+CHANGE: Reference = change_pose(x=1.0, y=-1.0, psi=float(np.pi), at=3.0, ramp=0.0)
+#: the packages that a recording depends on
+_MADE_BY = ("robot", "mechanics", "log", "control", "estimation", "simulation", "twin")
+#: when the robot has arrived there, whatever the compensation [s]
+ARRIVED = 15.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """Something to record."""
+
+    name: str
+    make: Callable[[Robot, int], Logs]  #: of the robot, whose friction is compensated, and the seed
+    seconds: float  #: of the twin's time; about how long it takes beside the others
+
+
+def driveline_sweep(robot: Robot, seed: int) -> Logs:
+    """Record two periods of the thesis's sweep, the wheels in the air."""
+    run = record_bench(robot, Scenario.nominal(robot), "driveline_sweep", duration=125.66, seed=seed)
+    return {"log": run.logs["log"]}
+
+
+def fit_square(robot: Robot, seed: int) -> Logs:
+    """Record the first of two logs that friction is identified from."""
+    return {"log": _balance(robot, square(), duration=48.0, seed=seed)}
+
+
+def fit_eight(robot: Robot, seed: int) -> Logs:
+    """Record the second."""
+    return {"log": _balance(robot, figure_eight(), duration=48.0, seed=seed + 1)}
+
+
+def held_out(robot: Robot, seed: int) -> Logs:
+    """Record what the models are validated on: a place and a heading other than zero (section 4.1)."""
+    return {"log": _balance(robot, CHANGE, duration=48.0, seed=seed + 2)}
+
+
+def drifting(robot: Robot, seed: int) -> Logs:
+    """Record three minutes around a square, filmed by motion capture (Appendix IV)."""
+    log = _balance(robot, square(), duration=180.0, seed=seed)
+    film = MotionCapture.drawn(seed).film(log.truth(), ball_radius=robot.ball.radius)
+    return {"log": log, "film": film}
+
+
+def without_compensation(robot: Robot, seed: int) -> Logs:
+    """Record the change of reference (Figure 5.7), green there."""
+    return {"log": _balance(robot, CHANGE, duration=40.0, seed=seed + 3)}
+
+
+def with_compensation(robot: Robot, seed: int) -> Logs:
+    """Record the same with full compensation of the robot's friction, blue there."""
+    return {"log": _balance(robot, CHANGE, duration=40.0, seed=seed + 3, compensation="full")}
+
+
+def upside_down(robot: Robot, seed: int) -> Logs:
+    """Record the ball on the wheels of the robot held upside down (Appendix V)."""
+    return dict(record_bench(robot, Scenario.nominal(robot), "upside_down", duration=8.0, seed=seed).logs)
+
+
+FIRST = (
+    Recording(name="drifting", make=drifting, seconds=180.0),
+    Recording(name="fit_square", make=fit_square, seconds=48.0),
+    Recording(name="fit_eight", make=fit_eight, seconds=48.0),
+    Recording(name="held_out", make=held_out, seconds=48.0),
+    Recording(name="without_compensation", make=without_compensation, seconds=40.0),
+    Recording(name="driveline_sweep", make=driveline_sweep, seconds=40.0),
+    Recording(name="upside_down", make=upside_down, seconds=8.0),
+)
+SECOND = (Recording(name="with_compensation", make=with_compensation, seconds=40.0),)
+
+
+def record_all(
+    recordings: tuple[Recording, ...], robot: Robot, *, seed: int, folder: Path, progress: Progress
+) -> dict[str, Logs]:
+    """Return the logs of each recording by name, from the folder where it has them, else made on all cores.
+
+    Parameters
+    ----------
+    recordings : tuple of Recording
+    robot : Robot
+        Its friction is what is compensated.
+    seed : int
+    folder : Path
+        Where logs are kept.
+    progress : callable
+        Told the share of all that is done.
+    """
+    found = {
+        one.name: logs for one in recordings if (logs := _read(_path(folder, one, robot, seed))) is not None
+    }
+    missing = [one for one in recordings if one.name not in found]
+    total = sum(one.seconds for one in recordings)
+    done = sum(one.seconds for one in recordings if one.name in found)
+    if missing:
+        workers = min(os.cpu_count() or 1, len(missing))
+        # spawned: a fork of a process with threads may hang
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            made = {pool.submit(one.make, robot, seed): one for one in missing}
+            try:
+                for future in as_completed(made):
+                    one = made[future]
+                    found[one.name] = future.result()
+                    _write(_path(folder, one, robot, seed), found[one.name])
+                    done += one.seconds
+                    progress(done / total, one.name.replace("_", " "))
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return found
+
+
+def _balance(
+    robot: Robot, reference: Reference, *, duration: float, seed: int, compensation: Compensation = "none"
+) -> Log:
+    controller = nominal_controller(robot, compensation=compensation)
+    return simulate(Twin(robot, Scenario.nominal(robot)), controller, reference, duration=duration, seed=seed)
+
+
+def _path(folder: Path, one: Recording, robot: Robot, seed: int) -> Path:
+    """Return the file of a recording; another seed, friction or version of the code has another name."""
+    stamp = hashlib.sha256(f"{sources_of(*_MADE_BY)} {seed} {robot.friction}".encode()).hexdigest()[:12]
+    return folder / f"{one.name}-{stamp}.npz"
+
+
+@cache
+def sources_of(*packages: str) -> str:
+    """Return a digest of the code of some packages, so that what older code made is not taken for theirs."""
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for package in packages:
+        for path in sorted((Path(ballbot.__file__).parent / package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _write(path: Path, logs: Mapping[str, Log]) -> None:
+    buffer = io.BytesIO()
+    columns = {f"{name}/{column}": log[column] for name, log in logs.items() for column in log}
+    np.savez(buffer, **columns)  # pyright: ignore[reportArgumentType]
+    write_bytes(path, buffer.getvalue())
+
+
+def _read(path: Path) -> Logs | None:
+    if not path.exists():
+        return None
+    with np.load(path) as kept:
+        names = dict.fromkeys(key.partition("/")[0] for key in kept)
+        return {
+            name: Log({key.partition("/")[2]: kept[key] for key in kept if key.startswith(f"{name}/")})
+            for name in names
+        }

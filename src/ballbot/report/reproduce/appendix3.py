@@ -1,0 +1,13 @@
+"""Figure III.1, in numbers: the swing and the pendulum fitted to it."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from ballbot.experiments.reproduce.bench import Bench
+from ballbot.report.swing_figure import swing_figure
+
+
+def figure_iii_1(bench: Bench) -> Figure:
+    """Return the filmed swing, the fitted pendulum and their difference."""
+    return swing_figure(bench.swing)

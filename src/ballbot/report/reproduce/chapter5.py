@@ -1,0 +1,151 @@
+"""Figures 5.1 to 5.8."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure
+
+from ballbot.experiments.metrics import position_error
+from ballbot.experiments.reproduce.bench import Bench
+from ballbot.experiments.reproduce.recordings import ARRIVED
+from ballbot.log import Log
+from ballbot.report.comparison_figures import RUN_LINES
+from ballbot.report.reproduce.blocks import Arrow, Block, Diagram, blocks_figure
+from ballbot.report.reproduce.lines import Shown, paths_figure, states_figure
+from ballbot.report.style import INK, SHADE, WITH_FRICTION, WITHOUT_FRICTION, Line, thinned
+
+_LINEAR: Line = {"color": INK, "linestyle": "-", "linewidth": 1.8}
+_NONE, _FULL, _PARTIAL = (RUN_LINES[kind] for kind in ("none", "full", "partial"))
+#: what is shown of the wheels' speeds [s]
+_FIRST, _LAST = 2.5, 8.0
+
+
+def figure_5_1(bench: Bench) -> Figure:
+    """Return states of the linear model and of the nonlinear one with and without friction."""
+    runs = bench.changes
+    shown = [
+        Shown(label="linear", log=runs["linear"], line=_LINEAR),
+        Shown(label="nonlinear, no friction", log=runs["basic"], line=WITHOUT_FRICTION),
+        Shown(label="nonlinear, friction", log=runs["none"], line=WITH_FRICTION),
+    ]
+    return states_figure(shown, ("x", "y", "theta", "phi", "psi", "psi_dot"), start=0.0, end=20.0)
+
+
+def figure_5_2(bench: Bench) -> Figure:  # noqa: ARG001
+    """Return the block diagram of model-based compensation."""
+    return blocks_figure(
+        Diagram(
+            size=(7.4, 2.5),
+            blocks=(
+                Block(text="$r - x$", at=(0.10, 0.70), size=(0.10, 0.20)),
+                Block(text="$S(\\psi)$\nheading frame", at=(0.28, 0.70), size=(0.16, 0.24)),
+                Block(text="LQR\n$K$", at=(0.45, 0.70), size=(0.10, 0.24)),
+                Block(text="$+$", at=(0.58, 0.70), size=(0.06, 0.20)),
+                Block(text="torque\nlimit", at=(0.70, 0.70), size=(0.10, 0.24)),
+                Block(text="robot", at=(0.87, 0.70), size=(0.13, 0.24)),
+                Block(text="wheel speeds\n(3.9)", at=(0.80, 0.22), size=(0.17, 0.24)),
+                Block(text="friction model\n(3.7), (3.8)", at=(0.58, 0.22), size=(0.17, 0.24)),
+            ),
+            arrows=(
+                Arrow(path=((0.0, 0.70), (0.05, 0.70)), label="$r$"),
+                Arrow(path=((0.15, 0.70), (0.20, 0.70))),
+                Arrow(path=((0.36, 0.70), (0.40, 0.70))),
+                Arrow(path=((0.50, 0.70), (0.55, 0.70))),
+                Arrow(path=((0.61, 0.70), (0.65, 0.70)), label="$u$"),
+                Arrow(path=((0.75, 0.70), (0.805, 0.70))),
+                Arrow(path=((0.935, 0.70), (0.98, 0.70), (0.98, 0.22), (0.885, 0.22)), label="$x$"),
+                Arrow(path=((0.715, 0.22), (0.665, 0.22))),
+                Arrow(path=((0.58, 0.34), (0.58, 0.60))),
+                Arrow(path=((0.98, 0.22), (0.98, 0.05), (0.10, 0.05), (0.10, 0.60))),
+            ),
+        )
+    )
+
+
+def figure_5_3(bench: Bench) -> Figure:
+    """Return the position of the linear model and of the nonlinear one with and without compensation."""
+    runs = bench.changes
+    shown = [
+        Shown(label="linear", log=runs["linear"], line=_LINEAR),
+        Shown(label="friction, no compensation", log=runs["none"], line=_NONE),
+        Shown(label="friction, compensation", log=runs["full"], line=_FULL),
+    ]
+    return states_figure(shown, ("x", "y"), start=0.0, end=30.0)
+
+
+def figure_5_4(bench: Bench) -> Figure:
+    """Return the position of the linear model and with full and partial compensation."""
+    runs = bench.changes
+    shown = [
+        Shown(label="linear", log=runs["linear"], line=_LINEAR),
+        Shown(label="full compensation", log=runs["full"], line=_FULL),
+        Shown(label="partial compensation", log=runs["partial"], line=_PARTIAL),
+    ]
+    return states_figure(shown, ("x", "y"), start=0.0, end=20.0)
+
+
+def figure_5_5(bench: Bench) -> Figure:
+    """Return the wheels' speeds with full and partial compensation."""
+    figure = Figure(figsize=(7.4, 4.4), layout="constrained")
+    count = bench.robot.wheel_count
+    panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    for wheel, axes in enumerate(panels):
+        for kind, label, line in (
+            ("full", "full compensation", _FULL),
+            ("partial", "partial compensation", _PARTIAL),
+        ):
+            log = bench.changes[kind]
+            rows = (log.t >= _FIRST) & (log.t <= _LAST)
+            axes.plot(*thinned(log.t[rows], log.wheel_speeds[rows, wheel]), label=label, **line)
+        axes.set_ylabel(f"wheel {wheel + 1} [rad/s]")
+        axes.set_xlim(_FIRST, _LAST)
+    panels[-1].set_xlabel("time [s]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2)
+    return figure
+
+
+def figure_5_6(bench: Bench) -> Figure:
+    """Return the models' paths with and without compensation."""
+    runs = {kind: bench.changes[kind] for kind in ("none", "full")}
+    return paths_figure(_compared(runs["none"], runs["full"]), ball_radius=bench.robot.ball.radius, goal=True)
+
+
+def figure_5_7(bench: Bench) -> Figure:
+    """Return the twin's paths with and without compensation."""
+    logs = (bench.recordings[name]["log"] for name in ("without_compensation", "with_compensation"))
+    return paths_figure(_compared(*logs), ball_radius=bench.robot.ball.radius, goal=True)
+
+
+def figure_5_8(bench: Bench) -> Figure:
+    """Return the twin's distance from the reference over time, and the reference."""
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    names = {"without_compensation": ("no compensation", _NONE), "with_compensation": ("compensation", _FULL)}
+    logs = {name: bench.recordings[name]["log"] for name in names}
+    longest = max(logs.values(), key=len)
+    upper.axvspan(ARRIVED, float(longest.t[-1]), color=SHADE, label="arrived: the peak is taken here")
+    for name, (label, line) in names.items():
+        upper.plot(*thinned(logs[name].t, position_error(logs[name])), label=label, **line)
+    upper.set_ylabel("distance from the\nreference [m]")
+    upper.set_ylim(bottom=0.0)
+    figure.legend(loc="outside upper center", ncols=3)
+    for name, symbol, dash in (("x", "$x$ [m]", "-"), ("y", "$y$ [m]", "--"), ("psi", r"$\psi$ [rad]", "-.")):
+        lower.plot(
+            *thinned(longest.t, longest[f"ref_{name}"]),
+            color=INK,
+            linestyle=dash,
+            linewidth=1.2,
+            label=symbol,
+        )
+    lower.set(xlabel="time [s]", ylabel="reference")
+    lower.set_ylim(-1.8, 6.5)
+    lower.legend(loc="upper right", ncols=3)
+    upper.margins(x=0.01)
+    return figure
+
+
+def _compared(none: Log, full: Log) -> list[Shown]:
+    return [
+        Shown(label="no compensation", log=none, line=_NONE),
+        Shown(label="compensation", log=full, line=_FULL),
+    ]

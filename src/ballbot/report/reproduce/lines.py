@@ -1,0 +1,88 @@
+"""Curves that several chapters draw: states over time of some runs, and their paths over the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from ballbot.experiments.metrics import true_place
+from ballbot.log import Log
+from ballbot.report.style import INK, MUTED, REFERENCE, STATE_SYMBOLS, STATE_UNITS, Line, thinned
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """A run as it is drawn."""
+
+    label: str
+    log: Log
+    line: Line
+
+
+def states_figure(
+    runs: Sequence[Shown], states: Sequence[str], *, start: float, end: float, columns: int = 2
+) -> Figure:
+    """Return states over time from `start` to `end` [s], a panel each, with the reference where there is one."""
+    rows = -(-len(states) // columns)
+    figure = Figure(figsize=(7.4, 0.5 + 1.45 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    for axes, name in zip(panels, states, strict=False):
+        _reference(axes, runs[0].log, name, start, end)
+        for run in runs:
+            rows_shown = (run.log.t >= start) & (run.log.t <= end)
+            axes.plot(*thinned(run.log.t[rows_shown], run.log[name][rows_shown]), label=run.label, **run.line)
+        axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
+        axes.set_xlim(start, end)
+    for axes in panels[len(states) :]:
+        axes.set_visible(False)
+    # the lowest panel of each column has the axis, also where the last row is short
+    for column in range(columns):
+        last = max(index for index in range(len(states)) if index % columns == column)
+        panels[last].set_xlabel("time [s]")
+        panels[last].tick_params(labelbottom=True)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    return figure
+
+
+def paths_figure(runs: Sequence[Shown], *, ball_radius: float, goal: bool) -> Figure:
+    """Return paths over the floor, with the ball for size; and the reference's two places and the way between."""
+    figure = Figure(figsize=(4.6, 4.2), layout="constrained")
+    axes = figure.subplots()
+    place = runs[0].log
+    if goal:
+        ends = [0, -1]
+        axes.plot(
+            place["ref_x"][ends],
+            place["ref_y"][ends],
+            label="reference",
+            marker="s",
+            markersize=4,
+            **REFERENCE,
+        )
+    for run in runs:
+        truth = true_place(run.log)
+        axes.plot(*thinned(truth["x"], truth["y"]), label=run.label, **run.line)
+    where = (float(place["ref_x"][-1]), float(place["ref_y"][-1]))
+    axes.add_patch(
+        Circle(where, ball_radius, facecolor="none", edgecolor=MUTED, linewidth=0.9, linestyle=(0, (4, 2)))
+    )
+    below = (where[0], where[1] - ball_radius)
+    axes.annotate(
+        "the ball", below, (0, -3), textcoords="offset points", ha="center", va="top", fontsize=7.5, color=INK
+    )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+def _reference(axes: Axes, log: Log, name: str, start: float, end: float) -> None:
+    column = f"ref_{name}"
+    if column in log:
+        rows = (log.t >= start) & (log.t <= end)
+        axes.plot(*thinned(log.t[rows], log[column][rows]), label="reference", **REFERENCE)

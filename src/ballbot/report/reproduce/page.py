@@ -1,0 +1,106 @@
+"""The pages of the thesis remade: index.html, the figures beside it, and what results.json holds."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from ballbot.experiments.reproduce import Check, Item, Mistake, Reproduction
+from ballbot.files import write_text
+from ballbot.report.json_text import as_json
+from ballbot.report.page import render
+from ballbot.report.provenance import Provenance
+from ballbot.report.reproduce.drawings import DRAWINGS
+from ballbot.report.reproduce.markdown import reproduction_markdown
+from ballbot.report.style import drawn
+from ballbot.report.tables import with_symbols
+
+#: the verdicts in the order of the summary
+_VERDICTS = ("agrees", "agrees in part", "does not agree", "drawn")
+
+
+def write_reproduction(
+    made: Reproduction, folder: Path, *, provenance: Provenance, progress: Callable[[float, str], None]
+) -> Path:
+    """Write figures/*.svg, results.json, reproduce.md and index.html into a folder and return the index's path.
+
+    Parameters
+    ----------
+    made : Reproduction
+    folder : Path
+    provenance : Provenance
+    progress : callable
+        Told the share of the figures that is drawn, and which is next.
+    """
+    shown = [item for item in made.items if item.key in DRAWINGS]
+    for done, item in enumerate(shown):
+        progress(done / len(shown), f"drawing {item.name}")
+        svg = drawn(partial(DRAWINGS[item.key], made.bench), name=item.key.replace("_", "-"))
+        # a file of its own is as wide as an attribute says; a style counts within a page only
+        svg = re.sub(r' style="width:(\d+pt)"', r' width="\1"', svg, count=1)
+        write_text(folder / "figures" / f"{item.key}.svg", svg)
+    results = reproduction_results(made) | {"provenance": provenance.to_dict()}
+    write_text(folder / "results.json", as_json(results))
+    write_text(folder / "reproduce.md", reproduction_markdown(made))
+    index = folder / "index.html"
+    write_text(index, reproduction_page(made, provenance))
+    return index
+
+
+def reproduction_page(made: Reproduction, provenance: Provenance) -> str:
+    """Return the page."""
+    counts = Counter(item.verdict for item in made.items)
+    values: dict[str, object] = {
+        "title": "The thesis remade",
+        "counts": [(verdict, counts[verdict]) for verdict in _VERDICTS if counts[verdict]],
+        "items": made.items,
+        "drawn_items": {item.key for item in made.items if item.key in DRAWINGS},
+        "mistakes": made.mistakes,
+        "proven": sum(mistake.proven for mistake in made.mistakes),
+        "words": with_symbols,
+        "made": provenance,
+    }
+    return render("reproduce", values)
+
+
+def reproduction_results(made: Reproduction) -> dict[str, object]:
+    """Return what results.json holds."""
+    friction = made.bench.identified.friction
+    return {
+        "seed": made.bench.seed,
+        "friction_identified": asdict(friction),
+        "items": [_item(item) for item in made.items],
+        "mistakes": [_mistake(mistake) for mistake in made.mistakes],
+    }
+
+
+def _item(item: Item) -> dict[str, object]:
+    return {
+        "name": item.name,
+        "title": item.title,
+        "thesis": item.thesis,
+        "ours": item.ours,
+        "verdict": item.verdict,
+        "checks": [_check(check) for check in item.checks],
+        "table": None if item.table is None else [item.table.headings, *item.table.rows],
+        "figure": f"figures/{item.key}.svg" if item.key in DRAWINGS else None,
+    }
+
+
+def _mistake(mistake: Mistake) -> dict[str, object]:
+    return {
+        "number": mistake.number,
+        "where": mistake.where,
+        "thesis": mistake.thesis,
+        "right": mistake.right,
+        "proven": mistake.proven,
+        "shown_by": [_check(check) for check in mistake.shown_by],
+    }
+
+
+def _check(check: Check) -> dict[str, object]:
+    return {**asdict(check), "agrees": check.agrees}

@@ -1,0 +1,140 @@
+"""The view made better by the seam itself: place, size and distance under which all frames fit their curve best.
+
+    minimise over the view g and each frame's turn d_k    sum_k sum_j w (r - d_k . (q x n) + n . R_k^T (dp/dg) g)^2
+                                                          + (g - g_outline)^T P (g - g_outline) s^2
+
+r, q x n and the rest are means over each short piece j of the seam, in which the seam's width cancels: point by
+point, a view that makes the seam narrower would seem to fit better.
+The d_k are eliminated frame by frame (Schur's complement). How far a frame's pull on g scatters tells s^2, the
+weight of the outline against the seam, and how sure g is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.vision.ball_pixels import BallPixels, ball_pixels, moved, seam_finder
+from ballbot.vision.colour import SeamColour
+from ballbot.vision.fit import crossed, fit_rotation, matched
+from ballbot.vision.sphere_table import SeamTable
+from ballbot.vision.view import View
+
+#: how well an outline tells the view: x, y as shares of the radius, ln radius, and closeness where nobody told it
+_OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
+#: and how well a circle that was given
+_GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
+#: a distance that was given is right to this share
+_GIVEN = 0.01
+#: closeness stays within these: from a telephoto lens afar to one that all but touches
+_CLOSENESS = (0.004, 0.6)
+_ROUNDS = 6
+#: cells along a diameter of the ball, that cut its seam into short pieces
+_CELLS = 16
+_REACHES = (0.14, 0.12, 0.12)
+_REACH = 0.12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibration:
+    """A view and how sure it is."""
+
+    view: View
+    errors: NDArray[np.float64]  #: (4,) standard errors of x, y [pixels], ln radius and closeness
+
+
+def calibrate(
+    view: View,
+    frames: Sequence[NDArray[np.uint8]],
+    orientations: Sequence[NDArray[np.float64]],
+    *,
+    table: SeamTable,
+    colour: SeamColour,
+    found: bool,
+    distance: float | None,
+) -> Calibration:
+    """Return the view under which frames fit the seam best.
+
+    Parameters
+    ----------
+    view : View
+        By the outline.
+    frames : sequence of ndarray (height, width, 3) uint8
+        Tracked ones, of many orientations.
+    orientations : sequence of ndarray (3, 3)
+        Theirs, ball frame to camera frame.
+    table : SeamTable
+    colour : SeamColour
+    found : bool
+        That the outline was found in the picture; one that is given by hand is less sure.
+    distance : float, optional
+        D, where it is known [ball radii].
+    """
+    size = (frames[0].shape[1], frames[0].shape[0])
+    spread = (_OUTLINE if found else _GIVEN_CIRCLE) * np.array([view.radius, view.radius, 1.0, 1.0])
+    if distance is not None:
+        spread[3] = _GIVEN * view.closeness
+    rotations = list(orientations)
+    change = np.zeros(4)
+    covariance = np.diag(spread**2)
+    for _ in range(_ROUNDS):
+        pixels = ball_pixels(view, size)
+        parts = [_pull(pixels, colour, table, frame, R) for frame, R in zip(frames, rotations, strict=True)]
+        rotations = [part[2] for part in parts]
+        S, pulls = np.sum([part[0] for part in parts], axis=0), np.array([part[1] for part in parts])
+        scale = _scatter(S, pulls - pulls.mean(axis=0))
+        prior = np.diag(1.0 / spread**2)
+        covariance = np.linalg.inv(S / scale + prior)
+        step = -covariance @ (pulls.sum(axis=0) / scale + prior @ change)
+        before = view
+        view = _within(moved(view, step))
+        change = change + np.array([view.x - before.x, view.y - before.y, np.log(view.radius / before.radius),
+                                    view.closeness - before.closeness])  # fmt: skip
+        if np.all(np.abs(step) < 0.02 * np.sqrt(np.diag(covariance))):
+            break
+    return Calibration(view=view, errors=np.sqrt(np.diag(covariance)))
+
+
+def _pull(
+    pixels: BallPixels, colour: SeamColour, table: SeamTable, frame: NDArray[np.uint8], R: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return a frame's information (4, 4) and gradient (4,) on the view, its turn eliminated, and its orientation."""
+    seen, _ = seam_finder(pixels, colour).find(frame)
+    fit = fit_rotation(table, seen, R, reaches=_REACHES)
+    r, n, q, w = matched(table, seen, fit.R, _REACH)
+    by_view = np.einsum("kgi,ki->kg", pixels.by_view[seen.places], n @ fit.R.T.astype(np.float32))
+    table_of = np.column_stack([-crossed(q, n), by_view, r]).astype(np.float64)
+    piece = _pieces((q - r[:, None] * n).astype(np.float32))
+    weight = np.bincount(piece, weights=w)
+    means = np.column_stack([np.bincount(piece, weights=w * column) for column in table_of.T])
+    means /= np.maximum(weight, 1e-12)[:, None]
+    J, r_mean = means[:, :7], means[:, 7]
+    weighted = J * weight[:, None]
+    normal, right = weighted.T @ J, weighted.T @ r_mean
+    turn = normal[:3, :3] + 1e-6 * np.trace(normal[:3, :3]) * np.eye(3)
+    across = np.linalg.solve(turn, np.column_stack([normal[:3, 3:], right[:3]]))
+    S = normal[3:, 3:] - normal[3:, :3] @ across[:, :4]
+    return S, right[3:] - normal[3:, :3] @ across[:, 4], fit.R
+
+
+def _pieces(feet: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Return the number of the piece of the seam that each foot (k, 3) is on."""
+    cell = ((feet + np.float32(1.0)) * np.float32(0.5 * _CELLS)).astype(np.int64)
+    return np.unique((cell[:, 0] * 2 * _CELLS + cell[:, 1]) * 2 * _CELLS + cell[:, 2], return_inverse=True)[1]
+
+
+def _scatter(S: NDArray[np.float64], pulls: NDArray[np.float64]) -> float:
+    """Return s^2 with which the frames' pulls (k, 4) scatter as s^2 S / k."""
+    size = np.sqrt(np.maximum(np.diag(S), 1e-12))
+    white = np.linalg.pinv(S / np.outer(size, size), rcond=1e-6)
+    scaled = pulls / size
+    return max(float(np.einsum("ki,ij,kj->", scaled, white, scaled)) / 4.0, 1e-12)
+
+
+def _within(view: View) -> View:
+    low, high = _CLOSENESS
+    bounded = min(max(view.closeness, low), high)
+    return moved(view, np.array([0.0, 0.0, 0.0, bounded - view.closeness]))

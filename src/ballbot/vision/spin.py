@@ -1,0 +1,164 @@
+"""The ball's angular velocity from a video of its seam, as in the thesis's Appendix V.
+
+Camera frame: x to the right of the picture, y down, z away from the camera. The camera looks down on the robot that
+lies upside down, so that its z is the robot's own z, which points from the ball to the body. Robot and camera
+differ by a turn about z: `forward` is the angle of the robot's x in the picture, from its right, clockwise (and by
+the camera's tilt).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.vision.ball_pixels import ball_pixels, seam_finder
+from ballbot.vision.calibrate import Calibration
+from ballbot.vision.colour import SeamColour, learn_colour
+from ballbot.vision.first_seconds import calibrated_view
+from ballbot.vision.localise import make_judge
+from ballbot.vision.outline import find_outline, view_of_circle
+from ballbot.vision.seams import Seam, thesis_seam
+from ballbot.vision.sphere_table import seam_table
+from ballbot.vision.track import Track, follow
+from ballbot.vision.velocity import Velocity, angular_velocity
+from ballbot.vision.video import Video, frame_times
+from ballbot.vision.view import View, check_distance
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What is known of the recording; what is None is found."""
+
+    seam: Seam | None = None  #: the thesis's where None
+    colour: tuple[int, int, int] | None = None  #: the seam's, red green blue
+    circle: tuple[float, float, float] | None = None  #: x, y, radius of the ball's outline [pixels]
+    distance: float | None = None  #: from the lens to the ball's centre [ball radii]
+    known_rate: bool = False  #: that the video's frame rate is the camera's, whatever times the file states
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spin:
+    """What a video tells of its ball."""
+
+    video: Video
+    seam: Seam
+    colour: SeamColour
+    calibration: Calibration
+    calibrated: bool  #: whether the seam told of the view, or the outline alone
+    t: NDArray[np.float64]  #: (n,) of the frames [s]
+    track: Track
+    velocity: Velocity  #: camera frame
+    robot_camera: Rotation  #: camera frame to robot frame, by which `log` is turned
+
+    @property
+    def view(self) -> View:
+        """How the camera saw the ball."""
+        return self.calibration.view
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """At which frames (n,) there is a velocity."""
+        return np.isfinite(self.velocity.omega[:, 0])
+
+    @property
+    def omega(self) -> NDArray[np.float64]:
+        """The angular velocity (n, 3) [rad/s], robot frame; NaN where it is not known."""
+        return self.velocity.omega @ self.robot_camera.as_matrix().T
+
+    @property
+    def errors(self) -> NDArray[np.float64]:
+        """The standard errors (n, 3) of `omega` [rad/s]."""
+        R = self.robot_camera.as_matrix()
+        return np.sqrt(np.einsum("ij,kjl,il->ki", R, self.velocity.covariance, R))
+
+    def log(self) -> Log:
+        """Return t, tracked (0 or 1), ball_omega_x .. z and their standard errors ball_omega_x_error .. z."""
+        columns = {"t": self.t, "tracked": self.track.tracked.astype(np.float64)}
+        for axis, name in enumerate("xyz"):
+            columns[f"ball_omega_{name}"] = self.omega[:, axis]
+        for axis, name in enumerate("xyz"):
+            columns[f"ball_omega_{name}_error"] = self.errors[:, axis]
+        return Log(columns)
+
+    def turned(self, robot_camera: Rotation) -> Spin:
+        """Return the same with another rotation, camera frame to robot frame."""
+        return replace(self, robot_camera=robot_camera)
+
+
+def facing(forward: float) -> Rotation:
+    """Return the rotation, camera frame to robot frame, of a robot whose x is at that angle in the picture [rad]."""
+    return Rotation.from_rotvec([0.0, 0.0, -forward])
+
+
+def measure_spin(
+    video: Video, setup: Setup = Setup(), *, progress: Callable[[float, str], None] | None = None
+) -> Spin:
+    """Return the angular velocity of the ball in a video, camera frame.
+
+    Parameters
+    ----------
+    video : Video
+        From `open_video`.
+    setup : Setup
+    progress : function, optional
+        Told what share is done, and what is being done.
+
+    Raises
+    ------
+    InputError
+        Where no ball or no seam is found, the circle or the distance cannot be, or the seam is not of that kind.
+    """
+    tell = progress or _silent
+    if setup.distance is not None:
+        check_distance(setup.distance)
+    seam = setup.seam or thesis_seam()
+    tell(0.0, "looking")
+    samples = video.samples()
+    view = find_outline(samples) if setup.circle is None else view_of_circle(setup.circle, video.size)
+    if setup.distance is not None:
+        view = replace(view, closeness=1.0 / setup.distance)
+    pixels = ball_pixels(view, video.size)
+    colour = learn_colour(
+        [pixels.box(frame) for frame in samples], pixels.inside, radius=view.radius, colour=setup.colour
+    )
+    table = seam_table(seam)
+    calibration = calibrated_view(
+        video, view, samples, colour=colour, seam=seam, table=table, found=setup.circle is None,
+        distance=setup.distance, progress=lambda share: tell(0.1 * share, "calibrating"),
+    )  # fmt: skip
+    calibrated = calibration is not None
+    if calibration is None:
+        calibration = Calibration(view=view, errors=np.full(4, np.nan))
+    pixels = ball_pixels(calibration.view, video.size)
+    stated: list[float] = []
+    track = follow(
+        _pictures(video, stated), seam_finder(pixels, colour), make_judge(seam, table, pixels),
+        progress=lambda count: tell(min(1.0, 0.1 + 0.9 * count / max(video.stated_frames, 1)), "tracking"),
+    )  # fmt: skip
+    if not track.tracked.any():
+        raise InputError(
+            f"{video.path}: the seam was seen but never fits the curve {seam.name!r}; is it of another kind (--seam), "
+            "or the circle not the ball's (--circle)?"
+        )
+    t = frame_times(np.array(stated), frame_rate=video.frame_rate, known=setup.known_rate)
+    return Spin(
+        video=video, seam=seam, colour=colour, calibration=calibration, calibrated=calibrated, t=t, track=track,
+        velocity=angular_velocity(t, track), robot_camera=facing(0.0),
+    )  # fmt: skip
+
+
+def _silent(_share: float, _doing: str) -> None:
+    """Tell nobody."""
+
+
+def _pictures(video: Video, stated: list[float]) -> Iterator[NDArray[np.uint8]]:
+    """Yield the pictures, and append their times."""
+    for t, frame in video.frames():
+        stated.append(t)
+        yield frame

@@ -1,0 +1,136 @@
+"""Frames of a video file and their times."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+
+#: containers round times to a millisecond [s]; times so near to even steps are even
+_ROUNDING = 1.1e-3
+#: frames looked at before tracking, and the time that they are taken from [s]
+_SAMPLES, _SAMPLED_TIME = 24, 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Video:
+    """A video file that opens and has frames."""
+
+    path: Path
+    size: tuple[int, int]  #: width and height [pixels]
+    frame_rate: float  #: [Hz]
+    stated_frames: int  #: as the file's head says, for progress; 0 where it does not
+
+    def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+        """Yield the time by the file [s] and the picture (height, width, 3), blue green red, of each frame."""
+        capture = cv2.VideoCapture(str(self.path))
+        try:
+            while True:
+                whole, frame = capture.read()
+                if not whole:
+                    return
+                yield capture.get(cv2.CAP_PROP_POS_MSEC) * 1e-3, np.asarray(frame, np.uint8)
+        finally:
+            capture.release()
+
+    def samples(self) -> list[NDArray[np.uint8]]:
+        """Return some frames of the first seconds, spread evenly.
+
+        Raises
+        ------
+        InputError
+            Where the video has one frame only.
+        """
+        wanted = max(2, round(_SAMPLED_TIME * self.frame_rate))
+        if self.stated_frames:
+            wanted = min(wanted, self.stated_frames)
+        step = max(1, wanted // _SAMPLES)
+        kept, count = [], 0
+        for _, frame in self.frames():
+            if count % step == 0:
+                kept.append(frame)
+            count += 1
+            if count >= wanted:
+                break
+        if count < 2:
+            raise InputError(f"{self.path} has one frame only; a velocity needs at least two.")
+        return kept
+
+
+def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
+    """Return a video after a look into it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any file that OpenCV reads.
+    frame_rate : float, optional
+        That of the camera [Hz], where the file says another, as slow motion does.
+
+    Raises
+    ------
+    InputError
+        Where there is no such file, or it is no video, or the rate is not positive.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"There is no file {path}.")
+    if frame_rate is not None and not frame_rate > 0.0:
+        raise InputError(
+            f"The frame rate is {frame_rate:g}; it must be a positive number of frames a second."
+        )
+    # what cannot be read is told in a sentence and not by the lines of OpenCV and FFmpeg, which says nothing below 0
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        capture = cv2.VideoCapture(str(path))
+        whole, frame = capture.read()
+        rate, stated = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        capture.release()
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if not whole:
+        raise InputError(
+            f"{path} is not a video that OpenCV can read; MP4, AVI, MOV and WebM files usually are."
+        )
+    rate = frame_rate or rate
+    if not rate > 0.0:
+        raise InputError(f"{path} does not say how many frames a second it has; give it as --frame-rate.")
+    return Video(
+        path=path,
+        size=(frame.shape[1], frame.shape[0]),
+        frame_rate=float(rate),
+        stated_frames=max(0, int(stated)),
+    )
+
+
+def frame_times(stated: NDArray[np.float64], *, frame_rate: float, known: bool) -> NDArray[np.float64]:
+    """Return the times (n,) of the frames [s] from those that the file states.
+
+    Even steps at the frame rate, where the file's times are no times, or where the rate is known from elsewhere;
+    even steps as well where the file's differ from such by a container's rounding only; the file's own times
+    otherwise.
+
+    Parameters
+    ----------
+    stated : ndarray (n,)
+        [s]
+    frame_rate : float
+        [Hz]
+    known : bool
+        That this rate is the camera's, whatever the file says.
+    """
+    k = np.arange(len(stated), dtype=np.float64)
+    if known or len(stated) < 2 or not np.all(np.diff(stated) > 0.0):
+        return k / frame_rate
+    slope, start = np.polyfit(k, stated, 1)
+    even = start + slope * k
+    return even - even[0] if np.abs(stated - even).max() < _ROUNDING else stated - stated[0]

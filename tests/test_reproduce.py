@@ -1,0 +1,231 @@
+"""The thesis remade: verdicts, the mistakes' numbers, recordings that are kept, the page. The whole is a command."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from ballbot.cli.main import main
+from ballbot.control.nominal import design_gain
+from ballbot.control.references import hold
+from ballbot.log import Log
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+
+pytest.importorskip("mujoco")
+pytest.importorskip("cv2")
+
+from ballbot.experiments.reproduce import (
+    Check,
+    Item,
+    Mistake,
+    Reproduction,
+    appendix1,
+    appendix3,
+    chapter2,
+    chapter5,
+)
+from ballbot.experiments.reproduce.bench import Bench, linear_run
+from ballbot.experiments.reproduce.mistakes import MISTAKES, algebra, conclusions, mechanics, numbers
+from ballbot.experiments.reproduce.recordings import Logs, Recording, record_all
+from ballbot.experiments.reproduce.registry import ITEMS
+from ballbot.report.provenance import provenance
+from ballbot.report.reproduce.drawings import DRAWINGS
+from ballbot.report.reproduce.page import write_reproduction
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """A bench without recordings: enough for what is of models and parameters alone."""
+    robot = Robot.load("alten")
+    return Bench(robot=robot, identified=robot, recordings={}, seed=0, folder=tmp_path_factory.mktemp("runs"))
+
+
+def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> Check:
+    return Check(claim="it is so", quantity="a number", value=value, unit="m", lowest=lowest, highest=highest)
+
+
+def item_of(*checks: Check) -> Item:
+    return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
+
+
+def test_all_that_the_issue_names_is_remade_in_the_thesis_order() -> None:
+    named = [
+        *("figure_2_1", "figure_3_1", "figure_3_2", "figure_3_4", "figure_3_5"),
+        *("figure_4_1", "table_4_1", "figure_4_2", "table_4_2", "figure_4_3"),
+        *(f"figure_5_{number}" for number in range(1, 9)),
+        *(
+            "figure_i_1",
+            "figure_iii_1",
+            *(f"figure_iv_{number}" for number in range(1, 5)),
+            "figure_v_1",
+            "figure_v_2",
+        ),
+    ]
+    assert [make.__name__ for make in ITEMS] == named
+    assert list(DRAWINGS) == [name for name in named if name.startswith("figure")]
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=6))
+def test_verdict_counts_what_agrees(agreeing: list[bool]) -> None:
+    item = item_of(*(check(value=1.0 if one else -1.0, lowest=0.0) for one in agreeing))
+    expected = {len(agreeing): "agrees", 0: "does not agree"}.get(sum(agreeing), "agrees in part")
+    assert item.verdict == expected
+    assert item.sentence.count("asked is at least 0 m") == agreeing.count(False)
+
+
+def test_what_is_no_number_never_agrees() -> None:
+    assert not check(value=math.nan).agrees
+    assert item_of().verdict == "drawn"
+    assert check(value=2.0, lowest=2.0, highest=2.0).agrees
+
+
+def test_appendix_i_comes_out(bench: Bench) -> None:
+    item = appendix1.figure_i_1(bench)
+    wall, limit = (one.value for one in item.checks)
+    # printed: 2.5 cm and 761.5 / 27.6 = 27.59 rad/s
+    assert wall == pytest.approx(2.5, abs=0.05)
+    assert limit == pytest.approx(761.5 / 27.6, abs=0.005)
+    assert item.verdict == "agrees"
+
+
+def test_appendix_iii_comes_out_of_a_filmed_swing(bench: Bench) -> None:
+    item = appendix3.figure_iii_1(bench)
+    assert item.verdict == "agrees"
+    # what 4.37 kg m^2 swings at, by hand: sqrt(17.076 * 9.81 * 0.393 / 4.37)
+    assert "3.8813 rad/s" in item.ours or "3.8814 rad/s" in item.ours
+    assert bench.swing.frequency == pytest.approx(3.88135, rel=1e-3)
+
+
+def test_mistakes_are_numbered_as_in_the_list() -> None:
+    assert len(MISTAKES) == 15
+
+
+@pytest.mark.parametrize(
+    ("make", "number", "place", "value"),
+    [
+        (algebra.rotation_about_y, 1, 0, 0.0),  # cos(2 * 45 degrees)
+        (algebra.velocity_over_ground, 2, 0, 1.0 / 0.063),
+        (algebra.derivative_of_angles, 3, 0, 0.0),
+        (mechanics.rates_of_angles, 4, 0, math.sqrt(2.0)),  # two unit vectors at right angles
+        (mechanics.inertia_counted_twice, 5, 0, 17.076 * 0.393**2),
+        (mechanics.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),  # docs/published_models.md
+        (mechanics.inertia_counted_twice, 5, 2, 5.2015 / 5.2676),
+        (mechanics.no_counter_torque, 6, 0, 0.173 / 0.11),
+        (mechanics.no_counter_torque, 6, 1, 9.5038 / 5.8293),
+        (mechanics.rotors_left_out, 7, 0, 27.6**2 * (2.42e-6 + 1.6e-7) / 1e-3),
+        (mechanics.friction_on_absolute_spin, 8, 2, 0.173 / 0.11),
+        (algebra.seam_curve, 10, 2, 0.0),
+        (numbers.ball_inertia, 11, 0, 2.0 / 3.0 * 3.0 * 0.11**2),
+    ],
+)
+def test_mistakes_are_shown_by_their_numbers(
+    bench: Bench, make: Callable[[Bench], Mistake], number: int, place: int, value: float
+) -> None:
+    mistake = make(bench)
+    assert mistake.number == number
+    assert mistake.proven
+    assert mistake.shown_by[place].value == pytest.approx(value, rel=1e-4, abs=1e-12)
+
+
+def test_clamp_of_the_thesis_winds_up(bench: Bench) -> None:
+    """x_2 is the integral of 1 N m sin(2 pi t / 62.83 s) over 1 g m^2: at most 2 * 62.83 / (2 pi * 1e-3) rad/s."""
+    mistake = numbers.speed_clamp_printed(bench)
+    assert mistake.proven
+    assert mistake.shown_by[1].value == pytest.approx(62.83 / (math.pi * 1e-3), rel=1e-3)
+    # the wheel is back at 27.7 rad/s just before the period's end: cos(2 pi t / T) = 1 - 27.7 * 2 pi * 1e-3 / T
+    angle = math.acos(1.0 - 27.7 * 2.0 * math.pi * 1e-3 / 62.83)
+    assert mistake.shown_by[2].value == pytest.approx(62.83 * (0.5 - angle / (2.0 * math.pi)), abs=0.05)
+
+
+def test_gain_of_one_heading_falls_where_the_turned_one_stands(bench: Bench) -> None:
+    mistake = conclusions.gain_at_other_headings(bench)
+    assert mistake.proven
+    last = mistake.shown_by[0].value
+    # beyond 90 degrees the unstable pair of a gain that is not turned feeds back the wrong way (design section 8)
+    assert 30.0 < last < 90.0
+
+
+def test_linear_run_is_the_closed_loop_solution() -> None:
+    """One sample after another, by the exponential of the whole loop's matrix, from SciPy."""
+    robot = Robot.load("alten")
+    gain, h = design_gain(robot).gain, robot.sensors.sample_time
+    log = linear_run(robot, gain, hold(x=0.3, y=-0.2), duration=10.0)
+    linear = Model(robot).linearize()
+    # x' = A x + B u, u' = 0 over a sample
+    whole = expm(h * np.block([[linear.A, linear.B], [np.zeros((3, 13))]]))
+    wanted = np.zeros(10)
+    wanted[:2] = (0.3, -0.2)
+    x = np.zeros(10)
+    for _ in range(len(log) - 1):
+        x = (whole @ np.concatenate([x, gain @ (wanted - x)]))[:10]
+    np.testing.assert_allclose(log.states[-1], x, atol=1e-9)
+    np.testing.assert_allclose(x[:2], wanted[:2], atol=5e-3)
+
+
+def counted(robot: Robot, seed: int) -> Logs:
+    """Record something small, and leave a mark that it was made."""
+    t = np.linspace(0.0, 1.0, 11)
+    mark = Path(str(robot.name))
+    mark.write_text(mark.read_text(encoding="utf-8") + "x" if mark.exists() else "x", encoding="utf-8")
+    return {"log": Log({"t": t, "theta": np.sin(seed + t)}), "film": Log({"t": t, "qw": t / 3.0})}
+
+
+def test_recordings_are_made_once_and_read_back_bit_for_bit(tmp_path: Path) -> None:
+    # the robot's name is where the recording counts itself, for it is made in another process
+    robot = Robot.load("alten").replace(name=str(tmp_path / "made"))
+    wanted = (Recording(name="small", make=counted, seconds=1.0),)
+    told: list[float] = []
+
+    def again(seed: int) -> Logs:
+        made = record_all(
+            wanted, robot, seed=seed, folder=tmp_path / "runs", progress=lambda share, _: told.append(share)
+        )
+        return made["small"]
+
+    first, second, other = again(3), again(3), again(4)
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xx"
+    assert told == [1.0, 1.0]
+    for name in ("log", "film"):
+        for column in first[name]:
+            np.testing.assert_array_equal(first[name][column], second[name][column])
+    assert not np.array_equal(first["log"]["theta"], other["log"]["theta"])
+
+
+def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
+    items = (chapter2.figure_2_1(bench), chapter5.figure_5_2(bench), appendix1.figure_i_1(bench))
+    items = (*items, replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"))
+    made = Reproduction(bench=bench, items=items, mistakes=(algebra.seam_curve(bench),))
+    index = write_reproduction(
+        made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=lambda *_: None
+    )
+    page = index.read_text(encoding="utf-8")
+    assert page.count("<img ") == 3
+    assert "&lt;b&gt;" in page
+    assert "Ours does not agree" in page
+    for name in ("figure_2_1", "figure_5_2", "figure_i_1"):
+        svg = (tmp_path / "figures" / f"{name}.svg").read_text(encoding="utf-8")
+        assert svg.startswith("<svg")
+        assert 'width="' in svg.split(">")[0]
+    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert [one["verdict"] for one in results["items"]] == ["drawn", "drawn", "agrees", "does not agree"]
+    assert results["mistakes"][0]["proven"] is True
+    assert "(V.4)" in (tmp_path / "reproduce.md").read_text(encoding="utf-8")
+
+
+def test_folder_that_is_a_file_is_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "file"
+    path.write_text("", encoding="utf-8")
+    assert main(["reproduce", "--out", str(path)]) == 2
+    assert "needs a folder" in capsys.readouterr().err
