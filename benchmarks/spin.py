@@ -154,8 +154,8 @@ def campaign() -> Section:
     return Section(
         title="The ball's velocity from video",
         before="Rendered videos of a minute, 60 frames a second, 240 x 180 pixels with a ball of 76 pixels radius but "
-        "for the last; the ball wanders about all three axes by sums of sines up to 1 Hz. Nothing is given but the kind "
-        "of seam: circle, colour and the camera's distance are found. The error is the rms length of the velocity's "
+        "for the last; the ball wanders about all three axes by sums of sines up to 1 Hz. Nothing is given but the "
+        "kind of seam: circle, colour and the camera's distance are found. The error is the rms length of the velocity's "
         "error in % of the peak, asked to be under 2 on the plain video and under 5 on the hard ones; beside it what "
         "the standard errors claim, and the share of components within two of them. The last column counts one core's "
         "time, finding and calibrating included.",

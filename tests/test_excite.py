@@ -12,6 +12,7 @@ from identification_examples import NOISE, Dying, balancing_log, noisy
 from ballbot import Controller, Log, Model, identify, simulate
 from ballbot.cli.main import main
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.reference_file import sampled
 from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.experiments.excite import Effort, Limits, design, deviations_found, task
@@ -20,7 +21,6 @@ from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import peaks_of
 from ballbot.experiments.excite.multisine import family
 from ballbot.experiments.excite.task import Law, run
-from ballbot.experiments.reference_file import sampled
 from ballbot.identification.checkpoint import open_checkpoint
 from ballbot.identification.spread import Threads
 from ballbot.log import STATE_NAMES

@@ -5,9 +5,9 @@ import pytest
 
 from ballbot import Log
 from ballbot.cli.main import main
+from ballbot.control.reference_file import read_reference, reference_of, reference_text, write_reference
 from ballbot.control.references import square
 from ballbot.errors import InputError
-from ballbot.experiments.reference_file import read_reference, reference_of, reference_text, write_reference
 
 
 def written(path):

@@ -11,13 +11,13 @@ from rich.console import Console
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.seeds import parse_seeds
+from ballbot.control.reference_file import is_file
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.course_file import PlantName, choose_courses
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results
-from ballbot.experiments.reference_file import is_file
 from ballbot.files import write_text
 from ballbot.identification.checkpoint import identity_of
 from ballbot.report.json_text import as_json

@@ -17,9 +17,9 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.reference_file import write_reference
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
-from ballbot.experiments.reference_file import write_reference
 from ballbot.files import write_text
 from ballbot.identification import read_bounds
 from ballbot.identification.checkpoint import digest, identity

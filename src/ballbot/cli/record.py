@@ -11,9 +11,9 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.reference_file import reference_of
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs
-from ballbot.experiments.reference_file import reference_of
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment

@@ -11,9 +11,9 @@ from rich.text import Text
 from ballbot.cli.output import table
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.reference_file import is_file, reference_of
 from ballbot.experiments.limits.reference_margins import ReferenceMargins, check_reference
 from ballbot.experiments.limits.reference_words import HEADINGS, margin_results, rows, verdict
-from ballbot.experiments.reference_file import is_file, reference_of
 from ballbot.log import Log
 from ballbot.robot import Robot
 

@@ -12,8 +12,8 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
+from ballbot.control.reference_file import reference_of
 from ballbot.experiments.metrics import SETTLE, settled
-from ballbot.experiments.reference_file import reference_of
 from ballbot.experiments.score import score
 from ballbot.files import write_text
 from ballbot.log import Log

@@ -23,9 +23,9 @@ import tomli_w
 
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
+from ballbot.control.reference_file import is_file, reference_of, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, named_estimator
-from ballbot.experiments.reference_file import is_file, reference_of, reference_text
 from ballbot.files import write_text
 from ballbot.robot.file import robot_text
 from ballbot.robot.robot import Robot

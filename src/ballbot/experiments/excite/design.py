@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.reference_file import sampled
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import UNITS, Peaks
 from ballbot.experiments.excite.multisine import Family, family
 from ballbot.experiments.excite.task import Run, Task, run
-from ballbot.experiments.reference_file import sampled
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.evolution import evolve
 from ballbot.identification.spread import Spread, Threads

@@ -6,10 +6,10 @@ import inspect
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
+from ballbot.control.reference_file import is_file, read_reference
 from ballbot.control.references import REFERENCES, Reference
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, named_estimator
-from ballbot.experiments.reference_file import is_file, read_reference
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.scaled import scaled_body, scaled_friction

@@ -11,10 +11,10 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, PositiveFloat, ValidationError
 from pydantic_core import ErrorDetails
 
+from ballbot.control.reference_file import is_file
 from ballbot.errors import InputError
 from ballbot.experiments.league.course import Asked, Course, Unlike
 from ballbot.experiments.metrics import SETTLE
-from ballbot.experiments.reference_file import is_file
 from ballbot.robot import Robot
 from ballbot.twin.scenario_file import scenario_of
 
