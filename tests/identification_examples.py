@@ -41,6 +41,26 @@ def noisy(log: Log, *, seed: int) -> Log:
     return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
 
 
+def late(log: Log, *, imu: float, velocity: float, friction: Friction = FRICTION) -> Log:
+    """Return a simulated log as an IMU and velocities that are late by so much [s] show it.
+
+    Between rows the model is stepped on from each of them, five times as finely.
+    """
+    plant, fine = Model(alten(friction)), 5
+    step = log.sample_time / fine
+    rows = []
+    for state, u in zip(log.states[:-1], log.torques[:-1], strict=True):
+        for _ in range(fine):
+            rows.append(state)
+            state = plant.advance(state, u, step)
+    states = np.array([*rows, log.states[-1]])
+    times = log.t[0] + step * np.arange(len(states))
+    delays = dict.fromkeys(STATE_NAMES, imu) | {"x": 0.0, "y": 0.0, "x_dot": velocity, "y_dot": velocity}
+    return log.with_columns(
+        {name: np.interp(log.t - delays[name], times, states[:, i]) for i, name in enumerate(STATE_NAMES)}
+    )
+
+
 class Dying:
     """A checkpoint's answers until a stage asks for the time after so many: then Ctrl-C."""
 

@@ -7,7 +7,7 @@ import pytest
 from control_examples import FRICTION, alten
 from hypothesis import given
 from hypothesis import strategies as st
-from identification_examples import TRUTH, balancing_log
+from identification_examples import TRUTH, balancing_log, late
 
 from ballbot import Log, Model
 from ballbot.errors import InputError
@@ -15,6 +15,7 @@ from ballbot.identification.back_emf import back_emf_of, standstill_torques
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.coordinates import scale_between
 from ballbot.identification.identify import sought
+from ballbot.identification.late_sensors import seen_late, state_delays
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import QUANTITIES, Layout, names_in
 from ballbot.identification.rigid_body import second_moments, with_rigid_body
@@ -43,6 +44,20 @@ def with_torques(log: Log, torques: np.ndarray) -> Log:
 
 def short_log() -> Log:
     return balancing_log(duration=5.0)
+
+
+def moving_log() -> Log:
+    """Return a log of wheels that never stop, half a second of it, the torques going to and fro."""
+    plant, x = Model(alten(FRICTION)), np.array([0, 0, 0.02, -0.01, 0, 1.0, 0.7, 0, 0, 0.2])
+    torques = 0.4 * np.sin(np.arange(104)[:, None] * [0.05, 0.08, 0.06] + [0.0, 1.0, 2.0])
+    states = [x]
+    for u in torques[:-1]:
+        states.append(plant.advance(states[-1], u, 0.005))
+    return Log(
+        {"t": 0.005 * np.arange(104)}
+        | dict(zip(STATE_NAMES, np.array(states).T, strict=True))
+        | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    )
 
 
 # --- the table ---
@@ -239,6 +254,46 @@ def test_a_gyro_s_bias_is_seen_through():
     early = found[:2]
     assert np.abs(early).max() < 0.002
     assert np.abs(residuals(log.with_columns(seen), {"delay": [0.0]})[:2]).max() > 0.02
+
+
+@pytest.mark.parametrize(("imu", "velocity"), [(0.016, 0.0), (0.0, 0.006), (0.012, 0.0025), (-0.004, -0.002)])
+def test_late_sensors_are_seen_through(imu, velocity):
+    log = moving_log()
+    seen = late(log, imu=imu, velocity=velocity)
+    # from the second window on: before the first row nothing is known
+    found = residuals(seen, {"imu_delay": [imu], "velocity_delay": [velocity]})[1:]
+    blind = residuals(seen, {"delay": [0.0]})[1:]
+    pairs = [
+        0,
+        0,
+        1,
+        1,
+        2,
+        3,
+        3,
+        4,
+        4,
+        5,
+    ]  # x with y, and so on: what one of a pair feels of a delay may be little
+    left, all_of_it = (np.bincount(pairs, (one**2).mean(axis=(0, 1))) for one in (found, blind))
+    # starts are set right to first order in the delay: of 16 ms in motions of 15 rad/s that leaves a tenth or two
+    assert np.sqrt(left / all_of_it).max() < 0.25
+
+
+def test_sensors_that_are_not_late_change_nothing():
+    log = moving_log()
+    assert np.abs(residuals(log, {"imu_delay": [0.0], "velocity_delay": [0.0]})).max() < ROUNDING
+
+
+def test_a_row_seen_late_is_the_one_before():
+    layout = Layout(wheel_count=3, extra=("imu_delay",))
+    delays = state_delays(layout, np.array([[*TRUTH, 0.005], [*TRUTH, 0.0125]]))
+    states = np.arange(6.0)[None, None, :, None] ** 2 * np.ones((2, 1, 1, 10))
+    shown = seen_late(states, delays, 0.005)
+    np.testing.assert_allclose(shown[0, 0, :, THETA], [0.0, 1.0, 4.0, 9.0, 16.0])
+    # half way between rows k - 3 and k - 2, and before the start the first line goes on
+    np.testing.assert_allclose(shown[1, 0, :, PSI], [-1.5, -0.5, 0.5, 2.5, 6.5])
+    np.testing.assert_array_equal(shown[:, 0, :, 0], np.tile([1.0, 4.0, 9.0, 16.0, 25.0], (2, 1)))
 
 
 # --- drive and floor ---

@@ -84,8 +84,9 @@ def identify(
         The folder to write into.
     free
         What is sought, with commas between: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
-        wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), bias (lean_bias, gyro_bias),
-        pivoting (the ball may pivot on the floor), or single quantities of friction, as viscous.
+        wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), delays (delay, imu_delay,
+        velocity_delay), bias (lean_bias, gyro_bias), pivoting (the ball may pivot on the floor), or single quantities
+        of friction, as viscous.
     law
         The law of the wheels' friction; best fits each in turn, shows what it gains on windows held out, and
         takes the one that earns its place.

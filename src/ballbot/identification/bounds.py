@@ -52,6 +52,8 @@ class Bounds:
     torque_gain: Interval | None = None  #: [-], every motor's
     torque_offset: Interval | None = None  #: [N m], every motor's
     delay: Interval | None = None  #: [s]
+    imu_delay: Interval | None = None  #: [s]
+    velocity_delay: Interval | None = None  #: [s]
     lean_bias: Interval | None = None  #: [rad], about x and about y
     gyro_bias: Interval | None = None  #: [rad/s], about x, y and z
 

@@ -36,6 +36,8 @@ _MOTIONS = (
     (("center_of_mass",), ("theta", "phi"), 3e-3, "rad", "the robot hardly leans"),
     (("second_moment",), ("theta_dot", "phi_dot"), 0.02, "rad/s", "the lean hardly changes"),
     (("pivoting",), ("psi_dot",), 0.05, "rad/s", "the heading hardly turns"),
+    (("imu_delay",), ("theta_dot", "phi_dot"), 5e-3, "rad/s", "the lean hardly changes"),
+    (("velocity_delay",), ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
 )
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.identification.late_sensors import seen_late, state_delays
 from ballbot.identification.nuisance import acting_torques, sensor_offsets
 from ballbot.identification.quantities import Layout
 from ballbot.identification.rigid_body import RIGID, with_rigid_body
@@ -94,9 +95,15 @@ class Predictor:
             torques=windows.torques if torques is None else torques.reshape(-1, *torques.shape[2:]),
             torque_of=window_of if torques is None else everyone,
         )
-        states = self._simulate(values, lanes, sample_time=windows.sample_time, every=every)
+        late = state_delays(self.layout, values)
+        if late is None:
+            states = self._simulate(values, lanes, sample_time=windows.sample_time, every=every)
+            states = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)]
+        else:
+            states = self._seen_late(values, lanes, late, sample_time=windows.sample_time)
+            states = states[:, :, every - 1 :: every]
         measured = windows.measured[:, every - 1 :: every]
-        residuals = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)] - measured
+        residuals = states - measured
         times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
         offsets = sensor_offsets(self.layout, values, measured, times)
         return residuals if offsets is None else residuals + offsets
@@ -126,6 +133,20 @@ class Predictor:
             spin = np.broadcast_to(windows.spin[:, None], (*shape[:2], 1))
             initial = np.concatenate([initial, spin], axis=2)
         return initial
+
+    def _seen_late(
+        self, values: NDArray[np.float64], lanes: _Lanes, late: NDArray[np.float64], *, sample_time: float
+    ) -> NDArray[np.float64]:
+        """Return the states (sets, w, m, 10) as sensors late by (sets, 10) [s] show them, the starts in `lanes` too."""
+        names = len(STATE_NAMES)
+        start = lanes.initial[lanes.initial_of].copy()
+        first = replace(lanes, torques=lanes.torques[:, :1])
+        ahead = self._simulate(values, first, sample_time=sample_time, every=1)[:, 0]
+        start[:, :names] += late[lanes.set_of] * (ahead - start)[:, :names] / sample_time
+        true = replace(lanes, initial=start, initial_of=np.arange(len(start)))
+        states = self._simulate(values, true, sample_time=sample_time, every=1)
+        whole = np.concatenate([start[:, None], states], axis=1)[..., :names]
+        return seen_late(whole.reshape(len(values), -1, *whole.shape[1:]), late, sample_time)
 
     def _simulate(
         self, values: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int

@@ -215,6 +215,22 @@ QUANTITIES: tuple[Quantity, ...] = (
         bounds=(0.0, 0.03),
     ),
     Quantity(
+        name="imu_delay",
+        symbol="late_imu",
+        unit="s",
+        meaning="by which the body's angles and their rates are older than x and y in the same row",
+        scale="signed",
+        bounds=(-0.01, 0.03),
+    ),
+    Quantity(
+        name="velocity_delay",
+        symbol="late_v",
+        unit="s",
+        meaning="by which x_dot and y_dot are older than x and y in the same row, as differenced encoders are",
+        scale="signed",
+        bounds=(-0.01, 0.03),
+    ),
+    Quantity(
         name="lean_bias",
         symbol="lean",
         unit="rad",
@@ -242,6 +258,7 @@ GROUPS = MappingProxyType(
         "friction": FRICTION,
         "rigid_body": ("center_of_mass", "second_moment"),
         "torque": ("torque_gain", "torque_offset", "delay"),
+        "delays": ("delay", "imu_delay", "velocity_delay"),
         "bias": ("lean_bias", "gyro_bias"),
     }
 )

@@ -20,7 +20,7 @@ LARGEST_ERROR = 0.25
 #: a ridge: so many parameters at least, whose errors would be so many times smaller if all others were known
 LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
 
-_WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r")
+_WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r", "late_imu", "late_v")
 #: symbols, and what would tell any two of them apart
 _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
     (
@@ -46,6 +46,11 @@ _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
     (
         frozenset({"offset", "lean", "gyro"}),
         "To tell a torque's offset from a tilted sensor, log the robot at two headings, half a turn apart.",
+    ),
+    (
+        frozenset({"delay", "late_imu", "late_v"}),
+        "To tell a command's delay from a sensor's, log quick changes of torque: pushes, steps of the reference, or a "
+        "dither of some Hz.",
     ),
 )
 
