@@ -146,7 +146,9 @@ def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
     assert known.mean() > 0.95
     by_wheels = with_spin.wheel_speeds @ transforms(robot).T_obw.T
     np.testing.assert_allclose(with_spin["ball_omega_z"][known], by_wheels[known, 2], rtol=0.0, atol=0.5)
-    assert cv2.imread(str(out / "overlay.png")).shape == (720, 1080, 3)
+    sheet = cv2.imread(str(out / "overlay.png"))
+    assert sheet is not None
+    assert sheet.shape == (720, 1080, 3)
     assert (out / "velocity.svg").read_text().startswith("<svg")
     assert (out / "difference.svg").exists()
 
@@ -157,11 +159,15 @@ def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
         (["--circle", "20,20,60"], "is not within the picture"),
         (["--circle", "100,80"], "must be x,y,radius"),
         (["--circle", "100,80,3"], "at least 8"),
-        (["--distance", "0.8"], "inside the ball"),
+        (["--circle", "nan,80,66"], "three numbers"),
+        (["--distance", "0"], "from 1.7 to 250"),
+        (["--distance", "inf"], "from 1.7 to 250"),
+        (["--forward", "nan"], "an angle in degrees"),
         (["--colour", "1,2,300"], "red,green,blue"),
         (["--colour", "255,0,255"], "stands out"),
         (["--seam", "football"], "there are thesis"),
         (["--frame-rate", "0"], "positive"),
+        (["--frame-rate", "inf"], "positive"),
         (["--log", "run.csv"], "needs --robot"),
     ],
 )
@@ -175,9 +181,10 @@ def test_bad_options_are_told_in_a_sentence(plain, tmp_path, capsys, options, se
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("nothing.mp4", "no file"),
+        ("nothing.mp4", "does not exist"),
+        ("", "is a folder"),
         ("text.mp4", "not a video"),
-        ("one.avi", "one frame only"),
+        ("one.avi", "at least 5"),
         ("empty.avi", "No ball was found"),
     ],
 )

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from pathlib import Path
 
-import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
 from ballbot.report.json_text import as_json
-from ballbot.report.provenance import provenance
+from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.spin_figures import difference_figure, velocity_figure
 from ballbot.report.spin_results import spin_results
 from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
-from ballbot.vision.comparison import compare_with_wheels, log_with_spin
+from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin
 from ballbot.vision.overlay import overlay
 from ballbot.vision.seams import seam_named
-from ballbot.vision.spin import Setup, facing, measure_spin
+from ballbot.vision.spin import Setup, Spin, facing, measure_spin
 from ballbot.vision.video import open_video
 from ballbot.vision.words import spin_findings
 
@@ -78,6 +79,7 @@ def spin(
     """
     if log is not None and robot is None:
         raise InputError("--log needs --robot, whose geometry turns wheel speeds into the ball's velocity.")
+    turn = _turn(forward)
     setup = Setup(
         seam=seam_named(seam),
         colour=_colour(colour) if colour is not None else None,
@@ -93,7 +95,6 @@ def spin(
         found = measure_spin(
             film, setup, progress=lambda share, doing: bar.show(share, doing=doing, note=video.stem)
         )
-    turn = facing(float(np.radians(forward))) if forward is not None else None
     comparison = None
     if run is not None and described is not None:
         try:
@@ -102,7 +103,6 @@ def spin(
             raise InputError(f"{video} and {log}: {error}") from None
         turn = turn or comparison.robot_camera
     found = found.turned(turn) if turn is not None else found
-    found.log().write(folder / "spin.csv")
     options = {"seam": seam, "colour": colour, "circle": circle, "distance": distance, "forward": forward,
                "frame-rate": frame_rate, "log": log, "robot": robot, "mapping": mapping}  # fmt: skip
     words = ["ballbot", "spin", str(video), "--out", str(out)]
@@ -111,19 +111,33 @@ def spin(
     ]
     files = [path for path in (video, log, mapping) if path is not None]
     made = provenance(command=shlex.join(words), files=files, seed=0)
-    write_text(
-        folder / "results.json", as_json(spin_results(found, comparison) | {"provenance": made.to_dict()})
-    )
-    write_text(folder / "velocity.svg", drawn(lambda: velocity_figure(found, comparison), name="velocity"))
-    write_bytes(folder / "overlay.png", overlay(found))
-    if run is not None and comparison is not None:
-        write_text(
-            folder / "difference.svg", drawn(lambda: difference_figure(found, comparison), name="difference")
-        )
-        log_with_spin(run, found, comparison.clock).write(folder / "log.csv")
+    _write(folder, found, comparison, run, made)
     for sentence in spin_findings(found, comparison):
         console.print(sentence, markup=False, soft_wrap=True)
     console.print(str(folder / "spin.csv"), markup=False, soft_wrap=True)
+
+
+def _write(
+    folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None, made: Provenance
+) -> None:
+    found.log().write(folder / "spin.csv")
+    results = spin_results(found, comparison) | {"provenance": made.to_dict()}
+    write_text(folder / "results.json", as_json(results))
+    write_text(folder / "velocity.svg", drawn(lambda: velocity_figure(found, comparison), name="velocity"))
+    write_bytes(folder / "overlay.png", overlay(found))
+    if run is None or comparison is None:
+        return
+    difference = drawn(lambda: difference_figure(found, comparison), name="difference")
+    write_text(folder / "difference.svg", difference)
+    log_with_spin(run, found, comparison.clock).write(folder / "log.csv")
+
+
+def _turn(forward: float | None) -> Rotation | None:
+    if forward is None:
+        return None
+    if not math.isfinite(forward):
+        raise InputError(f"--forward is {forward:g}; it must be an angle in degrees.")
+    return facing(math.radians(forward))
 
 
 def _circle(text: str) -> tuple[float, float, float]:

@@ -19,7 +19,7 @@ def spin_results(spin: Spin, comparison: WheelComparison | None) -> dict[str, ob
         "frames": len(spin.t),
         "duration": float(spin.t[-1] - spin.t[0]),
         "tracked_share": float(np.mean(spin.track.tracked)),
-        "stretches": int(spin.track.stretch.max(initial=-1)) + 1,
+        "stretches": int(spin.track.stretch.max()) + 1,
         "seam": spin.seam.name,
         "colours": {"seam": colour.seam, "ball": colour.ball, "separation": colour.separation},
         "view": {
@@ -37,9 +37,9 @@ def spin_results(spin: Spin, comparison: WheelComparison | None) -> dict[str, ob
             },
         },
         "ball_omega": {
-            "peak": float(np.linalg.norm(omega, axis=1).max()) if len(omega) else None,
-            "rms": np.sqrt(np.mean(omega**2, axis=0)) if len(omega) else None,
-            "median_standard_error": np.median(spin.errors[known], axis=0) if len(omega) else None,
+            "peak": float(np.linalg.norm(omega, axis=1).max()),
+            "rms": np.sqrt(np.mean(omega**2, axis=0)),
+            "median_standard_error": np.median(spin.errors[known], axis=0),
         },
         "robot_camera_wxyz": spin.robot_camera.as_quat(canonical=True)[[3, 0, 1, 2]],
         "wheels": None if comparison is None else _wheels(comparison),

@@ -21,7 +21,7 @@ from ballbot.vision.ball_pixels import BallPixels, ball_pixels, moved, seam_find
 from ballbot.vision.colour import SeamColour
 from ballbot.vision.fit import crossed, fit_rotation, matched
 from ballbot.vision.sphere_table import SeamTable
-from ballbot.vision.view import View
+from ballbot.vision.view import CLOSENESS, View
 
 #: how well an outline tells the view: x, y as shares of the radius, ln radius, and closeness where nobody told it
 _OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
@@ -29,8 +29,6 @@ _OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
 _GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
 #: a distance that was given is right to this share
 _GIVEN = 0.01
-#: closeness stays within these: from a telephoto lens afar to one that all but touches
-_CLOSENESS = (0.004, 0.6)
 _ROUNDS = 6
 #: cells along a diameter of the ball, that cut its seam into short pieces
 _CELLS = 16
@@ -135,6 +133,6 @@ def _scatter(S: NDArray[np.float64], pulls: NDArray[np.float64]) -> float:
 
 
 def _within(view: View) -> View:
-    low, high = _CLOSENESS
+    low, high = CLOSENESS
     bounded = min(max(view.closeness, low), high)
     return moved(view, np.array([0.0, 0.0, 0.0, bounded - view.closeness]))

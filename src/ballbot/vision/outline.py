@@ -7,6 +7,7 @@ rays, and pictures change within it and not beyond, which they do not at the rim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -87,10 +88,12 @@ def view_of_circle(circle: tuple[float, float, float], size: tuple[int, int]) ->
     Raises
     ------
     InputError
-        Where the circle is not within the picture.
+        Where the circle is too small or not within the picture.
     """
     x, y, radius = circle
     width, height = size
+    if not all(map(math.isfinite, circle)):
+        raise InputError(f"The circle is {x:g},{y:g},{radius:g}; it must be three numbers of pixels.")
     if not radius >= 8.0:
         raise InputError(f"The circle's radius is {radius:g} pixels; a ball needs at least 8.")
     if x - radius < -0.5 or y - radius < -0.5 or x + radius > width - 0.5 or y + radius > height - 0.5:

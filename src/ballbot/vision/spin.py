@@ -27,7 +27,7 @@ from ballbot.vision.seams import Seam, thesis_seam
 from ballbot.vision.sphere_table import seam_table
 from ballbot.vision.track import Track, follow
 from ballbot.vision.velocity import Velocity, angular_velocity
-from ballbot.vision.video import Video, frame_times
+from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
 from ballbot.vision.view import View, check_distance
 
 
@@ -112,7 +112,8 @@ def measure_spin(
     Raises
     ------
     InputError
-        Where no ball or no seam is found, the circle or the distance cannot be, or the seam is not of that kind.
+        Where no ball or no seam is found, the circle or the distance cannot be, the seam is not of that kind, or it is
+        never followed long enough.
     """
     tell = progress or _silent
     if setup.distance is not None:
@@ -147,9 +148,15 @@ def measure_spin(
             "or the circle not the ball's (--circle)?"
         )
     t = frame_times(np.array(stated), frame_rate=video.frame_rate, known=setup.known_rate)
+    velocity = angular_velocity(t, track)
+    if not np.isfinite(velocity.omega).any():
+        raise InputError(
+            f"{video.path}: the seam was never followed for {LEAST_FRAMES} frames on end, which a velocity needs; the "
+            "ball may turn too fast for the frame rate, or be covered."
+        )
     return Spin(
         video=video, seam=seam, colour=colour, calibration=calibration, calibrated=calibrated, t=t, track=track,
-        velocity=angular_velocity(t, track), robot_camera=facing(0.0),
+        velocity=velocity, robot_camera=facing(0.0),
     )  # fmt: skip
 
 

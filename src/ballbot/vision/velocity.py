@@ -23,11 +23,10 @@ from scipy import optimize
 
 from ballbot.vision.rotations import exponential, logarithm
 from ballbot.vision.track import Track
+from ballbot.vision.video import LEAST_FRAMES
 
 #: before the first frame, standard deviations of the error [rad], velocity [rad/s] and acceleration [rad/s^2]
 _BEFORE = (0.1, 20.0, 200.0)
-#: a stretch of fewer frames gives no velocity
-_LEAST_FRAMES = 5
 #: the density of jerk is sought between these [rad^2/s^5], on so many frames
 _DENSITIES = (0.1, 3e7)
 _SEARCHED = 480
@@ -77,7 +76,7 @@ def angular_velocity(t: NDArray[np.float64], track: Track) -> Velocity:
     track : Track
     """
     omega, covariance = np.full((len(t), 3), np.nan), np.full((len(t), 3, 3), np.nan)
-    stretches = [rows for rows in _stretches(track) if len(rows) >= _LEAST_FRAMES]
+    stretches = [rows for rows in _stretches(track) if len(rows) >= LEAST_FRAMES]
     if not stretches:
         return Velocity(omega=omega, covariance=covariance, noise=float("nan"))
     longest = max(stretches, key=len)[:_SEARCHED]

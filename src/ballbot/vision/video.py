@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from ballbot.errors import InputError
 _ROUNDING = 1.1e-3
 #: frames looked at before tracking, and the time that they are taken from [s]
 _SAMPLES, _SAMPLED_TIME = 24, 4.0
+#: fewer frames give no velocity
+LEAST_FRAMES = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +49,11 @@ class Video:
         Raises
         ------
         InputError
-            Where the video has one frame only.
+            Where the video has too few frames for a velocity.
         """
-        wanted = max(2, round(_SAMPLED_TIME * self.frame_rate))
+        wanted = max(LEAST_FRAMES, round(_SAMPLED_TIME * self.frame_rate))
         if self.stated_frames:
-            wanted = min(wanted, self.stated_frames)
+            wanted = min(wanted, max(LEAST_FRAMES, self.stated_frames))
         step = max(1, wanted // _SAMPLES)
         kept, count = [], 0
         for _, frame in self.frames():
@@ -59,8 +62,10 @@ class Video:
             count += 1
             if count >= wanted:
                 break
-        if count < 2:
-            raise InputError(f"{self.path} has one frame only; a velocity needs at least two.")
+        if count < LEAST_FRAMES:
+            raise InputError(
+                f"{self.path} has too few readable frames, {count}; a velocity needs at least {LEAST_FRAMES}."
+            )
         return kept
 
 
@@ -81,8 +86,9 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"There is no file {path}.")
-    if frame_rate is not None and not frame_rate > 0.0:
+        is_folder = "is a folder, not a video" if path.is_dir() else "does not exist"
+        raise InputError(f"The video {path} {is_folder}.")
+    if frame_rate is not None and not 0.0 < frame_rate < math.inf:
         raise InputError(
             f"The frame rate is {frame_rate:g}; it must be a positive number of frames a second."
         )
@@ -102,7 +108,7 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
             f"{path} is not a video that OpenCV can read; MP4, AVI, MOV and WebM files usually are."
         )
     rate = frame_rate or rate
-    if not rate > 0.0:
+    if not 0.0 < rate < math.inf:
         raise InputError(f"{path} does not say how many frames a second it has; give it as --frame-rate.")
     return Video(
         path=path,

@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 
+#: closeness stays within these: from a telephoto lens afar to one that all but touches
+CLOSENESS = (0.004, 0.6)
+
 
 @dataclass(frozen=True, kw_only=True)
 class View:
@@ -116,15 +119,16 @@ def view_of_outline(points: NDArray[np.float64], *, size: tuple[int, int], close
 
 
 def check_distance(distance: float) -> None:
-    """Refuse a camera within the ball.
+    """Refuse a camera within the ball, or so near or far that its distance makes no sense.
 
     Raises
     ------
     InputError
-        Where the distance is not more than a ball's radius.
+        Where the closeness would not be within `CLOSENESS`.
     """
-    if not distance > 1.0:
+    far, near = (1.0 / closeness for closeness in CLOSENESS)
+    if not near <= distance <= far:
         raise InputError(
-            f"The camera's distance is {distance:g} ball radii from the ball's centre, which is inside the ball; it "
-            "must be more than 1."
+            f"The camera's distance is {distance:g} ball radii from the ball's centre; it must be from {near:.2g} to "
+            f"{far:g}, beyond which it makes no difference."
         )

@@ -25,8 +25,6 @@ def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[str, 
 
 def _velocity(spin: Spin) -> str:
     omega = spin.omega[spin.known]
-    if not len(omega):
-        return "No stretch of frames was long enough for a velocity."
     errors = spin.errors[spin.known]
     typical = " ".join(f"{value:.2g}" for value in np.median(errors, axis=0))
     return (

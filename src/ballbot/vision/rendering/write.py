@@ -18,7 +18,7 @@ LOSSLESS, MPEG4, MOTION_JPEG = "HFYU", "mp4v", "MJPG"
 def write_video(
     path: str | Path, frames: Iterable[NDArray[np.uint8]], *, frame_rate: float, codec: str = LOSSLESS
 ) -> int:
-    """Write frames (height, width, 3) as a video and return how many they were.
+    """Write frames (height, width, 3) as a video, whole or not at all, and return how many they were.
 
     Parameters
     ----------
@@ -35,16 +35,22 @@ def write_video(
     InputError
         Where OpenCV cannot write such a file.
     """
-    writer: cv2.VideoWriter | None = None
+    path = Path(path)
+    partial = path.with_name(f".{path.stem}.part{path.suffix}")
     count = 0
-    for frame in frames:
-        if writer is None:
-            size = (frame.shape[1], frame.shape[0])
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), frame_rate, size)
-            if not writer.isOpened():
-                raise InputError(f"{path} cannot be written with the codec {codec}.")
-        writer.write(frame)
-        count += 1
-    if writer is not None:
-        writer.release()
+    try:
+        writer: cv2.VideoWriter | None = None
+        for frame in frames:
+            if writer is None:
+                size = (frame.shape[1], frame.shape[0])
+                writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*codec), frame_rate, size)
+                if not writer.isOpened():
+                    raise InputError(f"{path} cannot be written with the codec {codec}.")
+            writer.write(frame)
+            count += 1
+        if writer is not None:
+            writer.release()
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
     return count
