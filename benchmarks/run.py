@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.nominal import design_gain
+from ballbot.control.precise import precise_controller
 from ballbot.control.references import hold
 from ballbot.files import write_text
 from ballbot.mechanics.engine import simulate_lanes
@@ -87,6 +88,20 @@ def closed_loop_minute(model: Model) -> float:
     return best
 
 
+def update_time(controller: Controller) -> float:
+    """Return the time [s] of one update by Python, the median of 20 spells over 2,000 states near upright."""
+    states = 0.02 * np.random.default_rng(5).standard_normal((2000, 10))
+    reference, times = np.zeros(10), controller.sample_time * np.arange(len(states))
+    spells = []
+    for _ in range(21):
+        controller.reset()
+        started = perf_counter()
+        for t, state in zip(times, states, strict=True):
+            controller.update(t, state, reference)
+        spells.append((perf_counter() - started) / len(states))
+    return float(np.median(spells[1:]))  # the first compiles
+
+
 def first_calls() -> tuple[float, float, float]:
     """Return seconds: import, import and first call without compiled code on disk, and with it."""
     with tempfile.TemporaryDirectory() as folder:
@@ -148,6 +163,11 @@ def main() -> None:
         ("one robot, stick-slip, the same", f"{single_stick / 1e6:.2f} million steps/s", ""),
         ("two threads over one, batched RK4", f"{two / batched:.2f} times", "1.8"),
         ("60 s closed loop at 1 kHz, controller and stick-slip", f"{1e3 * minute:.0f} ms", "80"),
+        (
+            "one update of the precise controller, called from Python",
+            f"{1e6 * update_time(precise_controller(model.robot)):.1f} us",
+            "10",
+        ),
         ("import ballbot", f"{imported:.3f} s", "0.5"),
         ("first call in a fresh process, compiled code on disk", f"{cached:.2f} s", "3"),
         ("first call in a fresh process, nothing on disk", f"{cold:.1f} s", "15"),
@@ -207,8 +227,8 @@ def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -
         f"(`benchmarks/operations.py`). This core does {peak / 1e9:.1f} thousand million fused multiply-adds a second,",
         f"so that the first alone allow {fused:.0f} million steps a second if all were fused, and {alone:.0f} if none;",
         f"measured: {batched / 1e6:.1f}. What a block of {LANES} robots needs is {size} KiB at most and stays in the",
-        "first cache: not memory limits but waiting, since a step is a long chain of operations that need each other's",
-        "results.",
+        "first cache, so that memory does not limit it; the rest is divisions, comparisons and waiting, since a step is",
+        "a long chain of operations that need each other's results.",
     ]
 
 
