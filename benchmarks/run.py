@@ -227,8 +227,8 @@ def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -
         f"(`benchmarks/operations.py`). This core does {peak / 1e9:.1f} thousand million fused multiply-adds a second,",
         f"so that the first alone allow {fused:.0f} million steps a second if all were fused, and {alone:.0f} if none;",
         f"measured: {batched / 1e6:.1f}. What a block of {LANES} robots needs is {size} KiB at most and stays in the",
-        "first cache, so that memory does not limit it; the rest is divisions, comparisons and waiting, since a step is",
-        "a long chain of operations that need each other's results.",
+        "first cache, so that memory does not limit it; the rest is divisions, comparisons and waiting, since a step",
+        "is a long chain of operations that need each other's results.",
     ]
 
 
