@@ -80,6 +80,28 @@ def test_a_log_of_too_few_wheels_is_refused():
         sweeps_of(Robot.load("alten"), log)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("u2", 0.3, "u2 is 0.3 N m throughout"),
+        ("u1", 0.0, "u1 is 0 N m throughout"),
+        ("wheel3_dot", math.nan, "wheel3_dot has 400 of 400 values missing"),
+    ],
+)
+def test_a_sweep_with_a_dead_column_is_refused(tmp_path, capsys, name, value, sentence):
+    t = np.arange(400) * SAMPLE_TIME
+    columns = {
+        f"{kind}{i}{end}": np.sin(t) for i in (1, 2, 3) for kind, end in (("u", ""), ("wheel", "_dot"))
+    }
+    Log({"t": t} | columns | {name: np.full(len(t), value)}).write(tmp_path / "sweep.csv")
+    out = tmp_path / "out"
+    assert main(["identify-driveline", "alten", str(tmp_path / "sweep.csv"), "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count("\n") == 1
+    assert not list(out.glob("*"))
+
+
 def test_a_motor_driven_by_voltage_is_braked_by_the_speed_predicted():
     t, brake = np.arange(2000) * SAMPLE_TIME, 0.05
     standstill = np.sin(2.0 * np.pi * t / 5.0)

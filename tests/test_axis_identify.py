@@ -93,6 +93,7 @@ def test_a_mat_file_that_is_not_there(tmp_path, capsys):
     [
         (["--position", "possition"], "did you mean 'position'?"),
         (["--force-scale", "aim"], "where one number is needed"),
+        (["--force-scale", "0"], "the force is 0 N throughout"),
         (["--position-gain", "160"], "needs both"),
         (["--law", "magic"], "There is no friction law 'magic'"),
         (["--window", "5"], "the ladder needs 8"),

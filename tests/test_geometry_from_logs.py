@@ -275,7 +275,7 @@ class TestRefusals:
 
     def test_as_many_films_as_runs(self, tmp_path, capsys):
         assert main(["identify-geometry", "alten", "--balancing", "run.csv", "--out", str(tmp_path)]) == 2
-        assert "1 balancing logs and 0 of motion capture" in capsys.readouterr().err
+        assert "For 1 of --balancing there are 0 of --motion-capture" in capsys.readouterr().err
 
     def test_a_film_of_another_run(self):
         log, _ = balancing_run(ALTEN, seed=20)

@@ -85,17 +85,30 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
         (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
         (["{log}", "--free", ""], "Nothing is sought; name some of friction"),
         (["{unread}"], "The log's column theta has no value in any row"),
+        (["{dead}", "--window", "0.05"], "The torques u are 0.1, 0.1, 0.1 N m in every row"),
+        (["{idle}", "--window", "0.05"], "The torques u are zero in every window"),
+        (["{row}"], "The log has one row"),
+        (["{log}", "{row}"], "Log 2 has one row"),
+        (["{log}", "--sweep", "{log}"], "is no results.json of `ballbot identify-driveline`"),
         (["nowhere"], "nowhere cannot be read: No such file"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, log_file, capsys, words, sentence):
-    unread = tmp_path / "unread.csv"
-    if "{unread}" in words:
-        log = Log.read(log_file)
-        log.with_columns({"theta": np.full(len(log), np.nan)}).write(unread)
+    log, files = Log.read(log_file), {"log": log_file}
+    constant = {name: dict.fromkeys(("u1", "u2", "u3"), u) for name, u in (("dead", 0.1), ("idle", 0.0))}
+    spoilt = {name: log.with_columns(_filled(log, columns)) for name, columns in constant.items()}
+    spoilt |= {"unread": log.with_columns(_filled(log, {"theta": np.nan})), "row": log.select(slice(0, 1))}
+    for name, one in spoilt.items():
+        files[name] = tmp_path / f"{name}.csv"
+        one.write(files[name])
     command = ["identify", "alten", *words, "--out", str(tmp_path / "out")]
-    assert main([word.format(log=log_file, unread=unread) for word in command]) == 2
+    assert main([word.format(**files) for word in command]) == 2
+    assert not list(tmp_path.glob("out/*"))
     told = capsys.readouterr().err
     assert told.startswith("ballbot: ")
     assert sentence in told
     assert told.count("\n") == 1
+
+
+def _filled(log: Log, values: dict[str, float]) -> dict[str, np.ndarray]:
+    return {name: np.full(len(log), value) for name, value in values.items()}

@@ -62,6 +62,7 @@ def test_a_column_without_any_value_is_still_valid_json(tmp_path):
     [
         ("t,x\n0,1\n0,2\n", None, "Time stands still at row 2"),
         ("t,x\n0,one\n", None, "is not a number"),
+        ("t,x\n", None, "has a header and no rows"),
         ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean from?"),
         ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "the column 'time', which is not there"),
     ],
@@ -78,3 +79,18 @@ def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, se
     assert told.err.startswith("ballbot: ")
     assert told.err.count("\n") == 1
     assert sentence in told.err
+
+
+def test_a_log_of_one_row_is_an_error(tmp_path, capsys):
+    (tmp_path / "log.csv").write_text("t,x\n0,1\n")
+    assert main(["check-log", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out")]) == 2
+    assert "The log has one row" in capsys.readouterr().err
+
+
+def test_a_lean_that_is_infinite_is_not_taken_for_degrees(tmp_path, capsys):
+    rows = "".join(f"{0.01 * k:g},{'inf' if k == 5 else 0.001 * k},0\n" for k in range(20))
+    (tmp_path / "log.csv").write_text(f"t,theta,phi\n{rows}")
+    assert main(["check-log", str(tmp_path / "log.csv")]) == 0
+    shown = capsys.readouterr().out
+    assert "theta has 1 of 20 values missing or not finite" in shown
+    assert "degrees" not in shown

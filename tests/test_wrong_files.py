@@ -86,7 +86,9 @@ def test_a_robot_that_is_not_there(capsys):
         ("t,u1\n0,1\n1,1\n0.5,1\n", "t"),
     ],
 )
-@pytest.mark.parametrize("command", ["check-log", "study", "identify", "validate"])
+@pytest.mark.parametrize(
+    "command", ["check-log", "study", "identify", "identify-driveline", "identify-upside-down", "validate"]
+)
 def test_a_file_that_is_no_log(tmp_path, capsys, command, content, words):
     path = tmp_path / "log.csv"
     path.write_text(content)

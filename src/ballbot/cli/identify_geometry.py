@@ -61,7 +61,7 @@ def identify_geometry(
     on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
     if len(runs) != len(films):
         raise InputError(
-            f"There are {len(runs)} balancing logs and {len(films)} of motion capture; give one for each, in order."
+            f"For {len(runs)} of --balancing there are {len(films)} of --motion-capture; give one for each, in order."
         )
     found = survey_geometry(
         described,

@@ -66,6 +66,23 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         )
 
 
+def check_torques(windows: Windows) -> None:
+    """Refuse torques that are the same in every row, which balance nothing.
+
+    Raises
+    ------
+    InputError
+        Where no motor's torque ever changes.
+    """
+    torques = windows.torques.reshape(-1, windows.torques.shape[-1])
+    if np.any(torques) and np.all(np.ptp(torques, axis=0) == 0.0):
+        values = ", ".join(f"{u:g}" for u in torques[0])
+        raise InputError(
+            f"The torques u are {values} N m in every row of the logs' windows; no robot balances so, and the columns "
+            "are not what its motors did."
+        )
+
+
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
     """Refuse logs without motion, and of those with it what they cannot give.
 

@@ -13,7 +13,7 @@ from ballbot.identification.checkpoint import Recall, afresh, digest
 from ballbot.identification.coordinates import Coordinates
 from ballbot.identification.dormant import dormant
 from ballbot.identification.evolution import Evolved, evolve
-from ballbot.identification.excitation import Excitation, check_count, check_excitation
+from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
 from ballbot.identification.nuisance import samples_before
 from ballbot.identification.polish import CANDIDATES, Polished, at_bound, polish
 from ballbot.identification.prediction import Cost, Predictor, chunks
@@ -138,6 +138,7 @@ def prepare(
     fit_rows, held_rows = split(len(windows), held_out=held_out, seed=seed)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fit = windows.take(fit_rows)
+    check_torques(fit)
     excitation = check_excitation(fit, predictor.robot, coordinates)
     drawn = np.sort(np.random.default_rng(seed).permutation(len(fit))[: effort.evolution_windows])
     coarse = replace(predictor, step=max(predictor.step, EVOLUTION_STEP))

@@ -117,22 +117,13 @@ def cut_windows(
     InputError
         Where there is no log, a column is missing or empty, the sample times differ or the window is no length.
     """
-    if not logs:
-        raise InputError("Identification needs at least one log.")
-    sample_time = logs[0].sample_time
-    for log in logs[1:]:
-        if abs(log.sample_time - sample_time) > 0.01 * sample_time:
-            raise InputError(
-                f"The logs have sample times of {sample_time:g} and {log.sample_time:g} s; they must have the same one."
-            )
-    if not 2.0 * sample_time <= duration < np.inf:
-        raise InputError(
-            f"The window is {duration:g} s long; it must be at least two samples, {2 * sample_time:g} s."
-        )
-    for log in logs:
+    sample_time = common_sample_time(logs, duration=duration)
+    for number, log in enumerate(logs, start=1):
         for name in (*STATE_NAMES, *torque_names(wheel_count)):
             if not np.isfinite(log[name]).any():
-                raise InputError(f"The log's column {name} has no value in any row; identification needs it.")
+                raise InputError(
+                    f"{_named(number, logs)}'s column {name} has no value in any row; identification needs it."
+                )
     samples = round(duration / sample_time)
     samples = COMPARISONS * round(samples / COMPARISONS) if samples >= COMPARISONS else samples
 
@@ -155,6 +146,32 @@ def cut_windows(
     )
 
 
+def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
+    """Return the sample time [s] of logs that are to be cut into windows of that duration [s].
+
+    Raises
+    ------
+    InputError
+        Where there is no log or one of one row, the sample times differ or the window is no length.
+    """
+    if not logs:
+        raise InputError("Identification needs at least one log.")
+    for number, log in enumerate(logs, start=1):
+        if len(log) < 2:
+            raise InputError(f"{_named(number, logs)} has one row; a prediction takes two at least.")
+    sample_time = logs[0].sample_time
+    for log in logs[1:]:
+        if abs(log.sample_time - sample_time) > 0.01 * sample_time:
+            raise InputError(
+                f"The logs have sample times of {sample_time:g} and {log.sample_time:g} s; they must have the same one."
+            )
+    if not 2.0 * sample_time <= duration < np.inf:
+        raise InputError(
+            f"The window is {duration:g} s long; it must be at least two samples, {2 * sample_time:g} s."
+        )
+    return sample_time
+
+
 def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Divide window numbers 0 .. count - 1 at random into those to fit and those held out, both rising.
 
@@ -163,6 +180,10 @@ def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64],
     order = np.random.default_rng(seed).permutation(count)
     kept = max(1, round(held_out * count))
     return np.sort(order[kept:]), np.sort(order[:kept])
+
+
+def _named(number: int, logs: Sequence[Log]) -> str:
+    return "The log" if len(logs) == 1 else f"Log {number}"
 
 
 def _cut(

@@ -76,7 +76,9 @@ def check_lean(log: Log) -> list[Finding]:
     "lost."""
     if not {"theta", "phi"} <= set(log.names):
         return []
-    lean = np.nan_to_num(np.hypot(log["theta"], log["phi"]))
+    lean = np.nan_to_num(
+        np.hypot(log["theta"], log["phi"]), posinf=0.0
+    )  # what has no value is told elsewhere
     excursions = _excursions(lean)
     if not excursions:
         return []

@@ -11,7 +11,7 @@ from ballbot.log.disturbance_check import check_disturbance
 from ballbot.log.findings import Finding
 from ballbot.log.kinematic_check import check_wheels
 from ballbot.log.log import Log
-from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values
+from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values, check_rows
 from ballbot.log.value_checks import (
     check_constant,
     check_names,
@@ -37,6 +37,7 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
     """
     limit = robot.drive.torque_limit if robot else None
     findings = [
+        *check_rows(log),
         *check_gaps(log),
         *check_jitter(log),
         *check_missing_values(log),

@@ -12,6 +12,14 @@ GAP_RATIO = 1.5
 JITTER_RATIO = 0.05
 
 
+def check_rows(log: Log) -> list[Finding]:
+    """Return an error for a log of one row."""
+    if len(log) > 1:
+        return []
+    sentence = "The log has one row, and nothing moves in one row; every use takes many."
+    return [Finding(severity="error", kind="rows", sentence=sentence)]
+
+
 def check_gaps(log: Log) -> list[Finding]:
     """Return a warning where rows are missing: intervals longer than the clock's own scatter explains."""
     intervals = np.diff(log.t)

@@ -38,6 +38,14 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     return figure
 
 
+def panels_over_time(*, height: float, ratios: tuple[int, int]) -> tuple[Figure, Axes, Axes]:
+    """Return a figure so high [in] of two panels over one time, with these heights relative to one another."""
+    figure = Figure(figsize=(7.4, height), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=ratios)
+    lower.set_xlabel("time [s]")
+    return figure, upper, lower
+
+
 def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
     drawn = [(found.estimate("inverse"), ORANGE, "--"), (found.best, BLUE, "-")]
     if found.chosen.symmetric:
@@ -64,8 +72,7 @@ def closed_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the force in closed loop, recorded and simulated, and the difference."""
     axis = _axis(found.estimate("closed loop"))
     moved = axis.closed_loop(record, speed=speed_at_start(record))
-    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure, upper, lower = panels_over_time(height=3.8, ratios=(2, 1))
     t, measured, simulated = thinned(record.t, record.force, moved.forces)
     upper.plot(t, measured, label="recorded", **MEASURED)
     upper.plot(t, simulated, color=BLUE, linewidth=0.9, label="simulated in closed loop")
@@ -73,14 +80,12 @@ def closed_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     lower.plot(t, simulated - measured, color=INK, linewidth=0.7)
     lower.set_ylabel("difference")
-    lower.set_xlabel("time [s]")
     return figure
 
 
 def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the position, and the errors of its simulation from the recorded force alone."""
-    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1, 2))
+    figure, upper, lower = panels_over_time(height=3.8, ratios=(1, 2))
     t, position = thinned(record.t, record.position)
     upper.plot(t, position, label="recorded", **MEASURED)
     upper.set_ylabel(f"position [{found.unit}]")
@@ -96,7 +101,6 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
         lower.plot(t, error, color=color, linestyle=dash, linewidth=1.2, label=label)
     lower.axhline(0.0, color=MUTED, linewidth=0.6)
     lower.set_ylabel(f"error [m{found.unit}]")
-    lower.set_xlabel("time [s]")
     lower.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure
 

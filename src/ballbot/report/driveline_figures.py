@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.identification.axis.driveline import DrivelineFit, PrintedFit, Sweep
+from ballbot.report.axis_figures import panels_over_time
 from ballbot.report.style import BLUE, GREEN, INK, MEASURED, ORANGE, WITH_FRICTION, WITHOUT_FRICTION, thinned
 
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
@@ -29,8 +30,7 @@ def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
 
 def comparison_figure(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> Figure:
     """Return the thesis's Figure 3.2 over time: speed measured, with friction, without, and with (3.2) as printed."""
-    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    figure, upper, lower = panels_over_time(height=4.6, ratios=(3, 1))
     # a line of friction is broken where the speed is limited, so no row is left out of what is thinned
     t, measured, found, clamped, without = thinned(
         sweep.t, sweep.speed, fit.predicted, printed.predicted, fit.without
@@ -43,7 +43,6 @@ def comparison_figure(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> F
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     lower.plot(t, found - measured, color=BLUE, linewidth=0.9)
     lower.set_ylabel("with friction\nless measured")
-    lower.set_xlabel("time [s]")
     return figure
 
 

@@ -154,6 +154,11 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
             f"The log has torques of {torques.shape[1]} wheels and speeds of {speeds.shape[1]}; {robot.name} has "
             f"{robot.wheel_count}."
         )
+    for i in range(robot.wheel_count):
+        if np.ptp(torques[:, i]) == 0.0:
+            raise InputError(
+                f"u{i + 1} is {torques[0, i]:g} N m throughout; the torque of a sweep has to go slowly to and fro."
+            )
     if limit is not None and not limit > 0.0:
         raise InputError(f"The speed limit is {limit:g} rad/s; it must be above zero.")
     highest = float(np.abs(speeds).max()) if limit is None else limit

@@ -81,14 +81,7 @@ def identify_axis(
     InputError
         Where the record cannot give the parameters, there is no such law, or an option makes no sense.
     """
-    for name, value in (("window", window), ("horizon", horizon)):
-        if value is not None and not 10.0 * record.sample_time <= value < np.inf:
-            raise InputError(f"The {name} is {value:g} s; it must be at least ten samples.")
-    names = [one.name for one in (record, *held_against)]
-    if len(set(names)) < len(names):
-        raise InputError(
-            f"Two of the records are called alike ({', '.join(names)}); give each a name of its own."
-        )
+    _check(record, held_against, window=window, horizon=horizon)
     wanted = rung_of(law) if law else None
     tell = progress or _silent
     band = default_bandwidth(record) if bandwidth is None else bandwidth
@@ -173,6 +166,24 @@ def axis_errors(axis: Axis, record: AxisRecord, *, bandwidth: float) -> AxisErro
     return AxisErrors(
         record=record.name, open_loop_rmse=rmse, closed_loop_force=force, closed_loop_position=position
     )
+
+
+def _check(
+    record: AxisRecord, held_against: Sequence[AxisRecord], *, window: float, horizon: float | None
+) -> None:
+    for name, value in (("window", window), ("horizon", horizon)):
+        if value is not None and not 10.0 * record.sample_time <= value < np.inf:
+            raise InputError(f"The {name} is {value:g} s; it must be at least ten samples.")
+    names = [one.name for one in (record, *held_against)]
+    if len(set(names)) < len(names):
+        raise InputError(
+            f"Two of the records are called alike ({', '.join(names)}); give each a name of its own."
+        )
+    if np.ptp(record.force) == 0.0:
+        raise InputError(
+            f"{record.name}: the force is {record.force[0] + 0.0:g} {record.force_unit} throughout, so that nothing "
+            "can be told of what it moves; look at its column and its scale."
+        )
 
 
 def _relative(found: NDArray[np.float64], measured: NDArray[np.float64]) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span
+from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time
 from ballbot.log import Log
 from ballbot.log.columns import torque_names
 
@@ -69,18 +69,7 @@ def cut_ball_windows(logs: Sequence[Log], *, wheel_count: int, duration: float) 
         Where there is no log, a column is missing, the sample times differ, or the window is no length or longer
         than every log.
     """
-    if not logs:
-        raise InputError("Identification needs at least one log.")
-    sample_time = logs[0].sample_time
-    for log in logs:
-        if abs(log.sample_time - sample_time) > 0.01 * sample_time:
-            raise InputError(
-                f"The logs have sample times of {sample_time:g} and {log.sample_time:g} s; they must have the same one."
-            )
-    if not 2.0 * sample_time <= duration < np.inf:
-        raise InputError(
-            f"The window is {duration:g} s long; it must be two samples, {2 * sample_time:g} s, or more."
-        )
+    sample_time = common_sample_time(logs, duration=duration)
     samples = round(duration / sample_time)
     pieces = [_cut(number, log, wheel_count, samples) for number, log in enumerate(logs)]
     spans = tuple(span for piece in pieces for span in piece[3])
