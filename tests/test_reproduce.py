@@ -35,6 +35,7 @@ from ballbot.experiments.reproduce import (
     chapter5,
 )
 from ballbot.experiments.reproduce.bench import Bench, linear_run
+from ballbot.experiments.reproduce.measures import above
 from ballbot.experiments.reproduce.mistakes import MISTAKES, algebra, conclusions, mechanics, numbers
 from ballbot.experiments.reproduce.recordings import Logs, Recording, record_all
 from ballbot.experiments.reproduce.registry import ITEMS
@@ -87,6 +88,16 @@ def test_what_is_no_number_never_agrees() -> None:
     assert not check(value=math.nan).agrees
     assert item_of().verdict == "drawn"
     assert check(value=2.0, lowest=2.0, highest=2.0).agrees
+
+
+def test_what_is_above_a_frequency_is_the_fast_part() -> None:
+    """Of 1 Hz and 25 Hz together the latter is left: 5 Hz, order 2 run both ways, takes 1 Hz down by 25^2."""
+    t = np.arange(4000) / 200.0
+    slow, fast = np.sin(2.0 * np.pi * t), 0.01 * np.sin(2.0 * np.pi * 25.0 * t)
+    left = above(np.column_stack([slow + fast, slow]), 1.0 / 200.0, 5.0)[400:-400]
+    # the filter's square gain is 1 / (1 + 1/5^4) at 25 Hz
+    np.testing.assert_allclose(left[:, 0] - left[:, 1], fast[400:-400], rtol=0.0, atol=2e-5)
+    assert np.abs(left[:, 1]).max() < 1.1 / 5.0**4
 
 
 def test_appendix_i_comes_out(bench: Bench) -> None:
@@ -212,6 +223,7 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     assert page.count("<img ") == 3
     assert "&lt;b&gt;" in page
     assert "Ours does not agree" in page
+    assert "Of 4 figures and tables,\n1 agree, 1 do not agree, 2 are drawings." in page
     for name in ("figure_2_1", "figure_5_2", "figure_i_1"):
         svg = (tmp_path / "figures" / f"{name}.svg").read_text(encoding="utf-8")
         assert svg.startswith("<svg")

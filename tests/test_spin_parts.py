@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.vision.rendering import Scene, motion_of, render, view_of, wandering
+from ballbot.vision.rendering import Scene, motion_of, render, view_of, wandering, write_video
 from ballbot.vision.rotations import exponential, logarithm
 from ballbot.vision.seams import SEAMS, seam_named, thesis_seam
 from ballbot.vision.sphere_table import seam_table
@@ -116,6 +116,16 @@ def test_the_table_gives_the_distance_from_the_curve():
     # a cell is 0.006 rad across and the curve bends by at most 4 a radian: 4 * 0.006^2
     assert near.sum() > 100
     np.testing.assert_allclose(found[near], brute[near], rtol=0.0, atol=3e-4)
+
+
+def test_a_video_whose_rendering_stops_is_not_written(tmp_path):
+    def frames():
+        yield np.zeros((64, 64, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_video(tmp_path / "video.avi", frames(), frame_rate=30.0)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_motions_orientation_has_its_velocity():

@@ -36,7 +36,7 @@ _LEAST_SHARE = np.float32(1e-3)
 #: most of a ball that a seam covers
 _MOST_SEAM = 0.35
 #: most pixels that the discriminant is learned from
-_MOST_PIXELS = 120_000
+_MOST_PIXELS = 40_000
 _LOGS = np.log(np.arange(256, dtype=np.float32) + np.float32(_FLOOR))
 
 

@@ -12,6 +12,6 @@ The drawings are in `ballbot.report.reproduce`, in files of the same names.
 """
 
 from ballbot.experiments.reproduce.campaign import Reproduction, reproduce
-from ballbot.experiments.reproduce.item import Check, Item, Mistake, Verdict
+from ballbot.experiments.reproduce.item import VERDICTS, Check, Item, Mistake, Verdict
 
-__all__ = ["Check", "Item", "Mistake", "Reproduction", "Verdict", "reproduce"]
+__all__ = ["VERDICTS", "Check", "Item", "Mistake", "Reproduction", "Verdict", "reproduce"]

@@ -31,7 +31,6 @@ def figure_iii_1(bench: Bench) -> Item:
                 claim="the inertia about the ball's centre is 4.37 kg m^2",
                 quantity="found from the swing, less that, over the half width of 95 %",
                 value=abs(pivot.value - THESIS_INERTIA) / pivot.half_width,
-                unit="",
                 highest=1.0,
             ),
         ),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.experiments.reproduce.bench import Bench
-from ballbot.experiments.reproduce.item import Item, Mistake
+from ballbot.experiments.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.experiments.reproduce.mistakes import MISTAKES
 from ballbot.experiments.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
 from ballbot.experiments.reproduce.registry import ITEMS
@@ -31,6 +32,12 @@ class Reproduction:
     bench: Bench
     items: tuple[Item, ...]
     mistakes: tuple[Mistake, ...]
+
+    @property
+    def counts(self) -> dict[Verdict, int]:
+        """How many items have each verdict that there is."""
+        found = Counter(item.verdict for item in self.items)
+        return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
 
 
 def reproduce(folder: Path, *, seed: int, progress: Progress) -> Reproduction:

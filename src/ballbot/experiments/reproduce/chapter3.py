@@ -41,7 +41,6 @@ def figure_3_1(bench: Bench) -> Item:
                 claim="all wheels are roughly the same",
                 quantity=f"spread of their torques at {_SPEED:g} rad/s, of the largest",
                 value=spread,
-                unit="",
                 highest=_ROUGHLY,
             ),
         ),
@@ -60,21 +59,20 @@ def figure_3_2(bench: Bench) -> Item:
         thesis="The model with friction is nearer to the measurement than the one without; most of the "
         "friction is viscous and Coulomb.",
         ours=f"Over the sweep the speed errs by {fit.rmse:.2f} rad/s with the friction found (where the "
-        f"supply does not limit it) and by {fit.rmse_without:.2f} rad/s without; viscous and Coulomb "
-        f"friction are {100.0 * share:.0f} % of it, summed over the sweep.",
+        f"supply does not limit it) and by {fit.rmse_without:.2f} rad/s without, whose clamp (3.2) winds up "
+        "and holds the wheel at the limit while the torque brakes (mistake 9); viscous and Coulomb friction "
+        f"are {100.0 * share:.0f} % of it, summed over the sweep.",
         checks=(
             Check(
                 claim="the model with friction is nearer",
                 quantity="RMS error without friction over that with",
                 value=fit.rmse_without / fit.rmse,
-                unit="",
                 lowest=1.0,
             ),
             Check(
                 claim="most of the friction is viscous and Coulomb",
                 quantity="their share",
                 value=share,
-                unit="",
                 lowest=0.5,
             ),
         ),
@@ -104,21 +102,18 @@ def figure_3_4(bench: Bench) -> Item:
                 claim="without friction there is no steady error",
                 quantity="share of the angle missed at the end",
                 value=missed["without"],
-                unit="",
                 highest=0.01,
             ),
             Check(
                 claim="with friction there is one",
                 quantity="share of the angle missed at the end",
                 value=missed["with"],
-                unit="",
                 lowest=0.05,
             ),
             Check(
                 claim="friction moves the ball about axes that were not asked for",
                 quantity="largest turn about one, over the same without friction",
                 value=ratio,
-                unit="",
                 lowest=10.0,
             ),
         ),
@@ -149,7 +144,6 @@ def figure_3_5(bench: Bench) -> Item:
                 claim="the model with friction moves around it",
                 quantity="its largest distance over the basic model's",
                 value=around / max(still, 1e-9),
-                unit="",
                 lowest=100.0,
             ),
         ),

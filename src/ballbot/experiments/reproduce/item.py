@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 Verdict = Literal["agrees", "agrees in part", "does not agree", "drawn"]
+#: what is said of several items with a verdict, in the order of a summary
+VERDICTS: Mapping[Verdict, str] = MappingProxyType(
+    {
+        "agrees": "agree",
+        "agrees in part": "agree in part",
+        "does not agree": "do not agree",
+        "drawn": "are drawings",
+    }
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +30,7 @@ class Check:
     claim: str  #: a clause: "without friction the ball reaches the reference"
     quantity: str  #: what is measured, in words
     value: float
-    unit: str
+    unit: str = ""
     lowest: float = -math.inf
     highest: float = math.inf
 

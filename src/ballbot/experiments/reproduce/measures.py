@@ -32,8 +32,8 @@ def largest_apart(first: Log, second: Log) -> float:
     return max(apart(first, second, name) for name in STATE_NAMES)
 
 
-def above(values: NDArray[np.float64], sample_time: float, frequency: float) -> float:
-    """Return the root mean square of what lies above a frequency [Hz], by a Butterworth filter run both ways.
+def above(values: NDArray[np.float64], sample_time: float, frequency: float) -> NDArray[np.float64]:
+    """Return what of columns (n, ...) lies above a frequency [Hz], by a Butterworth filter run both ways.
 
     Parameters
     ----------
@@ -45,4 +45,4 @@ def above(values: NDArray[np.float64], sample_time: float, frequency: float) -> 
         [Hz]
     """
     sections = butter(2, frequency, btype="highpass", fs=1.0 / sample_time, output="sos")
-    return rms(np.asarray(sosfiltfilt(sections, values, axis=0)))
+    return np.asarray(sosfiltfilt(sections, values, axis=0), np.float64)

@@ -11,6 +11,7 @@ import io
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
@@ -22,6 +23,8 @@ import ballbot
 from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
+from ballbot.errors import InputError
+from ballbot.experiments.reproduce.children import deaf_children, die_quietly
 from ballbot.files import write_bytes
 from ballbot.log import Log
 from ballbot.robot import Robot
@@ -131,8 +134,9 @@ def record_all(
     if missing:
         workers = min(os.cpu_count() or 1, len(missing))
         # spawned: a fork of a process with threads may hang
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            made = {pool.submit(one.make, robot, seed): one for one in missing}
+        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=die_quietly) as pool:
+            with deaf_children():
+                made = {pool.submit(one.make, robot, seed): one for one in missing}
             try:
                 for future in as_completed(made):
                     one = made[future]
@@ -140,6 +144,10 @@ def record_all(
                     _write(_path(folder, one, robot, seed), found[one.name])
                     done += one.seconds
                     progress(done / total, one.name.replace("_", " "))
+            except BrokenProcessPool:
+                raise InputError(
+                    "A process that recorded was killed, perhaps for want of memory; what was recorded before is kept."
+                ) from None
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

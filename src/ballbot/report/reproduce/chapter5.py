@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.experiments.metrics import position_error
-from ballbot.experiments.reproduce.bench import Bench
+from ballbot.experiments.reproduce.bench import MODEL_RUN, Bench
+from ballbot.experiments.reproduce.chapter5 import FAST, MOVING
+from ballbot.experiments.reproduce.measures import above
 from ballbot.experiments.reproduce.recordings import ARRIVED
 from ballbot.log import Log
 from ballbot.report.comparison_figures import RUN_LINES
 from ballbot.report.reproduce.blocks import Arrow, Block, Diagram, blocks_figure
-from ballbot.report.reproduce.lines import Shown, paths_figure, states_figure
-from ballbot.report.style import INK, SHADE, WITH_FRICTION, WITHOUT_FRICTION, Line, thinned
+from ballbot.report.reproduce.lines import Shown, draw_state, paths_figure, states_figure
+from ballbot.report.style import INK, SHADE, STATE_SYMBOLS, WITH_FRICTION, WITHOUT_FRICTION, Line, thinned
 
 _LINEAR: Line = {"color": INK, "linestyle": "-", "linewidth": 1.8}
 _NONE, _FULL, _PARTIAL = (RUN_LINES[kind] for kind in ("none", "full", "partial"))
@@ -73,33 +76,47 @@ def figure_5_3(bench: Bench) -> Figure:
 
 
 def figure_5_4(bench: Bench) -> Figure:
-    """Return the position of the linear model and with full and partial compensation."""
+    """Return the position of the linear model and with full and partial compensation: a bare sign, and a ramp."""
     runs = bench.changes
-    shown = [
-        Shown(label="linear", log=runs["linear"], line=_LINEAR),
-        Shown(label="full compensation", log=runs["full"], line=_FULL),
-        Shown(label="partial compensation", log=runs["partial"], line=_PARTIAL),
-    ]
-    return states_figure(shown, ("x", "y"), start=0.0, end=20.0)
+    figure = Figure(figsize=(7.4, 3.9), layout="constrained")
+    panels = figure.subplots(2, 2, sharex=True)
+    for row, (suffix, law) in zip(panels, (("_sign", "bare sign"), ("", "ramp")), strict=True):
+        shown = [
+            Shown(label="linear", log=runs["linear"], line=_LINEAR),
+            Shown(label="full compensation", log=runs[f"full{suffix}"], line=_FULL),
+            Shown(label="partial compensation", log=runs[f"partial{suffix}"], line=_PARTIAL),
+        ]
+        for axes, name in zip(row, ("x", "y"), strict=True):
+            draw_state(axes, shown, name, start=0.0, end=MODEL_RUN)
+            axes.set_ylabel(f"{STATE_SYMBOLS[name]} [m], {law}")
+    for axes in panels[-1]:
+        axes.set_xlabel("time [s]")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    return figure
 
 
 def figure_5_5(bench: Bench) -> Figure:
-    """Return the wheels' speeds with full and partial compensation."""
+    """Return the wheels' speeds with full and partial compensation, and what of them is fast."""
+    count, h = bench.robot.wheel_count, bench.robot.sensors.sample_time
     figure = Figure(figsize=(7.4, 4.4), layout="constrained")
-    count = bench.robot.wheel_count
-    panels = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
-    for wheel, axes in enumerate(panels):
-        for kind, label, line in (
-            ("full", "full compensation", _FULL),
-            ("partial", "partial compensation", _PARTIAL),
-        ):
-            log = bench.changes[kind]
-            rows = (log.t >= _FIRST) & (log.t <= _LAST)
-            axes.plot(*thinned(log.t[rows], log.wheel_speeds[rows, wheel]), label=label, **line)
-        axes.set_ylabel(f"wheel {wheel + 1} [rad/s]")
-        axes.set_xlim(_FIRST, _LAST)
-    panels[-1].set_xlabel("time [s]")
-    handles, labels = panels[0].get_legend_handles_labels()
+    panels = figure.subplots(count, 2, sharex=True, squeeze=False)
+    kinds = (("full", "full compensation", _FULL), ("partial", "partial compensation", _PARTIAL))
+    for kind, label, line in kinds:
+        log = bench.changes[kind]
+        rows = (log.t >= _FIRST) & (log.t <= _LAST)
+        t, fast = log.t[rows], 1e3 * above(log.wheel_speeds, h, FAST)[rows]
+        for wheel, (whole, part) in enumerate(panels):
+            whole.plot(*thinned(t, log.wheel_speeds[rows, wheel]), label=label, **line)
+            part.plot(*thinned(t, fast[:, wheel]), label=label, **line)
+            whole.set_ylabel(f"wheel {wheel + 1} [rad/s]")
+            part.set_ylabel(f"above {FAST:g} Hz\n[mrad/s]")
+    reach = 1.2e3 * max(_largest_fast(bench, kind) for kind, _, _ in kinds)
+    for part in panels[:, 1]:
+        part.set_ylim(-reach, reach)  # the step's jump goes beyond
+    for axes in panels[-1]:
+        axes.set(xlabel="time [s]", xlim=(_FIRST, _LAST))
+    handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2)
     return figure
 
@@ -142,6 +159,13 @@ def figure_5_8(bench: Bench) -> Figure:
     lower.legend(loc="upper right", ncols=3)
     upper.margins(x=0.01)
     return figure
+
+
+def _largest_fast(bench: Bench, kind: str) -> float:
+    """Return the largest size [rad/s] of what is fast in a wheel's speed while it is shown, past the step's jump."""
+    log = bench.changes[kind]
+    fast = above(log.wheel_speeds, bench.robot.sensors.sample_time, FAST)
+    return float(np.abs(fast[(log.t >= MOVING[0]) & (log.t <= _LAST)]).max())
 
 
 def _compared(none: Log, full: Log) -> list[Shown]:

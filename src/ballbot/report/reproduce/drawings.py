@@ -21,35 +21,14 @@ from ballbot.report.reproduce import (
 
 Drawing = Callable[[Bench], Figure]
 
-#: by `Item.key`; tables have none
+_CHAPTERS = (chapter2, chapter3, chapter4, chapter5, appendix1, appendix3, appendix4, appendix5)
+
+#: by `Item.key`, in the thesis's order; tables have none
 DRAWINGS: Mapping[str, Drawing] = MappingProxyType(
     {
-        draw.__name__: draw
-        for draw in (
-            chapter2.figure_2_1,
-            chapter3.figure_3_1,
-            chapter3.figure_3_2,
-            chapter3.figure_3_4,
-            chapter3.figure_3_5,
-            chapter4.figure_4_1,
-            chapter4.figure_4_2,
-            chapter4.figure_4_3,
-            chapter5.figure_5_1,
-            chapter5.figure_5_2,
-            chapter5.figure_5_3,
-            chapter5.figure_5_4,
-            chapter5.figure_5_5,
-            chapter5.figure_5_6,
-            chapter5.figure_5_7,
-            chapter5.figure_5_8,
-            appendix1.figure_i_1,
-            appendix3.figure_iii_1,
-            appendix4.figure_iv_1,
-            appendix4.figure_iv_2,
-            appendix4.figure_iv_3,
-            appendix4.figure_iv_4,
-            appendix5.figure_v_1,
-            appendix5.figure_v_2,
-        )
+        name: draw
+        for chapter in _CHAPTERS
+        for name, draw in vars(chapter).items()
+        if name.startswith("figure_")
     }
 )

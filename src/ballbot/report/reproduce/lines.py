@@ -31,12 +31,8 @@ def states_figure(
     figure = Figure(figsize=(7.4, 0.5 + 1.45 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for axes, name in zip(panels, states, strict=False):
-        _reference(axes, runs[0].log, name, start, end)
-        for run in runs:
-            rows_shown = (run.log.t >= start) & (run.log.t <= end)
-            axes.plot(*thinned(run.log.t[rows_shown], run.log[name][rows_shown]), label=run.label, **run.line)
+        draw_state(axes, runs, name, start=start, end=end)
         axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
-        axes.set_xlim(start, end)
     for axes in panels[len(states) :]:
         axes.set_visible(False)
     # the lowest panel of each column has the axis, also where the last row is short
@@ -47,6 +43,15 @@ def states_figure(
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure
+
+
+def draw_state(axes: Axes, runs: Sequence[Shown], name: str, *, start: float, end: float) -> None:
+    """Draw a state of some runs from `start` to `end` [s], with the reference where there is one."""
+    _reference(axes, runs[0].log, name, start, end)
+    for run in runs:
+        rows = (run.log.t >= start) & (run.log.t <= end)
+        axes.plot(*thinned(run.log.t[rows], run.log[name][rows]), label=run.label, **run.line)
+    axes.set_xlim(start, end)
 
 
 def paths_figure(runs: Sequence[Shown], *, ball_radius: float, goal: bool) -> Figure:
@@ -73,7 +78,16 @@ def paths_figure(runs: Sequence[Shown], *, ball_radius: float, goal: bool) -> Fi
     )
     below = (where[0], where[1] - ball_radius)
     axes.annotate(
-        "the ball", below, (0, -3), textcoords="offset points", ha="center", va="top", fontsize=7.5, color=INK
+        "the ball",
+        below,
+        (0, -3),
+        textcoords="offset points",
+        ha="center",
+        va="top",
+        fontsize=7.5,
+        color=INK,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
+        zorder=3,
     )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="$x$ [m]", ylabel="$y$ [m]")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from ballbot.experiments.reproduce import Check, Item, Mistake, Reproduction
+from ballbot.experiments.reproduce import VERDICTS, Check, Item, Mistake, Reproduction
 from ballbot.files import write_text
 from ballbot.report.json_text import as_json
 from ballbot.report.page import render
@@ -18,9 +17,6 @@ from ballbot.report.reproduce.drawings import DRAWINGS
 from ballbot.report.reproduce.markdown import reproduction_markdown
 from ballbot.report.style import drawn
 from ballbot.report.tables import with_symbols
-
-#: the verdicts in the order of the summary
-_VERDICTS = ("agrees", "agrees in part", "does not agree", "drawn")
 
 
 def write_reproduction(
@@ -53,10 +49,9 @@ def write_reproduction(
 
 def reproduction_page(made: Reproduction, provenance: Provenance) -> str:
     """Return the page."""
-    counts = Counter(item.verdict for item in made.items)
     values: dict[str, object] = {
         "title": "The thesis remade",
-        "counts": [(verdict, counts[verdict]) for verdict in _VERDICTS if counts[verdict]],
+        "counts": [(VERDICTS[verdict], count) for verdict, count in made.counts.items()],
         "items": made.items,
         "drawn_items": {item.key for item in made.items if item.key in DRAWINGS},
         "mistakes": made.mistakes,

@@ -87,7 +87,6 @@ def ball_inertia(bench: Bench) -> Mistake:
                 claim="the wall makes a difference",
                 quantity="thin shell over thick",
                 value=thin / thick,
-                unit="",
                 lowest=1.2,
             ),
         ),
@@ -133,7 +132,6 @@ def rounded_constants(bench: Bench) -> Mistake:
                 claim="where the twin's, whose supply is the computed one, does not",
                 quantity="its largest speed over the limit",
                 value=fastest / limit,
-                unit="",
                 lowest=0.99,
                 highest=1.01,
             ),
@@ -169,7 +167,6 @@ def error_over_count(bench: Bench) -> Mistake:
                 quantity=f"e over runs of {short.samples[0]} samples over that of one of {whole.samples[0]}, "
                 "median of the states, for the same RMSE",
                 value=share / rmse,
-                unit="",
                 lowest=0.8 * expected,
                 highest=1.2 * expected,
             ),
