@@ -8,6 +8,7 @@ from time import perf_counter
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
+from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.metrics import position_error, rms_torque_change, settled
 from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
 from ballbot.experiments.robust_design.perturbed import Spread
@@ -29,6 +30,8 @@ TWINS = (
     ("20 % lighter and lower, 1° floor", 0.8, 0.8, 0, 0.0175),
     ("20 % heavier and taller, 2 samples late, 1° floor", 1.2, 1.2, 2, 0.0175),
 )
+#: whose state is fed back on the twins
+ESTIMATORS: dict[EstimatorName, str] = {"kalman": "Kalman filter's state", "onboard": "thesis's state"}
 SEEDS = (300, 301, 302)
 RUN, SETTLE = 32.0, 6.0
 
@@ -53,7 +56,10 @@ def campaign() -> Section:
         f" {len(SEEDS)} seeds (torque's change from sample to sample in brackets). Friction identified from the twin's"
         " logs.",
         columns=["", "weights found", "nominal weights", "plain LQR (Q = I, R = I)"],
-        rows=[*_on_fresh(found), *(_on_twin(robot, controllers, case) for case in TWINS)],
+        rows=[
+            *_on_fresh(found),
+            *(_on_twin(robot, controllers, case, state) for state in ESTIMATORS for case in TWINS),
+        ],
         after=f"Found: Q = diag({weights}), R = {found.torque_weight:g} I.\n\n"
         f"![The search, and costs on fresh robots]({picture})",
     )
@@ -74,15 +80,23 @@ def _on_fresh(found: RobustDesign) -> list[list[str]]:
 
 
 def _on_twin(
-    robot: Robot, controllers: dict[str, Controller], case: tuple[str, float, float, int, float]
+    robot: Robot,
+    controllers: dict[str, Controller],
+    case: tuple[str, float, float, int, float],
+    state: EstimatorName,
 ) -> list[str]:
     name, mass, height, delay, tilt = case
     true = robot.replace(body=scaled_body(robot.body, mass=mass, height=height))
     scenario = replace(
         Scenario.nominal(true), floor_tilt=(tilt, 0.0), timing=Timing(delay=delay) if delay else None
     )
-    cells = [_cell(lambda: Twin(true, scenario), controllers[rival], SEEDS) for rival in _ORDER]
-    return [f"{name}: peak error (mm)", *cells]
+
+    def twin() -> Twin:
+        known = named_estimator(state, robot, sample_time=scenario.sensors.sample_time)
+        return Twin(true, scenario, estimator=known)
+
+    cells = [_cell(twin, controllers[rival], SEEDS) for rival in _ORDER]
+    return [f"{name}, {ESTIMATORS[state]}: peak error (mm)", *cells]
 
 
 def _cell(make: Callable[[], Twin], controller: Controller, seeds: Sequence[int]) -> str:
