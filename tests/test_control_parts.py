@@ -21,6 +21,7 @@ from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.control.standstill import Standstill
 from ballbot.control.torque_balance import TorqueBalance
+from ballbot.robot.scaled import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 
 SAMPLE = 0.005
@@ -227,22 +228,49 @@ def friction_of(size: float):
 
 def test_adaptation_finds_friction_that_has_changed_and_rests_without_motion():
     now = alten(replace(FRICTION, stribeck=(0.0, 0.0, 0.0), rolling=0.0))
-    half = replace(now.friction, viscous=(0.007, 0.008, 0.0065), coulomb=(0.055, 0.045, 0.06))
-    known = now.replace(friction=half)
-    adaptation = Adaptation(balance=TorqueBalance.of(known), highest=3.0, time=2.0)
+    known = now.replace(friction=scaled_friction(now.friction, 0.7))
+    adaptation = Adaptation(balance=TorqueBalance.of(known), highest=3.0, driveline_time=1.0)
     controller = Controller(
         known, design_gain(known).gain, compensation="full", parts=Parts(adaptation=adaptation)
     )
     assert controller.friction_scales == pytest.approx(np.ones(4))
-    simulate(Model(now), controller, circle(radius=0.5, period=12.0), duration=24.0)
-    np.testing.assert_allclose(controller.friction_scales[:3], 2.0, atol=0.25)
-    limited = controller.with_parts(Parts(adaptation=replace(adaptation, highest=1.2)))
+    simulate(Model(now), controller, circle(radius=0.5, period=12.0), duration=48.0)
+    np.testing.assert_allclose(controller.friction_scales[:3], 1.0 / 0.7, atol=0.1)
+    limited = controller.with_parts(Parts(adaptation=replace(adaptation, highest=1.2, highest_floor=1.0)))
     simulate(Model(now), limited, circle(radius=0.5, period=12.0), duration=24.0)
     assert limited.friction_scales.max() <= 1.2
     limited.reset()
     for _ in range(400):  # torques, but no motion: play, or a wheel held
         limited.update(0.0, leaning(0.05), np.zeros(10))
     np.testing.assert_array_equal(limited.friction_scales, np.ones(4))
+
+
+def test_adaptation_tells_the_floor_from_the_drivelines():
+    known = alten(FRICTION)
+    adaptation = Adaptation(balance=TorqueBalance.of(known), driveline_time=10.0)
+    for wheels, floor in ((1.0, 2.5), (1.3, 1.0), (0.8, 0.4)):
+        now = replace(scaled_friction(FRICTION, wheels), rolling=floor * FRICTION.rolling)
+        controller = precise_controller(known)
+        controller = controller.with_parts(replace(controller.parts, adaptation=adaptation))
+        simulate(Model(alten(now)), controller, circle(radius=0.5, period=12.0), duration=96.0)
+        # after 48 s a fifth of the way is left, after 96 s a twentieth
+        np.testing.assert_allclose(controller.friction_scales[:3], wheels, atol=0.06)
+        assert controller.friction_scales[3] == pytest.approx(floor, abs=0.15)
+
+
+def test_a_lean_into_the_rolling_friction_takes_away_most_of_what_a_rough_floor_costs():
+    reference, behind = circle(period=32.0), {}
+    for rolling in (0.0, 0.021):
+        robot = alten(replace(FRICTION, rolling=rolling))
+        whole = precise_controller(robot)
+        leans = FeedForward.of(robot, rolling_lean=True)
+        for name, parts in (("upright", whole.parts), ("leaning", replace(whole.parts, feed_forward=leans))):
+            log = simulate(Model(robot), whole.with_parts(parts), reference, duration=40.0)
+            late = log.t > 20.0
+            behind[name, rolling] = np.hypot(log["x"] - log["ref_x"], log["y"] - log["ref_y"])[late].mean()
+    cost = {name: behind[name, 0.021] - behind[name, 0.0] for name in ("upright", "leaning")}
+    assert cost["upright"] > 0.004
+    assert abs(cost["leaning"]) < 0.3 * cost["upright"]
 
 
 def test_lanes_remember_each_its_own():
@@ -253,10 +281,11 @@ def test_lanes_remember_each_its_own():
         Controller(robot, design_gain(robot).gain),
     ] * 3
     starts = np.array([leaning(0.01 * k, -0.005 * k) for k in range(9)])
-    batch = simulate_batch(Model(robot), controllers, square(), duration=10.0, initial_states=starts)
+    reference = square(period=8.0)
+    batch = simulate_batch(Model(robot), controllers, reference, duration=5.0, initial_states=starts)
     for lane, controller in enumerate(controllers):
-        log = simulate(Model(robot), controller, square(), duration=10.0, initial_state=starts[lane])
-        # rounding of 1e-16, carried through 10 s of stick and slip
+        log = simulate(Model(robot), controller, reference, duration=5.0, initial_state=starts[lane])
+        # rounding of 1e-16, carried through 5 s of stick and slip; it grows a thousandfold in 2 s
         np.testing.assert_allclose(batch.torques[lane], log.torques, atol=1e-6)
 
 
@@ -279,6 +308,8 @@ def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
         (lambda: DisturbanceObserver(balance=TorqueBalance.of(alten()), frequency=-1.0), "frequency of a dist"),
         (lambda: Adaptation(balance=TorqueBalance.of(alten()), time=0.0), "time of an adaptation"),
         (lambda: Adaptation(balance=TorqueBalance.of(alten()), highest=0.9), "1 must lie between"),
+        (lambda: Adaptation(balance=TorqueBalance.of(alten()), lowest_floor=1.1), "1 must lie between"),
+        (lambda: Adaptation(balance=TorqueBalance.of(alten()), noise=0.0), "noise of an adaptation"),
         (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs a shaping"),
         (
             lambda: Controller(

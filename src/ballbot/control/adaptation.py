@@ -1,14 +1,20 @@
 """Adaptation: friction compensation that follows the friction as it changes, by warmth, another floor, a payload.
 
-The compensation of wheel i is scaled by a_i, that of the rolling friction by a_r. Each sample's lost torque says by
-how much they are off (normalised gradient; f_i the friction compensated and r_i the wheel's part in the rolling
-friction, both unscaled):
+The compensation of wheel i is scaled by a_i, that of the rolling friction by a_r. Each sample's lost torques say by
+how much they are off (f_i the friction compensated and r_i the wheel's part in the rolling friction, both unscaled):
 
-    miss_i = lost_i - a_i f_i - a_r r_i
-    a_i += h/T miss_i f_i / (f_i^2 + f_0^2)        a_r += h/T sum(miss_i r_i) / (sum(r_i^2) + f_0^2)
+    lost_i = a_i f_i + a_r r_i + noise
 
-with a within its bounds, and at rest where nothing is told: while a wheel turns more slowly than the speed band, and
-while a torque is at its limit.
+A Kalman filter of a = (a_1 .. a_n, a_r), which are taken for random walks, slow ones of the drivelines and a quick one
+of the floor, tells the two apart: friction of a wheel goes with that wheel's direction of turning, rolling friction
+with the ball's direction over the floor. For each wheel that turns, phi having f_i at i and r_i at the end,
+
+    p = P phi      a += p (lost_i - phi.a) / (R/h + phi.p)      P -= p p^T / (R/h + phi.p)
+
+and before it P_jj += h Q_j, never above where it began. The scales stay within their bounds, and rest where nothing is
+told: while a wheel turns too slowly for its friction to be sure, and while a torque is at its limit. Rolling friction
+beyond what was identified is carried by the speed asked for and not by that measured, so that a robot which stands is
+not driven about by a floor that was judged too rough. The times are those after which a change has been followed to 63 %, for wheels that turn and friction torques of `TYPICAL`: Q = (R/T^2)/f^2.
 """
 
 from __future__ import annotations
@@ -16,8 +22,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ballbot.control.torque_balance import TorqueBalance
+from ballbot.control.torque_balance import MOST_WHEELS, TorqueBalance
 from ballbot.errors import InputError
+from ballbot.mechanics.compiled import called, inlined
+
+#: friction torque of a wheel for which the times hold [N m]
+TYPICAL = 0.1
+#: how far a driveline and a floor may be from what was identified, standard deviations of their scales at the start
+_DRIVELINE_SPREAD, _FLOOR_SPREAD = 0.15, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,24 +43,98 @@ class Adaptation:
     """
 
     balance: TorqueBalance  #: of the robot
-    time: float = 4.0  #: T, over which a wheel that turns forgets [s]
-    lowest: float = 0.3  #: bound of the scales
-    highest: float = 1.5  #: bound of the scales; above 1 the compensation may exceed what was identified
-    floor: float = 0.03  #: f_0, friction below which little is told [N m]
+    time: float = 5.0  #: over which another floor is followed, of motion [s]
+    driveline_time: float = 40.0  #: over which the drivelines are, of motion [s]
+    lowest: float = 0.3  #: bound of the wheels' scales
+    highest: float = (
+        1.5  #: bound of the wheels' scales; above 1 the compensation may exceed what was identified
+    )
+    lowest_floor: float = 0.0  #: bound of the rolling friction's scale
+    highest_floor: float = (
+        4.0  #: bound of the rolling friction's scale; a carpet has several times a hard floor's
+    )
+    noise: float = 0.045  #: sqrt(R), error of a wheel's lost torque as the mean of a second [N m s^0.5]
+    least_speed: float = 0.3  #: of a wheel, below which it tells nothing [rad/s]
 
     def __post_init__(self) -> None:
-        for name in ("time", "floor"):
+        for name in ("time", "driveline_time", "noise", "least_speed"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} of an adaptation is {value:g}; it must be positive.")
-        if not 0.0 <= self.lowest <= 1.0 <= self.highest < math.inf:
-            raise InputError(
-                f"The bounds of an adaptation are {self.lowest:g} and {self.highest:g}; 1 must lie between them."
-            )
+        for low, high in ((self.lowest, self.highest), (self.lowest_floor, self.highest_floor)):
+            if not 0.0 <= low <= 1.0 <= high < math.inf:
+                raise InputError(
+                    f"The bounds of an adaptation are {low:g} and {high:g}; 1 must lie between them."
+                )
+
+
+#: numbers that `pack_adaptation` returns
+ADAPTATION_SIZE = 11
+#: place of the rolling friction's scale among the scales, behind room for those of the wheels
+ROLLING = MOST_WHEELS
+_SCALES = MOST_WHEELS + 1
+#: numbers remembered: the scales less 1, P less what it was at the start, and p; all zero at the start of a run
+ADAPTATION_MEMORY = _SCALES * (_SCALES + 2)
+
+# places in a row: 1 where there is an adaptation, then these; h Q, P_jj at the start and the bounds less 1 for each
+# wheel's scale and for the rolling friction's
+_LEAST_SPEED, _NOISE, _WHEEL, _FLOOR = 1, 2, 3, 7
+# places in the memory
+_P, _COLUMN = _SCALES, _SCALES + _SCALES * _SCALES
 
 
 def pack_adaptation(adaptation: Adaptation | None, sample_time: float) -> list[float]:
-    """Return h/T, the bounds and f_0^2; with no h/T where there is none."""
+    """Return what `judge` reads, `ADAPTATION_SIZE` numbers; all zero where there is none."""
     if adaptation is None:
-        return [0.0, 1.0, 1.0, 1.0]
-    return [sample_time / adaptation.time, adaptation.lowest, adaptation.highest, adaptation.floor**2]
+        return [0.0] * ADAPTATION_SIZE
+    R = adaptation.noise**2
+
+    def walk(time: float) -> float:
+        return sample_time * R / (TYPICAL * time) ** 2
+
+    return [
+        1.0,
+        adaptation.least_speed,
+        R / sample_time,
+        walk(adaptation.driveline_time),
+        _DRIVELINE_SPREAD**2,
+        adaptation.lowest - 1.0,
+        adaptation.highest - 1.0,
+        walk(adaptation.time),
+        _FLOOR_SPREAD**2,
+        adaptation.lowest_floor - 1.0,
+        adaptation.highest_floor - 1.0,
+    ]
+
+
+@inlined
+def tells(row, place, speed):
+    """Return whether a wheel turns fast enough to tell of its friction."""
+    return abs(speed) > row[place + _LEAST_SPEED]
+
+
+@called
+def widen(row, place, memory, first, which):
+    """Let a scale's variance grow by a sample's walk, up to what it was at the start."""
+    diagonal = first + _P + which * (_SCALES + 1)
+    walk = row[place + (_FLOOR if which == ROLLING else _WHEEL)]
+    memory[diagonal] = min(0.0, memory[diagonal] + walk)
+
+
+@called
+def judge(row, place, memory, first, wheel, friction, carried, lost):
+    """Correct the scales by what one wheel lost [N m], of which friction and rolling friction are known unscaled."""
+    scale, rolling, column = first + wheel, first + ROLLING, first + _COLUMN
+    for j in range(_SCALES):
+        line = first + _P + j * _SCALES
+        memory[column + j] = memory[line + wheel] * friction + memory[line + ROLLING] * carried
+    memory[column + wheel] += row[place + _WHEEL + 1] * friction
+    memory[column + ROLLING] += row[place + _FLOOR + 1] * carried
+    size = row[place + _NOISE] + memory[column + wheel] * friction + memory[column + ROLLING] * carried
+    miss = (lost - (1.0 + memory[scale]) * friction - (1.0 + memory[rolling]) * carried) / size
+    for j in range(_SCALES):
+        bounds = place + (_FLOOR if j == ROLLING else _WHEEL) + 2
+        after = memory[first + j] + memory[column + j] * miss
+        memory[first + j] = max(row[bounds], min(row[bounds + 1], after))
+        for k in range(_SCALES):
+            memory[first + _P + j * _SCALES + k] -= memory[column + j] * memory[column + k] / size

@@ -126,8 +126,8 @@ def rolling_torque(row, place, force):
 
 
 @inlined
-def wheel_friction(F, row, place, relative, own) -> tuple[float, float, bool]:
-    """Return a wheel's friction, the share compensated where the law's torque is `own`, and whether the wheel turns."""
+def wheel_friction(F, row, place, relative, own) -> tuple[float, float, float]:
+    """Return a wheel's friction, the share compensated where the law's torque is `own`, and the wheel's speed."""
     axle = (row[place], row[place + 1], row[place + 2])
     speed = dot(axle, relative)
     wheel = Wheel(axle, row[place + 3], row[place + 4], row[place + 5], F.inv_vs, F.delta)
@@ -135,7 +135,7 @@ def wheel_friction(F, row, place, relative, own) -> tuple[float, float, bool]:
     given = F.feed * (1.0 - abs(ramp)) * (wheel.c + wheel.s) * _ramp(own * F.feed_steepness)
     friction = wheel.b * speed + dry_friction(wheel, speed) * ramp + given
     works_against = own * friction > 0.0
-    return friction, F.full + (F.partial if works_against else 0.0), abs(ramp) == 1.0
+    return friction, F.full + (F.partial if works_against else 0.0), speed
 
 
 @inlined

@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.adaptation import pack_adaptation
+from ballbot.control.adaptation import (
+    ADAPTATION_MEMORY,
+    ADAPTATION_SIZE,
+    ROLLING,
+    judge,
+    pack_adaptation,
+    tells,
+    widen,
+)
 from ballbot.control.compensation import (
     FRICTION_PER_WHEEL,
     FRICTION_SIZE,
@@ -56,6 +64,7 @@ from ballbot.control.torque_balance import (
     BALANCE_PER_WHEEL,
     MOST_WHEELS,
     accelerations,
+    lost_to_force,
     pack_balance,
     remember_rates,
     torque_needed,
@@ -73,7 +82,7 @@ _FLAT = _SHAPING + SHAPING_SIZE
 _INTEGRAL = _FLAT + FLAT_SIZE
 _OBSERVER = _INTEGRAL + INTEGRAL_SIZE
 _ADAPTATION = _OBSERVER + 2
-_RATE = _ADAPTATION + 4  # samples a second
+_RATE = _ADAPTATION + ADAPTATION_SIZE  # samples a second
 _WHEELS = _RATE + 1
 # places in a wheel's part: gain (10), then each part's own
 _OWN_FRICTION = 10
@@ -82,7 +91,7 @@ _OWN_INTEGRAL = _OWN_FLAT + FLAT_PER_WHEEL
 _OWN_BALANCE = _OWN_INTEGRAL + INTEGRAL_PER_WHEEL
 _PER_WHEEL = _OWN_BALANCE + BALANCE_PER_WHEEL
 # places in the memory: shaping, integrals, torque balance (rates, then torque given and compensation of each wheel),
-# torque given back, friction that adaptation judges, rolling part of it, scale of each wheel's less 1, of the rolling's
+# torque given back, friction that adaptation judges, rolling part of it, and what adaptation remembers
 _SUMS = SHAPING_MEMORY
 _BALANCE = _SUMS + INTEGRAL_MEMORY
 _GIVEN = _BALANCE + 6
@@ -91,10 +100,10 @@ _BACK = _BALANCE + BALANCE_MEMORY
 _JUDGED = _BACK + MOST_WHEELS
 _JUDGED_ROLLING = _JUDGED + MOST_WHEELS
 _SCALES = _JUDGED_ROLLING + MOST_WHEELS
-_ROLLING_SCALE = _SCALES + MOST_WHEELS
+_ROLLING_SCALE = _SCALES + ROLLING
 
 #: how many numbers a law remembers from update to update; all zero at the start of a run
-MEMORY = _ROLLING_SCALE + 1
+MEMORY = _SCALES + ADAPTATION_MEMORY
 
 #: what `control_law` returns where the reference may be followed
 ALLOWED = -1
@@ -156,8 +165,17 @@ def _wanted(row, memory, state, reference):
 
 
 @inlined
-def _heading_error(flat, a, state, wanted):
-    """Return S(psi) (r_s - x), r_s with the lean that the motion needs."""
+def _rolling_lean(F, flat, scale, a, wanted):
+    """Return the lean (2,) into the rolling friction of the motion asked for, heading frame."""
+    asked = (wanted[0].rate, wanted[1].rate)
+    force_x, force_y = rolling_force(F, a, asked)
+    per_force = flat.rolling_lean * scale
+    return -per_force * force_y, per_force * force_x
+
+
+@inlined
+def _heading_error(flat, a, state, wanted, into):
+    """Return S(psi) (r_s - x), r_s with the lean that the motion needs, and the lean `into` its rolling friction."""
     x, y, psi = wanted
     second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
     lean, lean_rate = times(flat.lean, second), times(flat.lean, third)
@@ -169,8 +187,8 @@ def _heading_error(flat, a, state, wanted):
     return (
         place[0] - ahead[0],
         place[1] - ahead[1],
-        lean[0] - leaned[0],
-        lean[1] - leaned[1],
+        lean[0] + into[0] - leaned[0],
+        lean[1] + into[1] - leaned[1],
         psi.value - state[4],
         speed[0] - ahead_rate[0],
         speed[1] - ahead_rate[1],
@@ -214,8 +232,11 @@ def _drive(row, memory, a, wanted, e, torques):
 
 
 @inlined
-def _compensate(F, row, memory, a, state, e, torques):
-    """Add the friction's compensation to the law's torques, and keep what adaptation judges."""
+def _compensate(F, row, memory, a, state, wanted, e, torques):
+    """Add the friction's compensation to the law's torques, and keep what adaptation judges.
+
+    Rolling friction beyond what was identified is carried by the speed asked for: that cannot feed the motion.
+    """
     d_x, d_y = a.cos_psi * e[5] - a.sin_psi * e[6], a.sin_psi * e[5] + a.cos_psi * e[6]
     d_t, d_p = a.cos_psi * e[7] - a.sin_psi * e[8], a.sin_psi * e[7] + a.cos_psi * e[8]
     rates = (
@@ -226,20 +247,25 @@ def _compensate(F, row, memory, a, state, e, torques):
         state[9] + F.ahead * e[9],
     )
     relative, force = relative_rate(F, a, rates), rolling_force(F, a, rates)
+    known, more = 1.0 + min(0.0, memory[_ROLLING_SCALE]), max(0.0, memory[_ROLLING_SCALE])
+    asked = rolling_force(F, a, (wanted[0].rate, wanted[1].rate))
+    rolling = known * force[0] + more * asked[0], known * force[1] + more * asked[1]
     agreement = 0.0  # u . rolling
     for i in range(len(torques)):
         place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
-        agreement += torques[i] * rolling_torque(row, place, force)
-    rolls = (F.full + (F.partial if agreement > 0.0 else 0.0)) * (1.0 + memory[_ROLLING_SCALE])
+        agreement += torques[i] * rolling_torque(row, place, rolling)
+    rolls = F.full + (F.partial if agreement > 0.0 else 0.0)
     for i in range(len(torques)):
         place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
-        carried = rolling_torque(row, place, force)
-        friction, share, turns = wheel_friction(F, row, place, relative, torques[i])
+        carried = rolling_torque(row, place, rolling)
+        friction, share, speed = wheel_friction(F, row, place, relative, torques[i])
         added = share * (1.0 + memory[_SCALES + i]) * friction + rolls * carried
         torques[i] += added
         memory[_COMPENSATED + i] = added
-        memory[_JUDGED + i] = friction if turns else 0.0
-        memory[_JUDGED_ROLLING + i] = carried if turns else 0.0
+        told = abs(speed) * F.steepness > 1.0 and tells(row, _ADAPTATION, speed)
+        memory[_JUDGED + i] = friction if told else 0.0
+        balance = place - _OWN_FRICTION + _OWN_BALANCE
+        memory[_JUDGED_ROLLING + i] = lost_to_force(row, balance, force) if told else 0.0
 
 
 @inlined
@@ -248,7 +274,7 @@ def _look_back(row, memory, a, state, n):
     if memory[_BALANCE + 5] > 0.0:
         changes = accelerations(a, memory, _BALANCE, state, row[_RATE])
         lean = (a.cos_psi * state[2] + a.sin_psi * state[3], a.cos_psi * state[3] - a.sin_psi * state[2])
-        rolling_told, rolling_size = 0.0, row[_ADAPTATION + 3]
+        adapts, moves = row[_ADAPTATION] > 0.0, False
         for i in range(n):
             needed = torque_needed(row, _WHEELS + _PER_WHEEL * i + _OWN_BALANCE, changes, lean)
             lost = memory[_GIVEN + i] - needed
@@ -256,20 +282,13 @@ def _look_back(row, memory, a, state, n):
             back = memory[_BACK + i] + row[_OBSERVER] * left
             memory[_BACK + i] = _limited(back, row[_OBSERVER + 1])
             friction, carried = memory[_JUDGED + i], memory[_JUDGED_ROLLING + i]
-            miss = lost - (1.0 + memory[_SCALES + i]) * friction - (1.0 + memory[_ROLLING_SCALE]) * carried
-            told = miss * friction / (friction * friction + row[_ADAPTATION + 3])
-            memory[_SCALES + i] = _scale(row, memory[_SCALES + i] + row[_ADAPTATION] * told)
-            rolling_told += miss * carried
-            rolling_size += carried * carried
-        told = rolling_told / rolling_size
-        memory[_ROLLING_SCALE] = _scale(row, memory[_ROLLING_SCALE] + row[_ADAPTATION] * told)
+            if adapts and friction != 0.0:
+                if not moves:
+                    widen(row, _ADAPTATION, memory, _SCALES, ROLLING)
+                    moves = True
+                widen(row, _ADAPTATION, memory, _SCALES, i)
+                judge(row, _ADAPTATION, memory, _SCALES, i, friction, carried, lost)
     remember_rates(memory, _BALANCE, state)
-
-
-@inlined
-def _scale(row, value):
-    """Return a scale less 1 within its bounds."""
-    return max(row[_ADAPTATION + 1] - 1.0, min(row[_ADAPTATION + 2] - 1.0, value))
 
 
 @inlined
@@ -303,10 +322,12 @@ def control_law(row, memory, state, reference, torques):
     if row[_OBSERVER] + row[_ADAPTATION] > 0.0:
         _look_back(row, memory, a, state, len(torques))
     wanted = _wanted(row, memory, state, reference)
-    e = _heading_error(load_flat(row, _FLAT), a, state, wanted)
+    flat, compensates = load_flat(row, _FLAT), F.full + F.partial
+    into = _rolling_lean(F, flat, compensates * (1.0 + memory[_ROLLING_SCALE]), a, wanted)
+    e = _heading_error(flat, a, state, wanted, into)
     _drive(row, memory, a, wanted, e, torques)
-    if F.full + F.partial > 0.0:
-        _compensate(F, row, memory, a, state, e, torques)
+    if compensates > 0.0:
+        _compensate(F, row, memory, a, state, wanted, e, torques)
     beyond = _give_back(memory, torques, row[0])
     if beyond:  # a sample at the limit says nothing of what was lost
         memory[_BALANCE + 5] = 0.0

@@ -41,6 +41,7 @@ class ShapingTable(Table):
     yaw_frequency: PositiveFloat = ReferenceShaping.yaw_frequency
     yaw_rate_limit: PositiveFloat = ReferenceShaping.yaw_rate_limit
     feed_forward: bool = False
+    rolling_lean: bool = False
 
 
 class IntegralTable(Table):
@@ -72,9 +73,13 @@ class AdaptationTable(Table):
     """[adaptation]: see `Adaptation`."""
 
     time: PositiveFloat = Adaptation.time
+    driveline_time: PositiveFloat = Adaptation.driveline_time
     lowest: NonNegativeFloat = Adaptation.lowest
     highest: PositiveFloat = Adaptation.highest
-    floor: PositiveFloat = Adaptation.floor
+    lowest_floor: NonNegativeFloat = Adaptation.lowest_floor
+    highest_floor: PositiveFloat = Adaptation.highest_floor
+    noise: PositiveFloat = Adaptation.noise
+    least_speed: PositiveFloat = Adaptation.least_speed
 
 
 class PartsTable(Table):
@@ -99,8 +104,12 @@ def parts_of(table: PartsTable, robot: Robot) -> Parts:
     standstill, adaptation = table.standstill, table.adaptation
     balance = TorqueBalance.of(robot) if observer or adaptation else None
     return Parts(
-        shaping=ReferenceShaping(**shaping.model_dump(exclude={"feed_forward"})) if shaping else None,
-        feed_forward=FeedForward.of(robot) if shaping and shaping.feed_forward else None,
+        shaping=ReferenceShaping(**shaping.model_dump(exclude={"feed_forward", "rolling_lean"}))
+        if shaping
+        else None,
+        feed_forward=FeedForward.of(robot, rolling_lean=shaping.rolling_lean)
+        if shaping and shaping.feed_forward
+        else None,
         integral=IntegralAction(gain=np.array(integral.gain), **integral.model_dump(exclude={"gain"}))
         if integral
         else None,
@@ -130,14 +139,17 @@ def parts_text(parts: Parts) -> str:
             f"{field.name} = {_number(getattr(part, field.name))}" for field in fields(part) if field.name != "balance"
         ]  # fmt: skip
         if name == "shaping":
+            leans = parts.feed_forward is not None and parts.feed_forward.rolling_lean > 0.0
             lines.append(f"feed_forward = {str(parts.feed_forward is not None).lower()}")
+            lines.append(f"rolling_lean = {str(leans).lower()}")
         texts.append("\n".join(lines) + "\n")
     return "".join(texts)
 
 
 _SHAPING = (
     "References are made smooth: four lags of `frequency` [rad/s] for x and y and of `yaw_frequency` for psi, jumps\n"
-    "# at most at `speed_limit` [m/s] and `yaw_rate_limit` [rad/s]; `feed_forward` gives each motion lean and torque."
+    "# at most at `speed_limit` [m/s] and `yaw_rate_limit` [rad/s]; `feed_forward` gives each motion lean and torque,\n"
+    "# and `rolling_lean` with it the lean into the rolling friction."
 )
 _INTEGRAL = (
     "The error's integral, a row of `gain` for each wheel [N m per m s, m s, rad s], within `limit` [m s] and\n"
@@ -149,8 +161,10 @@ _STANDSTILL = (
 )
 _OBSERVER = "Torque that is lost is given back over 1/`frequency` [rad/s], at most `limit` [N m]."
 _ADAPTATION = (
-    "The compensation is scaled between `lowest` and `highest` as the friction changes, over `time` [s]; friction\n"
-    "# below `floor` [N m] tells little."
+    "As friction changes, the wheels' compensation is scaled between `lowest` and `highest` over\n"
+    "# `driveline_time`, the rolling friction's between `lowest_floor` and `highest_floor` over `time` [s of motion].\n"
+    "# A wheel tells nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque as the\n"
+    "# mean of a second."
 )
 
 

@@ -24,17 +24,26 @@ class TorqueBalance:
 
     by_acceleration: NDArray[np.float64]  #: (n, 5) for the rates' change [N m per m/s^2, per rad/s^2]
     by_lean: NDArray[np.float64]  #: (n, 2) for theta, phi [N m/rad]
+    by_force: NDArray[
+        np.float64
+    ]  #: (n, 2) lost to a force on the ball against x, y, such as rolling friction [m]
 
     @staticmethod
     def of(robot: Robot) -> TorqueBalance:
         """Return that of a robot's exact model without friction, linearised about upright."""
-        linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+        model = Model(robot.replace(friction=Friction.none(robot.wheel_count)))
+        linear = model.linearize()
         back = np.asarray(np.linalg.pinv(np.asarray(linear.B)), dtype=np.float64)
-        return TorqueBalance(by_acceleration=back[:, 5:], by_lean=-(back @ np.asarray(linear.A))[:, 2:4])
+        mobility = np.linalg.inv(np.asarray(model.mass_matrix(np.zeros(5))))
+        return TorqueBalance(
+            by_acceleration=back[:, 5:],
+            by_lean=-(back @ np.asarray(linear.A))[:, 2:4],
+            by_force=back[:, 5:] @ mobility[:, :2],
+        )
 
 
 #: numbers for each wheel
-BALANCE_PER_WHEEL = 7
+BALANCE_PER_WHEEL = 9
 #: wheels that a memory has room for
 MOST_WHEELS = 4
 #: numbers remembered: the rates (5) and whether there are any, torques given and compensation among them for each wheel
@@ -45,7 +54,7 @@ def pack_balance(balance: TorqueBalance | None, wheel_count: int) -> NDArray[np.
     """Return each wheel's numbers (n, 7); zero where there is none."""
     if balance is None:
         return np.zeros((wheel_count, BALANCE_PER_WHEEL))
-    return np.column_stack([balance.by_acceleration, balance.by_lean])
+    return np.column_stack([balance.by_acceleration, balance.by_lean, balance.by_force])
 
 
 @inlined
@@ -69,6 +78,12 @@ def torque_needed(row, place, changes, lean):
         + row[place + 5] * lean[0]
         + row[place + 6] * lean[1]
     )
+
+
+@inlined
+def lost_to_force(row, place, force):
+    """Return a wheel's torque that a force on the ball (2,) takes, heading frame, its numbers at that place."""
+    return row[place + 7] * force[0] + row[place + 8] * force[1]
 
 
 @inlined
