@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from rich.console import Console
 
 from ballbot.cli.output import matrix_text, standard_output, table
 from ballbot.cli.robust_design import RobustOptions, design_robustly
-from ballbot.control.cautious_friction import cautious_friction, stated_covariance
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
 from ballbot.control.precise import STATE_WEIGHTS as PRECISE_WEIGHTS
 from ballbot.control.precise import IntegralDesign, design_integral_gain, precise_controller
+from ballbot.control.pumping import Margin, certain_friction, compensation_margin, refuse_pumping
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.report.json_text import as_json
 from ballbot.robot import Friction, Robot
 from ballbot.robot.deviations import Propagated, propagate
+from ballbot.robot.scaled import scaled_friction
 
 Kind = Literal["nominal", "precise"]
 
@@ -34,6 +39,8 @@ def design(
     r: float = TORQUE_WEIGHT,
     sample_time: float | None = None,
     compensation: Compensation | None = None,
+    compensation_gain: float = 1.0,
+    allow_pumping: Annotated[bool, Parameter(negative="")] = False,
     robust: bool = False,
     search: RobustOptions = _SEARCH,
     out: Path,
@@ -49,7 +56,8 @@ def design(
     Writes controller.toml and results.json (gain and closed-loop poles). The precise kind is stiff and has integral
     action, smooth references with feed-forward, a standstill and a disturbance observer; it is made for the Kalman
     filter's state. Standard deviations in the robot's file are carried through to each entry of the gain; those of its
-    friction limit what is compensated to what is there with 95 % confidence.
+    friction limit what is compensated to what is there with 95 % confidence. More than that would feed the motion
+    energy; how near the compensation comes to it is shown, and what exceeds it is refused.
 
     Parameters
     ----------
@@ -67,6 +75,10 @@ def design(
     compensation
         none; full (all friction); partial (only while friction works against the intended motion). Where not given,
         none for the nominal kind and full for the precise one.
+    compensation_gain
+        By what the friction that is compensated is multiplied: below 1 where it is not to be trusted whole.
+    allow_pumping
+        Write the controller even where it compensates more friction than is certain to be there.
     robust
         Seek the weights by search over perturbed robots in simulation, for the worst tenth of them; takes minutes,
         shows how far it is, and goes on with --resume.
@@ -74,13 +86,18 @@ def design(
         The folder to write into.
     """
     if robust:
-        if kind != "nominal" or q is not None or r != TORQUE_WEIGHT:
+        if kind != "nominal" or q is not None or r != TORQUE_WEIGHT or compensation_gain != 1.0:
             raise InputError(
-                "--robust seeks the weights of the nominal kind itself; leave out --kind, --q and --r."
+                "--robust seeks the weights of the nominal kind itself; leave out --kind, --q, --r and "
+                "--compensation-gain."
             )
         chosen = compensation or "none"
         design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
         return
+    if not 0.0 <= compensation_gain < math.inf:
+        raise InputError(
+            f"--compensation-gain is {compensation_gain:g}; it must be zero or more, such as 0.8."
+        )
     described, weights = Robot.load(robot), None if q is None else _weights(q)
 
     def designed(one: Robot) -> LqrDesign | IntegralDesign:
@@ -94,19 +111,31 @@ def design(
 
     found = designed(described)
     spread = propagate(described, lambda one: designed(one).gain)
-    covariance = stated_covariance(described)
-    compensated = described
-    if covariance is not None:
-        compensated = described.replace(friction=cautious_friction(described.friction, covariance))
+    certain = certain_friction(described)
+    compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
     if isinstance(found, IntegralDesign):
         controller = precise_controller(compensated, compensation=compensation or "full", design=found)
     else:
         controller = Controller(
             compensated, found.gain, sample_time=found.sample_time, compensation=compensation or "none"
         )
+    if not allow_pumping:
+        refuse_pumping(controller, certain)
+    margin = compensation_margin(controller, certain)
     write_controller(controller, out / "controller.toml")
-    write_text(out / "results.json", json.dumps(_results(controller, found, spread), indent=2) + "\n")
+    results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
+    write_text(out / "results.json", as_json(results))
     console = standard_output()
+    _show(console, found, spread)
+    if certain is not described.friction:
+        console.print(_certain(described.friction, certain), soft_wrap=True)
+    if controller.compensation != "none":
+        console.print(_margin(margin), markup=False, soft_wrap=True)
+    console.print(str(out / "controller.toml"), soft_wrap=True)
+
+
+def _show(console: Console, found: LqrDesign | IntegralDesign, spread: Propagated) -> None:
+    """Print the gain, how well it is known, and the poles."""
     console.print(matrix_text("K", found.gain), markup=False, soft_wrap=True)
     if spread.parts:
         causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
@@ -116,11 +145,20 @@ def design(
             soft_wrap=True,
         )
         console.print(matrix_text("+-", spread.deviation), markup=False, soft_wrap=True)
-    if compensated is not described:
-        console.print(_certain(described.friction, compensated.friction), soft_wrap=True)
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.poles]
     console.print(table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=console.is_terminal))
-    console.print(str(out / "controller.toml"), soft_wrap=True)
+
+
+def _margin(margin: Margin) -> str:
+    """Return how near the compensation comes to the friction that is certain, and whether it exceeds it."""
+    shares = ", ".join(f"{100.0 * share:.0f} %" for share in (*margin.shares, margin.rolling))
+    amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
+    returned = ", ".join(f"{100.0 * one.share:.0f} %" for one in margin.swings)
+    told = (
+        f"compensated at most of each wheel's friction and of the rolling friction: {shares}\n"
+        f"given back at most of what friction takes from a wheel that swings by {amplitudes} rad/s: {returned}"
+    )
+    return f"{told}\nWARNING: {margin.sentence}; this feeds the motion energy" if margin.pumps else told
 
 
 def _weights(text: str) -> list[float]:

@@ -1,0 +1,201 @@
+"""Over-compensation: where a controller gives a wheel more than its friction takes, motion feeds itself.
+
+At wheel speed w the compensation gives at most (`ballbot.control.compensation`, the law pushing along)
+
+    k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w) + feed (1 - ramp(w)) (c + s),       w > 0
+
+of the friction that it believes in, and friction takes tau(w) of its own. A wheel that turns steadily at w is driven
+faster where k(w) > tau(w). One that swings, w = A sin(phi), is given <k(w) w> and loses <tau(w) w>, means over a
+swing [W]: the describing function's view, in which the compensation pumps where it gives more. A late torque gives
+less, not more (what it pushes after the wheel has turned round, it takes), and play gives none: without both the
+check is on the safe side. Partial compensation is full where it works, and rolling friction goes by its own share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.cautious_friction import cautious_friction, stated_covariance
+from ballbot.control.controller import Controller
+from ballbot.errors import InputError
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.robot import Friction, Robot
+
+#: amplitudes of a wheel's swing that are looked at [rad/s]
+AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
+#: speeds of a wheel that are [rad/s]
+_SPEEDS = np.geomspace(0.02, 8.0, 120)
+#: phases of a quarter of a swing, the middles of equal parts: means to 1e-4
+_PHASES = (np.arange(200) + 0.5) / 200 * 0.5 * np.pi
+#: rounding that a share is forgiven
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swing:
+    """What one amplitude of the wheels' swing costs and brings, a number for each wheel."""
+
+    amplitude: float  #: of the speed [rad/s]
+    given: tuple[float, ...]  #: by the compensation, at most, mean over a swing [W]
+    taken: tuple[float, ...]  #: by the friction [W]
+
+    @property
+    def share(self) -> float:
+        """What is given over what is taken, of the wheel where it is largest."""
+        return max(_share(given, taken) for given, taken in zip(self.given, self.taken, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margin:
+    """What a controller compensates, held against a friction. Shares are infinite where that friction is zero."""
+
+    shares: tuple[float, ...]  #: of each wheel's friction, at the speed where it is largest
+    speeds: tuple[float, ...]  #: that speed [rad/s]
+    rolling: float  #: share of the rolling friction
+    swings: tuple[Swing, ...]  #: at `AMPLITUDES`
+    adapted: float  #: the largest share that an adaptation at its bounds may bring; 0 without one
+
+    @property
+    def largest(self) -> float:
+        """The largest share of all."""
+        return max(*self.shares, self.rolling)
+
+    @property
+    def pumps(self) -> bool:
+        """Whether the compensation may feed the motion energy."""
+        return self.largest > 1.0 + _ROUNDING
+
+    @property
+    def sentence(self) -> str:
+        """Where the compensation exceeds the friction most, or that it does not."""
+        if not self.pumps:
+            return f"the compensation is at most {_percent(self.largest)} of the friction"
+        if self.rolling == self.largest:
+            return f"the compensation of the rolling friction is {_percent(self.rolling)} of it"
+        worst = int(np.argmax(self.shares))
+        return (
+            f"the compensation of wheel {worst + 1} is {_percent(self.shares[worst])} of its friction at "
+            f"{self.speeds[worst]:.2g} rad/s"
+        )
+
+    def results(self) -> dict[str, object]:
+        """Return it as `results.json` has it."""
+        return {
+            "share_of_wheel_friction": list(self.shares),
+            "at_speed": list(self.speeds),
+            "share_of_rolling_friction": self.rolling,
+            "swings": [
+                {"amplitude": one.amplitude, "given": list(one.given), "taken": list(one.taken)} for one in self.swings
+            ],
+            "pumps": self.pumps,
+        }  # fmt: skip
+
+
+def compensation_margin(controller: Controller, friction: Friction) -> Margin:
+    """Return what a controller compensates, held against a friction that counts as true.
+
+    Parameters
+    ----------
+    controller : Controller
+    friction : Friction
+        Of as many wheels: a robot file's, or what is certain of it (`certain_friction`).
+    """
+    n = len(controller.gain)
+    given, taken = compensation_curve(controller, _SPEEDS), _curve(friction, _SPEEDS)
+    ratio = _ratio(given, taken)
+    worst = ratio.argmax(axis=0)
+    adaptation, on = controller.parts.adaptation, controller.compensation != "none"
+    rolling = _share(controller.robot.friction.rolling if on else 0.0, friction.rolling)
+    shares = ratio[worst, np.arange(n)]
+    adapted = 0.0
+    if adaptation is not None:
+        adapted = max(
+            float(shares.max()) * adaptation.highest, rolling
+        )  # more rolling goes by the speed asked for
+    return Margin(
+        shares=tuple(shares.tolist()),
+        speeds=tuple(_SPEEDS[worst].tolist()),
+        rolling=rolling,
+        swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
+        adapted=adapted,
+    )
+
+
+def compensation_curve(controller: Controller, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the most that each wheel is given along its motion at speeds (k,) > 0 [rad/s]: (k, n) [N m]."""
+    friction, standstill = controller.robot.friction, controller.parts.standstill
+    if controller.compensation == "none":
+        return np.zeros((len(speeds), len(controller.gain)))
+    ramp = np.minimum(1.0, speeds / controller.speed_band)[:, None]
+    viscous = speeds[:, None] * np.asarray(friction.viscous)
+    dry = _curve(friction, speeds) - viscous
+    feed = standstill.feed if standstill is not None else 0.0
+    return viscous + dry * ramp + feed * (1.0 - ramp) * np.add(friction.coulomb, friction.stribeck)
+
+
+def certain_friction(robot: Robot) -> Friction:
+    """Return the friction of a robot's file, or what is certain of it where the file has its standard deviations."""
+    covariance = stated_covariance(robot)
+    return robot.friction if covariance is None else cautious_friction(robot.friction, covariance)
+
+
+def refuse_pumping(controller: Controller, friction: Friction) -> None:
+    """Raise where a controller may feed the motion energy.
+
+    Raises
+    ------
+    InputError
+        With the place and the size of the worst of it.
+    """
+    margin = compensation_margin(controller, friction)
+    if margin.pumps:
+        raise InputError(
+            f"{margin.sentence[0].upper()}{margin.sentence[1:]}; what exceeds it feeds the motion energy. "
+            f"{1.0 / margin.largest:.2g} times as much compensation would be safe; --allow-pumping lets it be."
+        )
+
+
+def pumping_warning(controller: Controller, robot: Robot) -> str | None:
+    """Return a sentence where a controller compensates more than is certain of a robot's friction, None otherwise.
+
+    Parameters
+    ----------
+    controller : Controller
+        As read from a file: its friction is the file's.
+    robot : Robot
+        As described. A robot without any friction in its file counts as one of which nothing is known.
+    """
+    known = robot.friction
+    if not any((*known.viscous, *known.coulomb, *known.stribeck, known.rolling)):
+        return None
+    margin = compensation_margin(controller, certain_friction(robot))
+    return f"{margin.sentence} that is certain; it may feed the motion energy" if margin.pumps else None
+
+
+def _swing(controller: Controller, friction: Friction, amplitude: float) -> Swing:
+    speeds = amplitude * np.sin(_PHASES)
+    given = (compensation_curve(controller, speeds) * speeds[:, None]).mean(axis=0)
+    taken = (_curve(friction, speeds) * speeds[:, None]).mean(axis=0)
+    return Swing(amplitude=amplitude, given=tuple(given.tolist()), taken=tuple(taken.tolist()))
+
+
+def _curve(friction: Friction, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return tau (k, n) at speeds (k,)."""
+    return wheel_friction(np.repeat(speeds[:, None], len(friction.coulomb), axis=1), friction)
+
+
+def _ratio(given: NDArray[np.float64], taken: NDArray[np.float64]) -> NDArray[np.float64]:
+    known = taken > 0.0
+    unknown = np.where(given > 0.0, np.inf, 0.0)
+    return np.where(known, given / np.where(known, taken, 1.0), unknown)
+
+
+def _share(given: float, taken: float) -> float:
+    return float(_ratio(np.array(given), np.array(taken)))
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if np.isfinite(share) else "all, and there is none,"
