@@ -14,6 +14,7 @@ from ballbot.errors import InputError
 from ballbot.identification.back_emf import back_emf_of, standstill_torques
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.coordinates import scale_between
+from ballbot.identification.heading_words import heading_remarks, share_shown
 from ballbot.identification.identify import sought
 from ballbot.identification.late_sensors import seen_late, state_delays
 from ballbot.identification.prediction import Predictor
@@ -346,6 +347,35 @@ def test_a_ball_that_pivots_is_predicted_from_its_spin():
     log, _ = pivoting_log()
     assert np.abs(residuals(log, {"pivoting": [0.05]})).max() < ROUNDING
     assert np.abs(residuals(log, {"delay": [0.0]})[:, :, PSI]).max() > 1e-3
+
+
+def showing(log: Log, share: float) -> Log:
+    """Return the log with the wheel speeds of a ball that turns along by the rest of the heading's rate."""
+    q_dot = log.states[:, 5:] * [1.0, 1.0, 1.0, 1.0, share]
+    speeds = Model(alten()).wheel_speed(log.states[:, :5], q_dot)
+    return log.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
+
+
+def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
+    share = share_shown(showing(moving_log(), 0.4), alten())
+    # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
+    assert share == pytest.approx(0.4, abs=0.01)
+    for left_out, freed, words in (
+        ((), (), "(--free friction,pivoting), or leave the heading out"),
+        (("psi", "psi_dot"), (), "the heading was left out of the cost"),
+        ((), ("pivoting",), "T_p, was among what was sought"),
+    ):
+        (told,) = heading_remarks([share, None], left_out=left_out, sought=freed)
+        assert told.startswith("The wheels show 40 % of the heading's turning")
+        assert words in told
+
+
+def test_a_heading_that_the_wheels_show_is_not_spoken_of():
+    log = moving_log()
+    assert share_shown(showing(log, 1.0), alten()) == pytest.approx(1.0, abs=1e-9)
+    assert heading_remarks([1.0, 0.85, None], left_out=(), sought=()) == []
+    still = showing(log, 1.0).with_columns({"psi_dot": 1e-3 * np.ones(len(log))})
+    assert share_shown(still, alten()) is None
 
 
 def test_a_ball_cannot_be_seen_to_pivot_without_encoders():

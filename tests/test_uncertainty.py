@@ -109,12 +109,14 @@ def test_open_intervals_are_told():
             "v_s": replace(two, upper=math.inf),
             "delta": replace(two, lower=-math.inf),
             "s1": replace(two, lower=-math.inf, upper=math.inf),
+            "c1": replace(two, lower=0.0, upper=math.inf),
         }
     )
-    assert [sentence.split()[0] for sentence in told] == ["v_s", "delta", "s1"]
+    assert [sentence.split()[0] for sentence in told] == ["v_s", "delta", "s1", "c1"]
     assert "limited from below only: 0.1 or more" in told[0]
     assert "limited from above only: 0.2 or less" in told[1]
     assert "its number means nothing" in told[2]
+    assert "any amount of it will do, none included" in told[3]
 
 
 @pytest.mark.parametrize(
@@ -125,6 +127,8 @@ def test_open_intervals_are_told():
         (("b3", "c3"), "high and low speeds"),
         (("c1", "C_rr"), "upside down"),
         (("gain1", "l"), "data sheet's value"),
+        (("b2", "gain2"), "data sheet's torque constant"),
+        (("late_imu", "delay"), "quick changes of torque"),
         (("offset2", "lean_x"), "half a turn apart"),
     ],
 )
@@ -145,6 +149,10 @@ def test_a_ridge_of_several_parameters_is_named():
     known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))
     values = np.column_stack([known_sum, random.standard_normal(100_000)])
     correlation = np.asarray(np.corrcoef(values, rowvar=False))
-    (told,) = ridge_remarks(("b1", "c1", "s1", "C_rr"), correlation)
+    told, *advice = ridge_remarks(("b1", "c1", "s1", "C_rr"), correlation)
+    assert [words.split(", log")[0] for words in advice] == [
+        "To tell viscous from dry friction",
+        "To tell dry friction at rest from that at speed",
+    ]
     assert told.startswith("b1, c1 and s1 lie on a ridge")
     assert ridge_remarks(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []

@@ -20,6 +20,7 @@ from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates, scale_between
 from ballbot.identification.evolution import Evolved, check_seed
 from ballbot.identification.found_robot import found_robot
+from ballbot.identification.heading_words import heading_remarks, share_shown
 from ballbot.identification.laws import LawName, bounds_of, law_named
 from ballbot.identification.play import chatter, chatter_remark
 from ballbot.identification.polish import at_bound
@@ -244,24 +245,34 @@ def _result(
         evolution_cost=evolved.history,
         polish_cost=estimate.polished.history,
         warnings=(
-            *_chatter_remarks(predictor.robot, logs),
+            *_log_remarks(predictor, logs, left_out),
             *prepared.excitation.remarks,
             *influence_remarks(coordinates, values, estimate.no_influence),
             *bound_remarks(coordinates, values, _at_bounds(coordinates, estimate)),
             *error_remarks(coordinates, sure.scaled_errors),
             *interval_remarks(sure.intervals),
-            *correlation_remarks(coordinates.labels, sure.correlation),
-            *ridge_remarks(coordinates.labels, sure.correlation),
+            *dict.fromkeys(
+                (
+                    *correlation_remarks(coordinates.labels, sure.correlation),
+                    *ridge_remarks(coordinates.labels, sure.correlation),
+                )
+            ),
             *prediction_remarks(held_out.ratios),
             *told.remarks,
         ),
     )
 
 
-def _chatter_remarks(robot: Robot, logs: Sequence[Log]) -> list[str]:
+def _log_remarks(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[str]:
+    """Return what the logs themselves show that the model does not have: play, and a ball that pivots."""
+    robot = predictor.robot
     found = [chatter(log, robot) for log in logs]
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
-    return [chatter_remark(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters]
+    shares = [share_shown(log, robot) for log, one in zip(logs, found, strict=True) if not one.matters]
+    return [
+        *(chatter_remark(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
+        *heading_remarks(shares, left_out=left_out, sought=predictor.layout.extra),
+    ]
 
 
 def _at_bounds(coordinates: Coordinates, estimate: Estimate) -> NDArray[np.bool_]:

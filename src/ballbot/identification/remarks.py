@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,11 @@ _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
         frozenset({"gain", "l", "S", "j_w", "j_r", "j_b"}),
         "Torque gain, inertia and height of the centre of mass are nearly interchangeable: hold one at a data "
         "sheet's value, or fit a free-wheel sweep first.",
+    ),
+    (
+        frozenset({"b", "c", "s", "gain", "l", "S", "j_w", "j_r", "j_b"}),
+        "To tell friction from a motor's torque gain or an inertia, hold the gain at the data sheet's torque constant "
+        "(--bounds), or fit a sweep of the free wheels beside the logs (--sweep).",
     ),
     (
         frozenset({"offset", "lean", "gyro"}),
@@ -97,6 +103,8 @@ def interval_remarks(intervals: Mapping[str, Interval]) -> list[str]:
     for label, one in intervals.items():
         if np.isinf(one.lower) and np.isinf(one.upper):
             remarks.append(f"{label} is not limited by these logs on either side: its number means nothing.")
+        elif one.lower == 0.0 and np.isinf(one.upper):
+            remarks.append(f"{label} is not limited by these logs: any amount of it will do, none included.")
         elif np.isinf(one.upper):
             remarks.append(
                 f"{label} is limited from below only: {one.lower:.3g} or more, with 95 % confidence."
@@ -139,9 +147,11 @@ def ridge_remarks(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> 
     if len(together) < LEAST_RIDGE:
         return []
     least = inflation[inflation > LEAST_INFLATION].min()
+    advice = (_experiment(one, other) for one, other in combinations(together, 2))
     return [
         f"{', '.join(together[:-1])} and {together[-1]} lie on a ridge and stand in for one another: each would be "
-        f"known {least:.0f} times better or more if the others were; hold some of them at values measured otherwise."
+        f"known {least:.0f} times better or more if the others were; hold some of them at values measured otherwise.",
+        *dict.fromkeys(text for text in advice if text),
     ]
 
 
