@@ -78,7 +78,9 @@ def test_the_free_wheel_sweep_is_known_for_one(shared_data, robot):
     assert proposal.wheel.unit == "counts"
     assert proposal.commands is not None
     assert set(proposal.commands.signs) == {1}
-    assert any("drivelines only" in finding.sentence for finding in findings_of(proposal))
+    told = " ".join(finding.sentence for finding in findings_of(proposal))
+    assert "drivelines only" in told
+    assert "Commands are logged 5 ms after the motors' answer; torque constant" in told
 
 
 def test_the_glitches_of_logged_speeds_are_seen(shared_data, robot):

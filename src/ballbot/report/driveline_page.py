@@ -22,6 +22,8 @@ from ballbot.report.tables import digits, with_error
 UNITS = ("N m s/rad", "N m", "N m", "rad/s", "")
 #: beyond this correlation two parameters are better told together
 _CLOSE = 0.9
+#: an error so many times larger is the clamp's, not the search's
+_WINDS_UP = 1.5
 
 
 def driveline_report(
@@ -104,11 +106,12 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
         "A slow sweep dwells at high speeds and passes the low ones, where s, v_s and delta act, in a few tenths of a "
         "second each time: these, and c, are known better together than each. The inertia is the robot file's."
     )
-    sentences.append(
-        f"With the clamp (3.2) as printed, the best five parameters leave up to {ratio:.0f} times the error: the "
-        "integrated speed winds up at the limit and comes back late, and a search makes up for it by friction that is "
-        "not there."
-    )
+    if ratio > _WINDS_UP:
+        sentences.append(
+            f"With the clamp (3.2) as printed, the best five parameters leave up to {ratio:.1f} times the error: the "
+            "integrated speed winds up at the limit and comes back late, and a search makes up for it by friction that "
+            "is not there."
+        )
     return sentences
 
 

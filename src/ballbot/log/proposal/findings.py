@@ -202,8 +202,13 @@ def _commands(proposal: Proposal) -> list[Finding]:
     if len(set(tested.signs)) > 1:
         sentence = f"The commands' signs differ from wheel to wheel: {list(tested.signs)}."
         found.append(_finding("warning", "commands", sentence))
+    delay = round(1e3 * tested.delay)
     sentence = (
-        f"Motors answer {1e3 * tested.delay:.0f} ms after the command"
+        (
+            f"Commands are logged {-delay} ms after the motors' answer"
+            if delay < 0
+            else f"Motors answer {delay} ms after the command"
+        )
         + (f", the lean is logged {1e3 * proposal.lean_test.lag:.0f} ms late" if proposal.lean_test else "")
         + "; torque constant, winding resistance and dead band are assumed: a free-wheel sweep gives their ratios, a "
         "data sheet the scale."
