@@ -1,19 +1,25 @@
-"""A small sample of the campaigns in benchmarks/control_targets.py and control_parts.py; `make evidence` runs them."""
+"""A small sample of the campaigns on control in benchmarks/; `make evidence` runs them."""
+
+import timeit
 
 import numpy as np
 import pytest
 from control_examples import FRICTION, alten
 
 from ballbot import InputError, Log
+from ballbot.control.precise import precise_controller
 from ballbot.experiments.hold_cycle import cycle_amplitude
+from ballbot.robot.scaled import scaled_friction
 
 pytest.importorskip("mujoco")
 
+from benchmarks.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio
+from benchmarks.adaptation import run as run_over_a_change
 from benchmarks.control_parts import interval
-from benchmarks.control_targets import ALTEN, another, run, scaled
+from benchmarks.control_targets import ALTEN, another, run
 
 #: a friction that somebody has found: a fifth too large
-KNOWN = alten(scaled(FRICTION, 1.2))
+KNOWN = alten(scaled_friction(FRICTION, 1.2))
 
 
 @pytest.mark.slow
@@ -35,7 +41,8 @@ def test_another_robot_is_twenty_percent_off_and_a_robot():
         assert {round(mass, 6), round(height, 6)} <= {0.8, 1.2}
         ratios.add((round(mass, 6), round(height, 6), round(scenario.friction.coulomb[0] / 0.11, 6)))
         # about the centre of mass it goes with the mass alone
-        own = robot.body.inertia[0] - robot.body.mass * robot.body.center_of_mass**2
+        assert robot.body.inertia_about == "center_of_mass"
+        own = robot.body.inertia[0]
         known = ALTEN.body.inertia[0] - ALTEN.body.mass * ALTEN.body.center_of_mass**2
         assert own == pytest.approx(mass * known)
     assert len(ratios) > 4
@@ -61,3 +68,35 @@ def test_a_cycle_is_told_apart_from_drift():
 def test_an_interval_is_students():
     assert interval([1.0, 2.0, 3.0]) == "+2.000 (-0.484 to +4.484)"  # t(0.975, 2) = 4.303, over sqrt(3)
     assert interval([1.0]) == "-"
+
+
+@pytest.mark.slow
+def test_adaptation_finds_the_carpet_on_the_twin_and_leaves_the_drivelines():
+    found = run_over_a_change(KNOWN, ("precise, leaning", True, "circle", "carpet", 400))
+    # carpet has three times the rolling friction, of which 1.2 times is known, and twice the pivoting friction
+    assert 1.7 < found.scales[3] < 3.5
+    assert all(0.6 < scale < 1.2 for scale in found.scales[:3])  # 1/1.2 is right
+
+
+def test_the_table_of_changes_holds_each_run_against_the_same_on_its_own_floor():
+    seeds = (1, 2, 3)
+    runs: dict[Job, Run] = {}
+    for name, adapts, reference, floor, seed in change_jobs(seeds):
+        added = 0.0 if floor == SAME else 0.002 if adapts else 0.004
+        error = 0.01 * seed + added
+        runs[name, adapts, reference, floor, seed] = Run(true=error, seen=0.5 * error, scales=(1.0,) * 4)
+    rows = change_rows(runs, seeds)
+    assert len(rows) == 3 * 2 * 2
+    wanted = ["20.0", "20.0", "24.0", "22.0", "+2.0 (+2.0 to +2.0)", "+1.0 (+1.0 to +1.0)"]
+    assert all(row[1:] == [*wanted, "0 of 12"] for row in rows)
+    key: Job = ("precise", True, "square", "carpet", 2)
+    (row, *_) = change_rows(runs | {key: Run(true=np.nan, seen=np.nan, scales=())}, seeds)
+    assert row[1:] == [*wanted, "1 of 12"]  # of the other two the mean is the same
+    assert ratio([1.0, 4.0], [2.0, 2.0]).startswith("1.00 (")
+
+
+def test_an_update_from_python_takes_less_than_ten_microseconds():
+    controller, state, reference = precise_controller(KNOWN), np.full(10, 0.02), np.zeros(10)
+    controller.update(0.0, state, reference)
+    spells = timeit.repeat(lambda: controller.update(0.0, state, reference), number=1000, repeat=20)
+    assert min(spells) / 1000 < 10e-6  # 1.5 on an idle core; the median is in benchmarks/README.md

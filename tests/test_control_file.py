@@ -7,10 +7,12 @@ import pytest
 from control_examples import FRICTION, alten, everything, four_wheeled
 
 from ballbot import InputError
+from ballbot.control.adaptation import Adaptation
 from ballbot.control.controller import Controller
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.precise import precise_controller
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
@@ -41,6 +43,24 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     read = read_controller(path, heavy)
     assert read.parts.feed_forward is not None
     np.testing.assert_array_equal(read.parts.feed_forward.by_second, FeedForward.of(heavy).by_second)
+
+
+def test_a_lean_and_an_adaptation_are_added_to_a_file_as_the_documents_say(tmp_path):
+    path = tmp_path / "controller.toml"
+    write_controller(precise_controller(alten(FRICTION)), path)
+    text = path.read_text()
+    path.write_text(text.replace("rolling_lean = false", "rolling_lean = true") + "\n[adaptation]\n")
+    parts = read_controller(path, alten(FRICTION)).parts
+    assert parts.feed_forward is not None
+    assert (
+        parts.feed_forward.rolling_lean
+        == FeedForward.of(alten(FRICTION), rolling_lean=True).rolling_lean
+        > 0.0
+    )
+    assert parts.adaptation is not None
+    assert parts.adaptation.time == Adaptation.time
+    write_controller(read_controller(path, alten(FRICTION)), path)
+    assert "rolling_lean = true" in path.read_text()
 
 
 def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):

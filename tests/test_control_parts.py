@@ -229,7 +229,9 @@ def friction_of(size: float):
 def test_adaptation_finds_friction_that_has_changed_and_rests_without_motion():
     now = alten(replace(FRICTION, stribeck=(0.0, 0.0, 0.0), rolling=0.0))
     known = now.replace(friction=scaled_friction(now.friction, 0.7))
-    adaptation = Adaptation(balance=TorqueBalance.of(known), highest=3.0, driveline_time=1.0)
+    adaptation = Adaptation(
+        balance=TorqueBalance.of(known), highest=3.0, driveline_time=1.0, driveline_spread=0.15
+    )
     controller = Controller(
         known, design_gain(known).gain, compensation="full", parts=Parts(adaptation=adaptation)
     )
@@ -247,7 +249,7 @@ def test_adaptation_finds_friction_that_has_changed_and_rests_without_motion():
 
 def test_adaptation_tells_the_floor_from_the_drivelines():
     known = alten(FRICTION)
-    adaptation = Adaptation(balance=TorqueBalance.of(known), driveline_time=10.0)
+    adaptation = Adaptation(balance=TorqueBalance.of(known), driveline_time=10.0, driveline_spread=0.15)
     for wheels, floor in ((1.0, 2.5), (1.3, 1.0), (0.8, 0.4)):
         now = replace(scaled_friction(FRICTION, wheels), rolling=floor * FRICTION.rolling)
         controller = precise_controller(known)

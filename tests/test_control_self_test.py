@@ -1,6 +1,8 @@
 """The self-test before balancing: it passes a robot that is wired right, and names what is wrong with another."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,6 +75,14 @@ def test_a_wrong_order_is_named(order):
 def test_a_motor_without_power_is_named():
     (finding,) = findings_of(Miswired(alten(FRICTION), order=(0, 1, 2), signs=(1, 0, 1)))
     assert "Motor 2 was pushed and no encoder turned" in finding
+
+
+def test_the_example_in_the_documents_runs(capsys):
+    pytest.importorskip("mujoco")
+    text = (Path(__file__).parents[1] / "docs" / "control.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(example, "docs/control.md", "exec"), {})
+    assert capsys.readouterr().out == "True\n"
 
 
 def test_wrong_input_is_told():

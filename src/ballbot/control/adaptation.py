@@ -12,9 +12,11 @@ with the ball's direction over the floor. For each wheel that turns, phi having 
     p = P phi      a += p (lost_i - phi.a) / (R/h + phi.p)      P -= p p^T / (R/h + phi.p)
 
 and before it P_jj += h Q_j, never above where it began. The scales stay within their bounds, and rest where nothing is
-told: while a wheel turns too slowly for its friction to be sure, and while a torque is at its limit. Rolling friction
-beyond what was identified is carried by the speed asked for and not by that measured, so that a robot which stands is
-not driven about by a floor that was judged too rough. The times are those after which a change has been followed to 63 %, for wheels that turn and friction torques of `TYPICAL`: Q = (R/T^2)/f^2.
+told: while a wheel turns too slowly for its friction to be sure, and while a torque is at its limit. (r_i is what the
+torque balance sees of the rolling friction, which is not the torque that carries it: see `TorqueBalance.by_force`.)
+Rolling friction beyond what was identified is carried by the speed asked for and not by the one measured, so that a
+robot which stands is not driven about by a floor that was judged too rough. The times are those after which a small
+change has been followed to 63 %, for wheels that turn and friction torques of `TYPICAL`: Q = (R/T^2)/TYPICAL^2.
 """
 
 from __future__ import annotations
@@ -28,8 +30,8 @@ from ballbot.mechanics.compiled import called, inlined
 
 #: friction torque of a wheel for which the times hold [N m]
 TYPICAL = 0.1
-#: how far a driveline and a floor may be from what was identified, standard deviations of their scales at the start
-_DRIVELINE_SPREAD, _FLOOR_SPREAD = 0.15, 1.0
+#: how far a floor may be from the one identified on, standard deviation of its scale at the start
+_FLOOR_SPREAD = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +46,10 @@ class Adaptation:
 
     balance: TorqueBalance  #: of the robot
     time: float = 5.0  #: over which another floor is followed, of motion [s]
-    driveline_time: float = 40.0  #: over which the drivelines are, of motion [s]
+    driveline_time: float = 120.0  #: over which the drivelines are, of motion; they warm slowly [s]
+    driveline_spread: float = (
+        0.05  #: how far they may be from what was identified, standard deviation of their scales
+    )
     lowest: float = 0.3  #: bound of the wheels' scales
     highest: float = (
         1.5  #: bound of the wheels' scales; above 1 the compensation may exceed what was identified
@@ -53,14 +58,19 @@ class Adaptation:
     highest_floor: float = (
         4.0  #: bound of the rolling friction's scale; a carpet has several times a hard floor's
     )
+    floor_margin: float = 0.2  #: of its scale about 1, within which the floor counts as the one identified on
     noise: float = 0.045  #: sqrt(R), error of a wheel's lost torque as the mean of a second [N m s^0.5]
     least_speed: float = 0.3  #: of a wheel, below which it tells nothing [rad/s]
 
     def __post_init__(self) -> None:
-        for name in ("time", "driveline_time", "noise", "least_speed"):
+        for name in ("time", "driveline_time", "driveline_spread", "noise", "least_speed"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{name} of an adaptation is {value:g}; it must be positive.")
+        if not 0.0 <= self.floor_margin < math.inf:
+            raise InputError(
+                f"floor_margin of an adaptation is {self.floor_margin:g}; it must be zero or more."
+            )
         for low, high in ((self.lowest, self.highest), (self.lowest_floor, self.highest_floor)):
             if not 0.0 <= low <= 1.0 <= high < math.inf:
                 raise InputError(
@@ -69,7 +79,7 @@ class Adaptation:
 
 
 #: numbers that `pack_adaptation` returns
-ADAPTATION_SIZE = 11
+ADAPTATION_SIZE = 12
 #: place of the rolling friction's scale among the scales, behind room for those of the wheels
 ROLLING = MOST_WHEELS
 _SCALES = MOST_WHEELS + 1
@@ -77,8 +87,8 @@ _SCALES = MOST_WHEELS + 1
 ADAPTATION_MEMORY = _SCALES * (_SCALES + 2)
 
 # places in a row: 1 where there is an adaptation, then these; h Q, P_jj at the start and the bounds less 1 for each
-# wheel's scale and for the rolling friction's
-_LEAST_SPEED, _NOISE, _WHEEL, _FLOOR = 1, 2, 3, 7
+# wheel's scale and for the rolling friction's, and the margin of that
+_LEAST_SPEED, _NOISE, _WHEEL, _FLOOR, _MARGIN = 1, 2, 3, 7, 11
 # places in the memory
 _P, _COLUMN = _SCALES, _SCALES + _SCALES * _SCALES
 
@@ -97,13 +107,14 @@ def pack_adaptation(adaptation: Adaptation | None, sample_time: float) -> list[f
         adaptation.least_speed,
         R / sample_time,
         walk(adaptation.driveline_time),
-        _DRIVELINE_SPREAD**2,
+        adaptation.driveline_spread**2,
         adaptation.lowest - 1.0,
         adaptation.highest - 1.0,
         walk(adaptation.time),
         _FLOOR_SPREAD**2,
         adaptation.lowest_floor - 1.0,
         adaptation.highest_floor - 1.0,
+        adaptation.floor_margin,
     ]
 
 
@@ -111,6 +122,13 @@ def pack_adaptation(adaptation: Adaptation | None, sample_time: float) -> list[f
 def tells(row, place, speed):
     """Return whether a wheel turns fast enough to tell of its friction."""
     return abs(speed) > row[place + _LEAST_SPEED]
+
+
+@inlined
+def floor_change(row, place, memory, first):
+    """Return by how much of what was identified the rolling friction differs, as far as it is beyond the margin."""
+    less_one, margin = memory[first + ROLLING], row[place + _MARGIN]
+    return max(0.0, less_one - margin) + min(0.0, less_one + margin)
 
 
 @called

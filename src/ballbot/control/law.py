@@ -20,6 +20,7 @@ from ballbot.control.adaptation import (
     ADAPTATION_MEMORY,
     ADAPTATION_SIZE,
     ROLLING,
+    floor_change,
     judge,
     pack_adaptation,
     tells,
@@ -247,7 +248,8 @@ def _compensate(F, row, memory, a, state, wanted, e, torques):
         state[9] + F.ahead * e[9],
     )
     relative, force = relative_rate(F, a, rates), rolling_force(F, a, rates)
-    known, more = 1.0 + min(0.0, memory[_ROLLING_SCALE]), max(0.0, memory[_ROLLING_SCALE])
+    change = floor_change(row, _ADAPTATION, memory, _SCALES)
+    known, more = 1.0 + min(0.0, change), max(0.0, change)
     asked = rolling_force(F, a, (wanted[0].rate, wanted[1].rate))
     rolling = known * force[0] + more * asked[0], known * force[1] + more * asked[1]
     agreement = 0.0  # u . rolling
@@ -323,7 +325,8 @@ def control_law(row, memory, state, reference, torques):
         _look_back(row, memory, a, state, len(torques))
     wanted = _wanted(row, memory, state, reference)
     flat, compensates = load_flat(row, _FLAT), F.full + F.partial
-    into = _rolling_lean(F, flat, compensates * (1.0 + memory[_ROLLING_SCALE]), a, wanted)
+    change = floor_change(row, _ADAPTATION, memory, _SCALES)
+    into = _rolling_lean(F, flat, compensates * (1.0 + change), a, wanted)
     e = _heading_error(flat, a, state, wanted, into)
     _drive(row, memory, a, wanted, e, torques)
     if compensates > 0.0:

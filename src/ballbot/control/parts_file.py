@@ -74,10 +74,12 @@ class AdaptationTable(Table):
 
     time: PositiveFloat = Adaptation.time
     driveline_time: PositiveFloat = Adaptation.driveline_time
+    driveline_spread: PositiveFloat = Adaptation.driveline_spread
     lowest: NonNegativeFloat = Adaptation.lowest
     highest: PositiveFloat = Adaptation.highest
     lowest_floor: NonNegativeFloat = Adaptation.lowest_floor
     highest_floor: PositiveFloat = Adaptation.highest_floor
+    floor_margin: NonNegativeFloat = Adaptation.floor_margin
     noise: PositiveFloat = Adaptation.noise
     least_speed: PositiveFloat = Adaptation.least_speed
 
@@ -161,10 +163,10 @@ _STANDSTILL = (
 )
 _OBSERVER = "Torque that is lost is given back over 1/`frequency` [rad/s], at most `limit` [N m]."
 _ADAPTATION = (
-    "As friction changes, the wheels' compensation is scaled between `lowest` and `highest` over\n"
-    "# `driveline_time`, the rolling friction's between `lowest_floor` and `highest_floor` over `time` [s of motion].\n"
-    "# A wheel tells nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque as the\n"
-    "# mean of a second."
+    "As friction changes, the wheels' compensation is scaled between `lowest` and `highest` over `driveline_time`;\n"
+    "# they are thought to be off by some `driveline_spread`. The rolling friction's is scaled between `lowest_floor`\n"
+    "# and `highest_floor` over `time` [s of motion], as far as it is off by more than `floor_margin`. A wheel tells\n"
+    "# nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque, mean of a second."
 )
 
 
