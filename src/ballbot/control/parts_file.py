@@ -17,6 +17,8 @@ from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.integral import IntegralAction
+from ballbot.control.lean_bound import LeanBound
+from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
 from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.standstill import Standstill
@@ -82,6 +84,21 @@ class AdaptationTable(Table):
     least_speed: PositiveFloat = Adaptation.least_speed
 
 
+class LeanBoundTable(Table):
+    """[lean_bound]: see `LeanBound`."""
+
+    lean: PositiveFloat = LeanBound.lean
+    turn: PositiveFloat = LeanBound.turn
+
+
+class NotchTable(Table):
+    """[notch]: see `Notch`."""
+
+    frequency: PositiveFloat
+    width: PositiveFloat = Notch.width
+    depth: _Share = Notch.depth
+
+
 class PartsTable(Table):
     """The tables of a file that may be missing."""
 
@@ -90,6 +107,8 @@ class PartsTable(Table):
     standstill: StandstillTable | None = None
     disturbance_observer: ObserverTable | None = None
     adaptation: AdaptationTable | None = None
+    lean_bound: LeanBoundTable | None = None
+    notch: NotchTable | None = None
 
 
 def parts_of(table: PartsTable, robot: Robot) -> Parts:
@@ -118,6 +137,8 @@ def parts_of(table: PartsTable, robot: Robot) -> Parts:
         if observer and balance
         else None,
         adaptation=Adaptation(balance=balance, **adaptation.model_dump()) if adaptation and balance else None,
+        lean_bound=LeanBound(**table.lean_bound.model_dump()) if table.lean_bound else None,
+        notch=Notch(**table.notch.model_dump()) if table.notch else None,
     )
 
 
@@ -129,6 +150,8 @@ def parts_text(parts: Parts) -> str:
         "standstill": (parts.standstill, _STANDSTILL),
         "disturbance_observer": (parts.observer, _OBSERVER),
         "adaptation": (parts.adaptation, _ADAPTATION),
+        "lean_bound": (parts.lean_bound, _LEAN_BOUND),
+        "notch": (parts.notch, _NOTCH),
     }
     texts = []
     for name, (part, head) in described.items():
@@ -165,6 +188,15 @@ _ADAPTATION = (
     "# `driveline_time`, the rolling friction's between `lowest_floor` and `highest_floor` over `time` [s of motion].\n"
     "# A wheel tells nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque as the\n"
     "# mean of a second."
+)
+
+_LEAN_BOUND = (
+    "Errors of place and speed ask for no more lean than `lean` [rad], those of the heading for no more than `turn`\n"
+    "# [rad]."
+)
+
+_NOTCH = (
+    "Torques pass a notch at `frequency` [Hz], its band `width` times as wide; `depth` is left at its middle."
 )
 
 
