@@ -39,6 +39,7 @@ CAMPAIGNS = {
     "robust_design": "benchmarks.robust_design",
     "control_parts": "benchmarks.control_parts",
     "control_targets": "benchmarks.control_targets",
+    "feedback_options": "benchmarks.feedback_options",
     "coverage": "benchmarks.coverage",
     "one_axis": "benchmarks.one_axis",
     "drivelines": "benchmarks.drivelines",
