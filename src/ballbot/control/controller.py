@@ -95,6 +95,8 @@ class Controller:
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
         parts.check(robot.wheel_count)
+        if parts.notch is not None:
+            parts.notch.check(self.sample_time)
         if parts.adaptation is not None and compensation == "none":
             raise InputError("An adaptation needs a compensation, 'full' or 'partial', that it can scale.")
         self.parts = parts

@@ -2,11 +2,11 @@
 
     u = K S(psi) (r_s - x) + feed-forward + integral action + compensation + what was lost,     clipped to its limit
 
-r_s is the reference, or what `ballbot.control.reference_shaping` and `.feed_forward` make of it. The other parts are
-those of `.integral`, `.compensation` with `.adaptation`, and `.disturbance_observer`. S(psi) turns the pairs (x y),
-(theta phi) of the error and their rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn
-with the body (design section 8). A law is one row of numbers, so that every robot in a batch can have one of its own,
-and what it remembers is another.
+r_s is the reference, or what `ballbot.control.reference_shaping` and `.feed_forward` make of it; `.lean_bound` may
+bound r_s - x. The other parts are those of `.integral`, `.compensation` with `.adaptation`, and
+`.disturbance_observer`; all of it may pass a `.notch`. S(psi) turns the pairs (x y), (theta phi) of the error and their
+rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn with the body (design section 8). A
+law is one row of numbers, so that every robot in a batch can have one of its own, and what it remembers is another.
 """
 
 from __future__ import annotations
@@ -52,6 +52,8 @@ from ballbot.control.integral import (
     integrate,
     pack_integral,
 )
+from ballbot.control.lean_bound import BOUND_SIZE, asks_much, bounded, pack_bound
+from ballbot.control.notch import NOTCH_MEMORY, NOTCH_SIZE, notched, pack_notch
 from ballbot.control.reference_shaping import (
     SHAPING_MEMORY,
     SHAPING_SIZE,
@@ -84,7 +86,9 @@ _INTEGRAL = _FLAT + FLAT_SIZE
 _OBSERVER = _INTEGRAL + INTEGRAL_SIZE
 _ADAPTATION = _OBSERVER + 2
 _RATE = _ADAPTATION + ADAPTATION_SIZE  # samples a second
-_WHEELS = _RATE + 1
+_BOUND = _RATE + 1
+_NOTCH = _BOUND + BOUND_SIZE
+_WHEELS = _NOTCH + NOTCH_SIZE
 # places in a wheel's part: gain (10), then each part's own
 _OWN_FRICTION = 10
 _OWN_FLAT = _OWN_FRICTION + FRICTION_PER_WHEEL
@@ -103,8 +107,11 @@ _JUDGED_ROLLING = _JUDGED + MOST_WHEELS
 _SCALES = _JUDGED_ROLLING + MOST_WHEELS
 _ROLLING_SCALE = _SCALES + ROLLING
 
+# what each wheel's notch remembers
+_NOTCHES = _SCALES + ADAPTATION_MEMORY
+
 #: how many numbers a law remembers from update to update; all zero at the start of a run
-MEMORY = _SCALES + ADAPTATION_MEMORY
+MEMORY = _NOTCHES + NOTCH_MEMORY * MOST_WHEELS
 
 #: what `control_law` returns where the reference may be followed
 ALLOWED = -1
@@ -123,7 +130,8 @@ def pack_law(controller: Controller) -> NDArray[np.float64]:
     shared = [controller.torque_limit, *friction, *shaping, *flat, *integral]
     shared += pack_observer(observer, controller.sample_time)
     shared += pack_adaptation(adaptation, controller.sample_time)
-    shared += [1.0 / controller.sample_time]
+    shared += [1.0 / controller.sample_time, *pack_bound(controller)]
+    shared += pack_notch(parts.notch, controller.sample_time)
     return np.concatenate([shared, np.column_stack(own).ravel()])
 
 
@@ -294,11 +302,14 @@ def _look_back(row, memory, a, state, n):
 
 
 @inlined
-def _give_back(memory, torques, limit):
-    """Add what was lost, limit the torques and remember them; return whether one was beyond the limit."""
+def _give_back(row, memory, torques):
+    """Add what was lost, pass the notch, limit; return whether a torque was beyond the limit."""
+    limit = row[0]
     beyond = False
     for i in range(len(torques)):
         torques[i] += memory[_BACK + i]
+        if row[_NOTCH] > 0.0:
+            torques[i] = notched(row, _NOTCH, memory, _NOTCHES + NOTCH_MEMORY * i, torques[i])
         beyond = beyond or abs(torques[i]) > limit
         torques[i] = _limited(torques[i], limit)
         memory[_GIVEN + i] = torques[i]
@@ -328,13 +339,17 @@ def control_law(row, memory, state, reference, torques):
     change = floor_change(row, _ADAPTATION, memory, _SCALES)
     into = _rolling_lean(F, flat, compensates * (1.0 + change), a, wanted)
     e = _heading_error(flat, a, state, wanted, into)
+    much = False  # more than the bound lets be asked for
+    if row[_BOUND] > 0.0:
+        much = asks_much(row, _BOUND, e)
+        e = bounded(row, _BOUND, e)
     _drive(row, memory, a, wanted, e, torques)
     if compensates > 0.0:
         _compensate(F, row, memory, a, state, wanted, e, torques)
-    beyond = _give_back(memory, torques, row[0])
+    beyond = _give_back(row, memory, torques)
     if beyond:  # a sample at the limit says nothing of what was lost
         memory[_BALANCE + 5] = 0.0
     if row[_INTEGRAL] > 0.0:
         e_x, e_y = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1]
-        integrate(row, _INTEGRAL, memory, _SUMS, e_x, e_y, e[4], beyond)
+        integrate(row, _INTEGRAL, memory, _SUMS, e_x, e_y, e[4], beyond or much)
     return _forbidden(reference)

@@ -8,6 +8,8 @@ from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.integral import IntegralAction
+from ballbot.control.lean_bound import LeanBound
+from ballbot.control.notch import Notch
 from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.standstill import Standstill
 from ballbot.errors import InputError
@@ -31,6 +33,8 @@ class Parts:
     standstill: Standstill | None = None  #: how friction is compensated about zero speed
     observer: DisturbanceObserver | None = None  #: gives back the torque that is lost
     adaptation: Adaptation | None = None  #: lets the compensation follow the friction
+    lean_bound: LeanBound | None = None  #: keeps errors of place and speed from asking for too much
+    notch: Notch | None = None  #: takes a resonance's band out of the torques
 
     def __post_init__(self) -> None:
         if self.feed_forward is not None and self.shaping is None:

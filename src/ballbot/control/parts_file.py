@@ -17,6 +17,8 @@ from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.integral import IntegralAction
+from ballbot.control.lean_bound import LeanBound
+from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
 from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.standstill import Standstill
@@ -84,6 +86,21 @@ class AdaptationTable(Table):
     least_speed: PositiveFloat = Adaptation.least_speed
 
 
+class LeanBoundTable(Table):
+    """[lean_bound]: see `LeanBound`."""
+
+    lean: PositiveFloat = LeanBound.lean
+    turn: PositiveFloat = LeanBound.turn
+
+
+class NotchTable(Table):
+    """[notch]: see `Notch`."""
+
+    frequency: PositiveFloat
+    width: PositiveFloat = Notch.width
+    depth: _Share = Notch.depth
+
+
 class PartsTable(Table):
     """The tables of a file that may be missing."""
 
@@ -92,6 +109,8 @@ class PartsTable(Table):
     standstill: StandstillTable | None = None
     disturbance_observer: ObserverTable | None = None
     adaptation: AdaptationTable | None = None
+    lean_bound: LeanBoundTable | None = None
+    notch: NotchTable | None = None
 
 
 def parts_of(table: PartsTable, robot: Robot) -> Parts:
@@ -120,6 +139,8 @@ def parts_of(table: PartsTable, robot: Robot) -> Parts:
         if observer and balance
         else None,
         adaptation=Adaptation(balance=balance, **adaptation.model_dump()) if adaptation and balance else None,
+        lean_bound=LeanBound(**table.lean_bound.model_dump()) if table.lean_bound else None,
+        notch=Notch(**table.notch.model_dump()) if table.notch else None,
     )
 
 
@@ -131,6 +152,8 @@ def parts_text(parts: Parts) -> str:
         "standstill": (parts.standstill, _STANDSTILL),
         "disturbance_observer": (parts.observer, _OBSERVER),
         "adaptation": (parts.adaptation, _ADAPTATION),
+        "lean_bound": (parts.lean_bound, _LEAN_BOUND),
+        "notch": (parts.notch, _NOTCH),
     }
     texts = []
     for name, (part, head) in described.items():
@@ -167,6 +190,15 @@ _ADAPTATION = (
     "# they are thought to be off by some `driveline_spread`. The rolling friction's is scaled between `lowest_floor`\n"
     "# and `highest_floor` over `time` [s of motion], as far as it is off by more than `floor_margin`. A wheel tells\n"
     "# nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque, mean of a second."
+)
+
+_LEAN_BOUND = (
+    "Errors of place and speed ask for no more lean than `lean` [rad], those of the heading for no more than `turn`\n"
+    "# [rad]."
+)
+
+_NOTCH = (
+    "Torques pass a notch at `frequency` [Hz], its band `width` times as wide; `depth` is left at its middle."
 )
 
 

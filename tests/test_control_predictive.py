@@ -1,0 +1,55 @@
+"""The predictive controller that the bound on the lean is held against (benchmarks/predictive.py)."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("daqp")  # of the extra "peers"; the toolkit itself has no use for it
+
+from scipy.optimize import minimize
+
+from ballbot import Controller
+from benchmarks import predictive
+from benchmarks.feedback_options import ROBOT, TORQUE_WEIGHT, bound_of_any, stiff
+from benchmarks.predictive import Predictive, heading_error
+
+STIFF = stiff()
+
+
+def test_within_the_limits_it_is_the_lqr_to_the_bit():
+    law = Controller(ROBOT, STIFF.gain)
+    correcting = Predictive(law, STIFF, torque_weight=TORQUE_WEIGHT)
+    random = np.random.default_rng(0)
+    for _ in range(200):
+        state, reference = 0.02 * random.standard_normal(10), np.zeros(10)
+        reference[[0, 1, 4]] = 0.02 * random.standard_normal(3)
+        np.testing.assert_array_equal(
+            correcting.update(0.0, state, reference), law.update(0.0, state, reference)
+        )
+    assert not correcting.times
+
+
+def test_beyond_them_its_correction_is_the_programs(monkeypatch):
+    # few nodes and looks, so that SciPy's quasi-Newton method can solve the same program as smooth and unconstrained
+    monkeypatch.setattr(predictive, "NODES", (0, 10, 30))
+    monkeypatch.setattr(predictive, "LOOKS", (0, 5, 15))
+    law = Controller(ROBOT, STIFF.gain, torque_limit=2.0)
+    correcting = Predictive(law, STIFF, torque_weight=TORQUE_WEIGHT)
+    state = np.zeros(10)
+    state[[0, 3, 5]] = 1.5, 0.05, 0.4
+    ahead = correcting._of_error @ heading_error(state, np.zeros(10))
+
+    lengths = np.linalg.norm(correcting._rows, axis=1)
+
+    def cost(z: np.ndarray) -> float:
+        over = np.maximum(np.abs(ahead + correcting._rows @ z) - 1.0, 0.0) / lengths
+        return 0.5 * float(z @ z + over @ over / predictive.SOFTNESS)
+
+    expected = minimize(cost, np.zeros(correcting._rows.shape[1]), method="BFGS", options={"gtol": 1e-8}).x
+    found = correcting.correction(ahead)
+    assert np.abs(found).max() > 0.1
+    np.testing.assert_allclose(found, correcting._first @ expected, atol=1e-4)  # BFGS on finite differences
+
+
+def test_no_torques_do_more_than_in_proportion_to_their_limit():
+    lean, blow = bound_of_any(2.0)
+    assert bound_of_any(6.0) == pytest.approx((3.0 * lean, 3.0 * blow))
