@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from ballbot.vision.seams import Seam
 from ballbot.vision.sphere_table import SeamTable
 from ballbot.vision.track import follow
 from ballbot.vision.video import Video
-from ballbot.vision.view import View
+from ballbot.vision.view import View, view_of_outline
 
 #: so much of the video [s], by so many frames of it, or not with fewer than the least
 _TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
@@ -38,7 +38,8 @@ class _Pass:
 
 def calibrated_view(
     video: Video,
-    view: View,
+    points: NDArray[np.float64],
+    closeness: float,
     samples: Sequence[NDArray[np.uint8]],
     *,
     colour: SeamColour,
@@ -53,8 +54,10 @@ def calibrated_view(
     Parameters
     ----------
     video : Video
-    view : View
-        By the outline.
+    points : ndarray (k, 2)
+        Of the outline [pixels].
+    closeness : float
+        1/D, assumed where `distance` is not given.
     samples : sequence of ndarray
         Some frames, from `Video.samples`.
     colour, seam, table
@@ -66,16 +69,24 @@ def calibrated_view(
     progress : function
         Told what share is done.
     """
+    view = view_of_outline(points, size=video.size, closeness=closeness)
     first = _followed(video, view, colour, seam, table, progress)
     if first.tracked < _DOUBTED and distance is None:
-        likelier = _likeliest(view, samples, colour, seam, table)
+        likelier = _likeliest(points, samples, colour, seam, table)
         if likelier.closeness != view.closeness:
             view = likelier
             first = _followed(video, view, colour, seam, table, progress)
     if len(first.frames) < _LEAST_FRAMES:
         return None
     return calibrate(
-        view, first.frames, first.orientations, table=table, colour=colour, found=found, distance=distance
+        view,
+        points,
+        first.frames,
+        first.orientations,
+        table=table,
+        colour=colour,
+        found=found,
+        distance=distance,
     )
 
 
@@ -115,14 +126,18 @@ def _followed(
 
 
 def _likeliest(
-    view: View, samples: Sequence[NDArray[np.uint8]], colour: SeamColour, seam: Seam, table: SeamTable
+    points: NDArray[np.float64],
+    samples: Sequence[NDArray[np.uint8]],
+    colour: SeamColour,
+    seam: Seam,
+    table: SeamTable,
 ) -> View:
     """Return the view with the closeness under which the seam fits some frames best, each by itself."""
     frames = samples[:: max(1, len(samples) // _ASKED)][:_ASKED]
     size = (frames[0].shape[1], frames[0].shape[0])
 
-    def quality(closeness: float) -> float:
-        pixels = ball_pixels(replace(view, closeness=closeness), size)
+    def quality(view: View) -> float:
+        pixels = ball_pixels(view, size)
         finder, judge = seam_finder(pixels, colour), make_judge(seam, table, pixels)
         total = 0.0
         for frame in frames:
@@ -130,4 +145,4 @@ def _likeliest(
             total += judge.localise(seen, share, near=None).quality if len(seen.p) else 0.0
         return total
 
-    return replace(view, closeness=max(_CLOSENESSES, key=quality))
+    return max((view_of_outline(points, size=size, closeness=one) for one in _CLOSENESSES), key=quality)

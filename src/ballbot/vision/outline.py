@@ -38,8 +38,8 @@ _AGREES = 0.012
 _LEAST_SHARE = 0.5
 
 
-def find_outline(frames: Sequence[NDArray[np.uint8]]) -> View:
-    """Return the ball's view by its outline, its closeness assumed.
+def find_outline(frames: Sequence[NDArray[np.uint8]]) -> NDArray[np.float64]:
+    """Return points (k, 2) of the ball's outline [pixels].
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> View:
     picture = np.asarray(cv2.GaussianBlur(still, (0, 0), 1.0), np.float32)
     size = (picture.shape[1], picture.shape[0])
     refined = [
-        one for one in (_refined(picture, circle, size) for circle in _voted(still)) if one[1] >= _LEAST_SHARE
+        one for one in (_refined(picture, circle, size) for circle in _voted(still)) if one[2] >= _LEAST_SHARE
     ]
     if not refined:
         raise InputError(
@@ -64,7 +64,7 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> View:
             "--circle x,y,r."
         )
     changing = _changing(few)
-    return max(refined, key=lambda one: one[1] + _moves(changing, one[0]))[0]
+    return max(refined, key=lambda one: one[2] + _moves(changing, one[0]))[1]
 
 
 def _changing(frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -82,8 +82,8 @@ def _moves(changing: NDArray[np.bool_], view: View) -> float:
     return float(within.mean()) - (float(beyond.mean()) if beyond.size else 0.0)
 
 
-def view_of_circle(circle: tuple[float, float, float], size: tuple[int, int]) -> View:
-    """Return the view of a circle that is given, its closeness assumed.
+def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return points (k, 2) of a circle that is given as the ball's outline in a picture of that size [pixels].
 
     Raises
     ------
@@ -100,9 +100,13 @@ def view_of_circle(circle: tuple[float, float, float], size: tuple[int, int]) ->
         raise InputError(
             f"The circle {x:g},{y:g},{radius:g} is not within the picture, which is {width} x {height} pixels."
         )
+    return _on_circle(circle)
+
+
+def _on_circle(circle: tuple[float, float, float]) -> NDArray[np.float64]:
+    x, y, radius = circle
     angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
-    points = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
-    return view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
+    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
 
 
 def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
@@ -152,11 +156,9 @@ def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, la
 
 def _refined(
     picture: NDArray[np.float32], circle: tuple[float, float, float], size: tuple[int, int]
-) -> tuple[View, float]:
-    """Return the outline near a circle and the share of its rays whose edge agrees with it."""
-    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
-    x, y, radius = circle
-    points = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+) -> tuple[View, NDArray[np.float64], float]:
+    """Return the outline near a circle, its points (k, 2), and the share of its rays whose edge agrees with it."""
+    points = _on_circle(circle)
     view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
     share = 0.0
     for search in _SEARCHES:
@@ -165,18 +167,19 @@ def _refined(
         edges, strength = _edges(picture, outline, outward, search)
         off = np.where(strength > _EDGE, edges, np.nan)
         if np.isfinite(off).sum() < 0.3 * _RAYS:
-            return view, 0.0
+            return view, points, 0.0
         good = np.abs(off - np.nanmedian(off)) < max(0.3 * search, _AGREES)
         places = outline + off[:, None] * outward
         if good.sum() < 20:
-            return view, 0.0
-        view = view_of_outline(places[good], size=size, closeness=ASSUMED_CLOSENESS)
+            return view, points, 0.0
+        points = places[good]
+        view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
         after = view.outline(_RAYS)
         miss = np.linalg.norm(places - np.array([view.x, view.y]), axis=1) / np.linalg.norm(
             after - np.array([view.x, view.y]), axis=1
         )
         share = float(np.mean(np.abs(miss - 1.0) < _AGREES))
-    return view, share
+    return view, points, share
 
 
 def _edges(

@@ -22,13 +22,13 @@ from ballbot.vision.calibrate import Calibration
 from ballbot.vision.colour import SeamColour, learn_colour
 from ballbot.vision.first_seconds import calibrated_view
 from ballbot.vision.localise import make_judge
-from ballbot.vision.outline import find_outline, view_of_circle
+from ballbot.vision.outline import ASSUMED_CLOSENESS, circle_points, find_outline
 from ballbot.vision.seams import Seam, thesis_seam
 from ballbot.vision.sphere_table import seam_table
 from ballbot.vision.track import Track, follow
 from ballbot.vision.velocity import Velocity, angular_velocity
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
-from ballbot.vision.view import View, check_distance
+from ballbot.vision.view import View, check_distance, view_of_outline
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,16 +121,16 @@ def measure_spin(
     seam = setup.seam or thesis_seam()
     tell(0.0, "looking")
     samples = video.samples()
-    view = find_outline(samples) if setup.circle is None else view_of_circle(setup.circle, video.size)
-    if setup.distance is not None:
-        view = replace(view, closeness=1.0 / setup.distance)
+    points = find_outline(samples) if setup.circle is None else circle_points(setup.circle, video.size)
+    closeness = ASSUMED_CLOSENESS if setup.distance is None else 1.0 / setup.distance
+    view = view_of_outline(points, size=video.size, closeness=closeness)
     pixels = ball_pixels(view, video.size)
     colour = learn_colour(
         [pixels.box(frame) for frame in samples], pixels.inside, radius=view.radius, colour=setup.colour
     )
     table = seam_table(seam)
     calibration = calibrated_view(
-        video, view, samples, colour=colour, seam=seam, table=table, found=setup.circle is None,
+        video, points, closeness, samples, colour=colour, seam=seam, table=table, found=setup.circle is None,
         distance=setup.distance, progress=lambda share: tell(0.1 * share, "calibrating"),
     )  # fmt: skip
     calibrated = calibration is not None
@@ -148,16 +148,20 @@ def measure_spin(
             "or the circle not the ball's (--circle)?"
         )
     t = frame_times(np.array(stated), frame_rate=video.frame_rate, known=setup.known_rate)
+    return Spin(
+        video=video, seam=seam, colour=colour, calibration=calibration, calibrated=calibrated, t=t, track=track,
+        velocity=_velocity(video, t, track), robot_camera=facing(0.0),
+    )  # fmt: skip
+
+
+def _velocity(video: Video, t: NDArray[np.float64], track: Track) -> Velocity:
     velocity = angular_velocity(t, track)
     if not np.isfinite(velocity.omega).any():
         raise InputError(
             f"{video.path}: the seam was never followed for {LEAST_FRAMES} frames on end, which a velocity needs; the "
             "ball may turn too fast for the frame rate, or be covered."
         )
-    return Spin(
-        video=video, seam=seam, colour=colour, calibration=calibration, calibrated=calibrated, t=t, track=track,
-        velocity=velocity, robot_camera=facing(0.0),
-    )  # fmt: skip
+    return velocity
 
 
 def _silent(_share: float, _doing: str) -> None:

@@ -41,9 +41,7 @@ def _tracking(spin: Spin) -> str:
     edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     spans = [f"{spin.t[a]:.2f} to {spin.t[b]:.2f} s" for a, b in zip(starts, ends, strict=True)]
-    named = ", ".join(spans[:_NAMED]) + (
-        f" and {len(spans) - _NAMED} times more" if len(spans) > _NAMED else ""
-    )
+    named = ", ".join(spans[:_NAMED]) + (f" and {len(spans) - _NAMED} more" if len(spans) > _NAMED else "")
     return f"Of {whole} the seam was lost in {lost.sum()} frames: {named}."
 
 
@@ -67,8 +65,8 @@ def _view(spin: Spin) -> str:
         )
     spread = errors[3] * view.distance**2
     return (
-        f"{circle}; the camera is {view.distance:.2f} ± {spread:.2f} ball radii from its centre, by the seam's "
-        "perspective."
+        f"{circle}; the camera is {view.distance:.2f} ball radii from its centre, by the seam's perspective (standard "
+        f"error {spread:.2f})."
     )
 
 
