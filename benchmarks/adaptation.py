@@ -36,8 +36,8 @@ from benchmarks.section import Section
 
 ALTEN = Robot.load("alten")
 SAMPLE_TIME = 0.005
-CHANGE_SEEDS = tuple(range(400, 410))
-COURSE_SEEDS = tuple(range(400, 405))
+CHANGE_SEEDS = tuple(range(600, 605))
+COURSE_SEEDS = tuple(range(600, 604))
 
 AT = 12.0  # when the floor changes [s]
 LATE = 20.0  # so long after it the error left is measured [s]
