@@ -20,6 +20,7 @@ from scipy.stats import t
 from ballbot import Controller, Robot, simulate
 from ballbot.control.adaptation import Adaptation
 from ballbot.control.controller import Compensation
+from ballbot.control.feed_forward import FeedForward
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.precise import precise_controller
 from ballbot.control.references import hold, square
@@ -70,6 +71,12 @@ def adaptive(robot: Robot, **parts: None) -> Controller:
     return whole.with_parts(replace(whole.parts, adaptation=adaptation, **parts))
 
 
+def leaning(robot: Robot) -> Controller:
+    """Return the precise controller that leans into the rolling friction of the motion it is asked for."""
+    whole = precise_controller(robot)
+    return whole.with_parts(replace(whole.parts, feed_forward=FeedForward.of(robot, rolling_lean=True)))
+
+
 #: by the name in the table
 PARTS: Mapping[str, Part] = {
     "nominal gain, thesis's state, no compensation": Part(make=nominal_controller, estimator="onboard"),
@@ -87,6 +94,8 @@ PARTS: Mapping[str, Part] = {
     "precise, no shaping": Part(make=partial(precise, shaping=None, feed_forward=None)),
     "precise, no feed-forward": Part(make=partial(precise, feed_forward=None)),
     "precise, no standstill": Part(make=partial(precise, standstill=None)),
+    "precise, no bound on the lean": Part(make=partial(precise, lean_bound=None)),
+    "precise, rolling lean": Part(make=leaning),
     "precise, thesis's state": Part(make=precise_controller, estimator="onboard"),
     "precise, no observer": Part(make=partial(precise, observer=None)),
     "precise, no observer, no compensation": Part(make=partial(precise, compensation="none", observer=None)),

@@ -21,7 +21,7 @@ from ballbot.control.interface import Feedback
 from ballbot.control.lean_bound import LeanBound
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.parts import Parts
-from ballbot.control.precise import STATE_WEIGHTS, TORQUE_WEIGHT, precise_controller
+from ballbot.control.precise import STATE_WEIGHTS, TORQUE_WEIGHT, precise_controller, sure_torque
 from ballbot.control.references import change_pose, hold
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.loop import top_speed
@@ -38,6 +38,8 @@ from benchmarks.section import Section
 
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
+#: who knows the twin's friction
+KNOWING = ROBOT.replace(friction=NOMINAL.friction)
 LIMITS = (6.0, 2.0)  # [N m]
 DIRECTIONS = (0.0, 0.5 * math.pi)
 SEEDS = (1, 2, 3)
@@ -124,10 +126,9 @@ def on_model(job: tuple[str, float]) -> Reached:
 def on_twin(job: tuple[float, bool]) -> Reached:
     """Return how far the precise controller goes on the twin, with a bound besides or without."""
     limit, bound = job
-    knowing = ROBOT.replace(friction=NOMINAL.friction)
-    whole = precise_controller(knowing)
+    whole = precise_controller(KNOWING)
     controller = Controller(
-        knowing,
+        KNOWING,
         whole.gain,
         compensation="full",
         torque_limit=limit,
@@ -209,6 +210,7 @@ def campaign() -> Section:
     """Run everything and return the section of docs/evidence.md."""
     models = [(name, limit) for limit in LIMITS for name in ("alone", "bound", "predictive")]
     twins = [(limit, bound) for limit in LIMITS for bound in (False, True)]
+    twins.append((sure_torque(KNOWING), True))  # as it comes
     with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
         on_twins = pool.map(on_twin, twins)
         plain = pool.map(steps_on_twin, _PLAIN)
@@ -223,7 +225,7 @@ def campaign() -> Section:
                 [f"no torques of {limit:g} N m do more", f"{math.degrees(lean):.1f}", f"{blow:.1f}", "", ""]
             )
         for (limit, bound), one in zip(twins, on_twins, strict=True):
-            rows.append(_row(f"twin, precise{', bound' if bound else ''}, {limit:g} N m", one))
+            rows.append(_row(f"twin, precise{', bound' if bound else ''}, {limit:.2g} N m", one))
         jumps = "; ".join(f"{name} {_settled(one)}" for name, one in zip(_PLAIN, plain, strict=True))
     times = 1e3 * np.concatenate([one.times for one in found])
     return Section(

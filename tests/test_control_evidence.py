@@ -1,6 +1,5 @@
 """A small sample of the campaigns on control in benchmarks/; `make evidence` runs them."""
 
-
 import numpy as np
 import pytest
 from control_examples import FRICTION, alten

@@ -9,14 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ballbot import Controller, InputError, Model, Robot
+from ballbot import Controller, InputError, Model, Robot, simulate
 from ballbot.control.lean_bound import LeanBound
 from ballbot.control.parts import Parts
-from ballbot.control.precise import design_integral_gain
+from ballbot.control.precise import design_integral_gain, precise_controller
+from ballbot.control.references import hold
+from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.loop import Loop
 from ballbot.experiments.limits.region import reach
 from ballbot.experiments.limits.starts import leaning, pushed
 from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.twin import Scenario, Twin
 
 BOUND = LeanBound(lean=0.1, turn=0.4)
 GAINS = [(robot, design_integral_gain(robot).gain) for robot in (alten(), four_wheeled(friction=False))]
@@ -100,3 +103,27 @@ def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray)
 def test_bounds_that_are_none_are_refused(wrong):
     with pytest.raises(InputError, match=r"of a lean bound is .* must be positive"):
         LeanBound(**wrong)
+
+
+def test_the_precise_controller_stands_up_where_its_wheels_would_else_spin():
+    robot = Robot.load("alten")
+    known = robot.replace(friction=Scenario.nominal(robot).friction)
+    bounded = precise_controller(known)
+    bare = Controller(
+        known,
+        bounded.gain,
+        speed_band=bounded.speed_band,
+        compensation="full",
+        torque_limit=robot.drive.torque_limit,
+        parts=replace(bounded.parts, lean_bound=None),
+    )
+    leaning_at_rest = np.zeros(10)
+    leaning_at_rest[2] = np.radians(8.0)
+
+    def falls(controller: Controller) -> bool:
+        twin = Twin(robot, estimator=named_estimator("kalman", robot, sample_time=0.005))
+        log = simulate(twin, controller, hold(), duration=3.0, initial_state=leaning_at_rest, seed=1)
+        return log.ended is not None
+
+    assert falls(bare)
+    assert not falls(bounded)

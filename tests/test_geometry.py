@@ -16,6 +16,7 @@ from ballbot.mechanics.geometry import (
     rolling_directions,
     rotation,
     transforms,
+    wheel_load,
 )
 from ballbot.robot import Friction, Robot
 
@@ -149,3 +150,10 @@ def test_angles_of_any_shapes_broadcast(rows: int, columns: int):
         whole = function(theta, phi, psi)
         assert whole.shape == (rows, columns, 3, 3)
         np.testing.assert_array_equal(whole[-1, 0], function(theta[-1, 0], phi[0], psi))
+
+
+def test_the_wheels_loads_carry_the_robot():
+    robot = Robot.load("alten")
+    # three wheels alike, each pressing along n_i: 3 N cos(alpha) = m g
+    carried = 3.0 * wheel_load(robot) * np.cos(robot.wheels.tilt)
+    assert carried == pytest.approx(robot.body.mass * robot.gravity, rel=1e-12)

@@ -18,11 +18,13 @@ from ballbot.control.controller import Compensation, Controller, default_speed_b
 from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.integral import IntegralAction
+from ballbot.control.lean_bound import LeanBound
 from ballbot.control.lqr import lqr
 from ballbot.control.parts import Parts
 from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.standstill import Standstill
 from ballbot.control.torque_balance import TorqueBalance
+from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 
@@ -37,6 +39,8 @@ TORQUE_WEIGHT = 30.0
 SPEED_BAND = 1.0 / 3.0
 #: share of the break-away torque that a wheel at rest is given
 FEED = 0.7
+#: share of its load that a wheel pushes the ball with at most: stiff, the controller else spins its wheels in a fall
+GRIP_SHARE = 0.4
 
 #: where x, y and psi stand in the state
 _POSE = (0, 1, 4)
@@ -118,6 +122,7 @@ def precise_controller(
         chosen.gain,
         sample_time=time,
         compensation=compensation,
+        torque_limit=sure_torque(robot),
         speed_band=SPEED_BAND * default_speed_band(robot, time),
         parts=Parts(
             shaping=ReferenceShaping(),
@@ -125,5 +130,15 @@ def precise_controller(
             integral=IntegralAction(gain=chosen.integral_gain),
             standstill=Standstill(feed=FEED),
             observer=DisturbanceObserver(balance=TorqueBalance.of(robot)),
+            lean_bound=LeanBound(),
         ),
     )
+
+
+def sure_torque(robot: Robot) -> float:
+    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
+
+    `GRIP_SHARE` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
+    """
+    friction = max(c + s for c, s in zip(robot.friction.coulomb, robot.friction.stribeck, strict=True))
+    return min(robot.drive.torque_limit, GRIP_SHARE * wheel_load(robot) * robot.wheels.radius + friction)

@@ -42,6 +42,12 @@ def axles(wheels: Wheels) -> NDArray[np.float64]:
     return np.cross(contact_directions(wheels), rolling_directions(wheels))
 
 
+def wheel_load(robot: Robot) -> float:
+    """Return the least force [N] with which the robot, at rest and upright, presses one of its wheels on the ball."""
+    weight = np.array([0.0, 0.0, robot.body.mass * robot.gravity])
+    return float((np.linalg.pinv(contact_directions(robot.wheels).T) @ weight).min())
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transforms:
     """The transformation matrices of Appendix II, by its names, for n wheels; read-only arrays.

@@ -28,7 +28,7 @@ from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.references import hold
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.geometry import contact_directions
+from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
@@ -138,8 +138,9 @@ def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArra
     if controller.parts != Parts() or np.abs(np.linalg.eigvals(loop)).max() >= 1.0:
         return np.full((1, 10), np.inf)
     speeds = np.hstack([np.zeros((len(K), 5)), model.wheel_jacobian(np.zeros(5))])
+    slips = grip * wheel_load(model.robot) * model.robot.wheels.radius
     now = [
-        K / (_SHARE * min(controller.torque_limit, grip * _torque_per_grip(model.robot))),
+        K / (_SHARE * min(controller.torque_limit, slips)),
         speeds / (_SHARE * top_speed(model.robot)),
         np.eye(10)[2:4] / _LEAN,
     ]
@@ -147,14 +148,6 @@ def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArra
     while np.abs(rows[-1]).max() > _FADED * np.abs(rows[0]).max():
         rows.append(rows[-1] @ ahead)
     return np.concatenate(rows)
-
-
-def _torque_per_grip(robot: Robot) -> float:
-    """Return the wheel torque [N m] at which a wheel of grip 1 slips, at rest: its load times its radius."""
-    pressing = np.linalg.pinv(contact_directions(robot.wheels).T) @ np.array(
-        [0.0, 0.0, robot.body.mass * robot.gravity]
-    )
-    return float(pressing.min()) * robot.wheels.radius
 
 
 def lost_lean(model: Model) -> float:
