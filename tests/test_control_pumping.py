@@ -136,3 +136,15 @@ def test_a_controllers_file_is_held_against_the_robot_it_is_read_with(tmp_path):
     assert "200 % of" in (pumping_warning(read_controller(path, smooth), smooth) or "")
     unsure = ROBOT.replace(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
     assert "certain" in (pumping_warning(read_controller(path, unsure), unsure) or "")
+
+
+def test_a_run_with_a_controllers_file_says_where_it_may_feed_the_motion(tmp_path, capsys):
+    write_robot(ROBOT, tmp_path / "robot.toml")
+    words = []
+    for share in (0.8, 1.3):
+        write_controller(compensating(share), tmp_path / "controller.toml")
+        given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
+        assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
+        words.append(capsys.readouterr().out)
+    assert "may feed the motion" not in words[0]
+    assert "may feed the motion" in words[1]

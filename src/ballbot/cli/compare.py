@@ -10,6 +10,7 @@ from rich.console import Console
 
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.pumping_words import warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.reference_file import is_file
 from ballbot.estimation.named import EstimatorName
@@ -82,6 +83,7 @@ def compare(
     )
     belongs_to = _identity(described, entrants, courses, numbers)
     console = standard_output()
+    warn_of_pumping({one.name: made[one.name] for one in entrants if one.file}, described, console)
     with (
         long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
         progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,

@@ -8,6 +8,7 @@ from typing import Literal
 from rich.console import Console
 
 from ballbot.cli.output import progress_bar, standard_output
+from ballbot.cli.pumping_words import warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
@@ -89,6 +90,8 @@ def record(
         log_format=format,
     )
     console = standard_output()
+    if controller:
+        warn_of_pumping({str(controller): job.controller}, described, console)
     if seeds is None:
         _one(job, seed, out, console)
     else:

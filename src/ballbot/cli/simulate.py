@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from ballbot.cli.output import progress_bar, standard_output
+from ballbot.cli.pumping_words import warn_of_pumping
 from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
@@ -69,6 +70,8 @@ def simulate(
         else nominal_controller(described, compensation=compensation)
     )
     console = standard_output()
+    if controller:
+        warn_of_pumping({str(controller): chosen}, described, console)
     with progress_bar(console, f"simulating {duration:g} s") as bar:
         log = run(
             Model(described, formulation),
