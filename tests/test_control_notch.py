@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import bilinear, freqz, lfilter
 
-from ballbot import Controller, InputError
+from ballbot import Controller, InputError, Robot
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
 from ballbot.control.nominal import design_gain
 from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
@@ -79,3 +81,12 @@ def test_what_is_no_notch_is_refused(wrong, told):
 def test_a_notch_beyond_what_samples_can_tell_is_refused():
     with pytest.raises(InputError, match=r"A notch at 95 Hz needs a sample time below 0.0047 s"):
         Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=95.0)))
+
+
+def test_design_writes_the_notch_that_is_asked_for(tmp_path, capsys):
+    words = ["design", "alten", "--notch", "27", "--out", str(tmp_path)]
+    assert main(words) == 0
+    written = read_controller(tmp_path / "controller.toml", Robot.load("alten"))
+    assert written.parts.notch == Notch(frequency=27.0)
+    assert main([*words[:3], "200", *words[4:]]) != 0
+    assert "A notch at 200 Hz needs a sample time below" in capsys.readouterr().err

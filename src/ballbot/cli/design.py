@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,6 +16,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
+from ballbot.control.notch import Notch
 from ballbot.control.precise import STATE_WEIGHTS as PRECISE_WEIGHTS
 from ballbot.control.precise import IntegralDesign, design_integral_gain, precise_controller
 from ballbot.control.pumping import Margin, certain_friction, compensation_margin, refuse_pumping
@@ -40,6 +42,7 @@ def design(
     sample_time: float | None = None,
     compensation: Compensation | None = None,
     compensation_gain: float = 1.0,
+    notch: float | None = None,
     allow_pumping: Annotated[bool, Parameter(negative="")] = False,
     robust: bool = False,
     search: RobustOptions = _SEARCH,
@@ -77,6 +80,8 @@ def design(
         none for the nominal kind and full for the precise one.
     compensation_gain
         By what the friction that is compensated is multiplied: below 1 where it is not to be trusted whole.
+    notch
+        A frequency [Hz] that is taken out of the torques: of a resonance, as `ballbot validate` names it.
     allow_pumping
         Write the controller even where it compensates more friction than is certain to be there.
     robust
@@ -85,19 +90,19 @@ def design(
     out
         The folder to write into.
     """
-    if robust:
-        if kind != "nominal" or q is not None or r != TORQUE_WEIGHT or compensation_gain != 1.0:
-            raise InputError(
-                "--robust seeks the weights of the nominal kind itself; leave out --kind, --q, --r and "
-                "--compensation-gain."
-            )
-        chosen = compensation or "none"
-        design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
-        return
     if not 0.0 <= compensation_gain < math.inf:
         raise InputError(
             f"--compensation-gain is {compensation_gain:g}; it must be zero or more, such as 0.8."
         )
+    if robust:
+        if (kind, q, r, compensation_gain, notch) != ("nominal", None, TORQUE_WEIGHT, 1.0, None):
+            raise InputError(
+                "--robust seeks the weights of the nominal kind itself; leave out --kind, --q, --r, "
+                "--compensation-gain and --notch."
+            )
+        chosen = compensation or "none"
+        design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
+        return
     described, weights = Robot.load(robot), None if q is None else _weights(q)
 
     def designed(one: Robot) -> LqrDesign | IntegralDesign:
@@ -113,12 +118,9 @@ def design(
     spread = propagate(described, lambda one: designed(one).gain)
     certain = certain_friction(described)
     compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
-    if isinstance(found, IntegralDesign):
-        controller = precise_controller(compensated, compensation=compensation or "full", design=found)
-    else:
-        controller = Controller(
-            compensated, found.gain, sample_time=found.sample_time, compensation=compensation or "none"
-        )
+    controller = _controller(compensated, found, compensation)
+    if notch is not None:
+        controller = controller.with_parts(replace(controller.parts, notch=Notch(frequency=notch)))
     if not allow_pumping:
         refuse_pumping(controller, certain)
     margin = compensation_margin(controller, certain)
@@ -132,6 +134,15 @@ def design(
     if controller.compensation != "none":
         console.print(_margin(margin), markup=False, soft_wrap=True)
     console.print(str(out / "controller.toml"), soft_wrap=True)
+
+
+def _controller(
+    robot: Robot, found: LqrDesign | IntegralDesign, compensation: Compensation | None
+) -> Controller:
+    """Return the controller of a design, the compensation its kind's own where none is given."""
+    if isinstance(found, IntegralDesign):
+        return precise_controller(robot, compensation=compensation or "full", design=found)
+    return Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation or "none")
 
 
 def _show(console: Console, found: LqrDesign | IntegralDesign, spread: Propagated) -> None:
