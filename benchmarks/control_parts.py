@@ -33,7 +33,7 @@ from ballbot.twin import Twin
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
-SEEDS = tuple(range(200, 205))
+SEEDS = tuple(range(200, 204))
 REFERENCES = {"square": (square(side=0.5, period=32.0), 32.0), "hold": (hold(), 60.0)}
 ALTEN = Robot.load("alten")
 
