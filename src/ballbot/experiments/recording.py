@@ -26,6 +26,7 @@ from ballbot.control.file import controller_text
 from ballbot.control.reference_file import is_file, reference_of, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.experiments.children import deaf_children, die_quietly
 from ballbot.files import write_text
 from ballbot.robot.file import robot_text
 from ballbot.robot.robot import Robot
@@ -139,8 +140,9 @@ def record_runs(
     if missing:
         workers = min(processes or os.cpu_count() or 1, len(missing))
         # spawned: a fork of a process with threads may hang
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            runs = [pool.submit(record_run, job, seed, seed_folder(folder, seed)) for seed in missing]
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=die_quietly) as pool:
+            with deaf_children():
+                runs = [pool.submit(record_run, job, seed, seed_folder(folder, seed)) for seed in missing]
             try:
                 for run in as_completed(runs):
                     outcomes[run.result().seed] = run.result()

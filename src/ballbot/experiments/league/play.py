@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import copy
 import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from types import MappingProxyType, TracebackType
@@ -24,6 +21,7 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName
+from ballbot.experiments.children import deaf_children, die_quietly
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
@@ -174,9 +172,9 @@ class _Players:
             self._pool = ProcessPoolExecutor(
                 min(self._processes, len(self._games) - place),
                 mp_context=get_context("spawn"),
-                initializer=_die_quietly,
+                initializer=die_quietly,
             )
-            with _deaf_children():
+            with deaf_children():
                 for later in range(place, len(self._games)):
                     self._ahead[later] = self._pool.submit(_play, self._robot, self._games[later])
         try:
@@ -185,24 +183,6 @@ class _Players:
             raise InputError(
                 "A process that played was killed, perhaps for want of memory; what was played before is kept."
             ) from None
-
-
-@contextmanager
-def _deaf_children() -> Iterator[None]:
-    """Let processes begin that do not hear Ctrl-C while they import: they would each print a traceback."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # which signals are heard is for the main thread to say
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _die_quietly() -> None:
-    """Let Ctrl-C end a process at once, without a traceback; the one that waits for it says what happened."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _play(robot: Robot, game: _Game) -> Arrays:

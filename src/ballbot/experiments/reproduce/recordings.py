@@ -24,7 +24,7 @@ from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
-from ballbot.experiments.reproduce.children import deaf_children, die_quietly
+from ballbot.experiments.children import deaf_children, die_quietly
 from ballbot.files import write_bytes
 from ballbot.log import Log
 from ballbot.robot import Robot
