@@ -23,11 +23,11 @@ RUN = 32.0  # seconds of each run compared
 SEEDS = tuple(range(100, 110))
 
 
-def identified_robot(robot: Robot) -> Robot:
-    """Return the robot with the friction that two recorded logs of its nominal twin tell."""
+def identified_robot(robot: Robot, *, recorded: float = RECORDED) -> Robot:
+    """Return the robot with the friction that two recorded logs [s] of its nominal twin tell."""
     controller = Controller(robot, design_gain(robot).gain)
     logs = [
-        simulate(Twin(robot), controller, reference, duration=RECORDED, seed=seed).without_truth()
+        simulate(Twin(robot), controller, reference, duration=recorded, seed=seed).without_truth()
         for seed, reference in ((1, square(side=0.5, period=32.0)), (2, figure_eight()))
     ]
     return identify(robot, logs, seed=0).robot
