@@ -256,10 +256,12 @@ def _compensate(F, row, memory, a, state, wanted, e, torques):
         state[9] + F.ahead * e[9],
     )
     relative, force = relative_rate(F, a, rates), rolling_force(F, a, rates)
-    change = floor_change(row, _ADAPTATION, memory, _SCALES)
-    known, more = 1.0 + min(0.0, change), max(0.0, change)
-    asked = rolling_force(F, a, (wanted[0].rate, wanted[1].rate))
-    rolling = known * force[0] + more * asked[0], known * force[1] + more * asked[1]
+    rolling, adapts = force, row[_ADAPTATION] > 0.0
+    if adapts:
+        change = floor_change(row, _ADAPTATION, memory, _SCALES)
+        known, more = 1.0 + min(0.0, change), max(0.0, change)
+        asked = rolling_force(F, a, (wanted[0].rate, wanted[1].rate))
+        rolling = known * force[0] + more * asked[0], known * force[1] + more * asked[1]
     agreement = 0.0  # u . rolling
     for i in range(len(torques)):
         place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
@@ -272,10 +274,11 @@ def _compensate(F, row, memory, a, state, wanted, e, torques):
         added = share * (1.0 + memory[_SCALES + i]) * friction + rolls * carried
         torques[i] += added
         memory[_COMPENSATED + i] = added
-        told = abs(speed) * F.steepness > 1.0 and tells(row, _ADAPTATION, speed)
-        memory[_JUDGED + i] = friction if told else 0.0
-        balance = place - _OWN_FRICTION + _OWN_BALANCE
-        memory[_JUDGED_ROLLING + i] = lost_to_force(row, balance, force) if told else 0.0
+        if adapts:
+            told = abs(speed) * F.steepness > 1.0 and tells(row, _ADAPTATION, speed)
+            memory[_JUDGED + i] = friction if told else 0.0
+            balance = place - _OWN_FRICTION + _OWN_BALANCE
+            memory[_JUDGED_ROLLING + i] = lost_to_force(row, balance, force) if told else 0.0
 
 
 @inlined
@@ -336,8 +339,10 @@ def control_law(row, memory, state, reference, torques):
         _look_back(row, memory, a, state, len(torques))
     wanted = _wanted(row, memory, state, reference)
     flat, compensates = load_flat(row, _FLAT), F.full + F.partial
-    change = floor_change(row, _ADAPTATION, memory, _SCALES)
-    into = _rolling_lean(F, flat, compensates * (1.0 + change), a, wanted)
+    into = (0.0, 0.0)
+    if flat.rolling_lean != 0.0:
+        change = floor_change(row, _ADAPTATION, memory, _SCALES)
+        into = _rolling_lean(F, flat, compensates * (1.0 + change), a, wanted)
     e = _heading_error(flat, a, state, wanted, into)
     much = False  # more than the bound lets be asked for
     if row[_BOUND] > 0.0:
