@@ -15,12 +15,14 @@ from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t
 
 from ballbot import Controller, Robot, simulate
 from ballbot.control.adaptation import Adaptation
 from ballbot.control.controller import Compensation
 from ballbot.control.feed_forward import FeedForward
+from ballbot.control.interface import Feedback
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.precise import precise_controller
 from ballbot.control.references import hold, square
@@ -42,7 +44,7 @@ ALTEN = Robot.load("alten")
 class Part:
     """A controller to run, and whose state it feeds back."""
 
-    make: Callable[[Robot], Controller]
+    make: Callable[[Robot], Feedback]
     estimator: EstimatorName = "kalman"
 
 
@@ -71,6 +73,37 @@ def adaptive(robot: Robot, **parts: None) -> Controller:
     return whole.with_parts(replace(whole.parts, adaptation=adaptation, **parts))
 
 
+@dataclass
+class Dithered:
+    """A controller with a square wave added to every torque, the classical cure for sticking."""
+
+    controller: Controller
+    amplitude: float  #: [N m]
+    samples: int = 4  #: half of them up, half down
+
+    @property
+    def sample_time(self) -> float:
+        """The controller's."""
+        return self.controller.sample_time
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.controller.reset()
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the controller's torques and the wave."""
+        up = round(t / self.sample_time) % self.samples < self.samples // 2
+        return self.controller.update(t, state, reference) + (self.amplitude if up else -self.amplitude)
+
+
+def dithered(robot: Robot, *, share: float) -> Dithered:
+    """Return the precise controller with dither in place of its standstill, a share of the mean break-away torque."""
+    break_away = np.mean(np.add(robot.friction.coulomb, robot.friction.stribeck))
+    return Dithered(controller=precise(robot, standstill=None), amplitude=share * float(break_away))
+
+
 def leaning(robot: Robot) -> Controller:
     """Return the precise controller that leans into the rolling friction of the motion it is asked for."""
     whole = precise_controller(robot)
@@ -94,6 +127,8 @@ PARTS: Mapping[str, Part] = {
     "precise, no shaping": Part(make=partial(precise, shaping=None, feed_forward=None)),
     "precise, no feed-forward": Part(make=partial(precise, feed_forward=None)),
     "precise, no standstill": Part(make=partial(precise, standstill=None)),
+    "precise, dither of half the break-away for the standstill": Part(make=partial(dithered, share=0.5)),
+    "precise, dither of the break-away for the standstill": Part(make=partial(dithered, share=1.0)),
     "precise, no bound on the lean": Part(make=partial(precise, lean_bound=None)),
     "precise, rolling lean": Part(make=leaning),
     "precise, thesis's state": Part(make=precise_controller, estimator="onboard"),
@@ -146,7 +181,8 @@ def campaign(seeds: Sequence[int] = SEEDS) -> Section:
         "seeds. 32 s of a 0.5 m square and a hold of 60 s; errors of the true position once settled [mm]: mean and "
         "largest peak over the seeds, mean RMS. The cycle is the hold's strongest periodic motion faster than 0.5 Hz, "
         "its amplitude, largest over the seeds. Roughness: RMS change of torque from sample to sample [N m], both. The "
-        "Kalman filter's state is fed back where the thesis's is not named; rows after `precise` change one thing.",
+        "Kalman filter's state is fed back where the thesis's is not named; rows after `precise` change one thing; the "
+        "dither is a square wave of 50 Hz on every torque.",
         columns=[
             "controller",
             "square: peak",
