@@ -8,7 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ballbot import InputError
 from ballbot.cli.main import main
+from ballbot.report import study_files
+from ballbot.report.study_files import check_folder
 
 GOOD_LOG = "t,u1,u2,u3,theta\n" + "".join(f"{k * 0.005:g},0.1,0,0,{0.001 * k:g}\n" for k in range(50))
 
@@ -161,3 +164,16 @@ def test_nothing_is_left_half_written(tmp_path, robot_file, capsys):
     assert "kept.toml" in said
     assert (tmp_path / "kept.toml").read_bytes() == before
     assert np.all([not p.name.startswith(".") for p in tmp_path.iterdir()])
+
+
+def test_a_folder_that_cannot_be_written_into_is_refused_before_the_work(tmp_path, monkeypatch):
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    assert check_folder(tmp_path / "new") == tmp_path / "new"
+    assert list((tmp_path / "new").iterdir()) == []
+    monkeypatch.setattr(
+        study_files, "TemporaryFile", full
+    )  # root may write anywhere, so that no mode forbids it
+    with pytest.raises(InputError, match=r"Nothing can be written into .*: No space left on device"):
+        check_folder(tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from ballbot.control.file import write_controller
 from ballbot.errors import InputError
@@ -32,7 +33,7 @@ def check_folder(out: str | Path) -> Path:
     Raises
     ------
     InputError
-        Where it is a file or cannot be made.
+        Where it is a file, cannot be made or cannot be written into.
     """
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
@@ -41,4 +42,8 @@ def check_folder(out: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"The folder {folder} cannot be made: {error.strerror or error}.") from None
-    return folder
+    try:
+        with TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        raise InputError(f"Nothing can be written into {folder}: {error.strerror or error}.") from None
