@@ -25,10 +25,9 @@ _ROUNDING = 1e-9
 def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
     """Stand at one pose: x, y [m], psi [rad]."""
     pose = _pose(x, y, psi)
-    pose.setflags(write=False)  # the same array every time
 
     def reference(t: float) -> NDArray[np.float64]:  # noqa: ARG001
-        return pose
+        return pose.copy()  # its caller's own
 
     return reference
 
