@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 
+#: where the robot is asked to be (10,) at a time [s]; its arrays are to be read only
 Reference = Callable[[float], NDArray[np.float64]]
 
 #: a corner that rounding puts this little [s] after the sample it belongs to is taken at that sample
@@ -25,9 +26,10 @@ _ROUNDING = 1e-9
 def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
     """Stand at one pose: x, y [m], psi [rad]."""
     pose = _pose(x, y, psi)
+    pose.setflags(write=False)  # the same array every time
 
     def reference(t: float) -> NDArray[np.float64]:  # noqa: ARG001
-        return pose.copy()  # its caller's own
+        return pose
 
     return reference
 
