@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.identification.swing.record import Swing, swing_of
+from ballbot.vision.video import frame_times, open_video
 
 #: the file names that are videos
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
@@ -159,29 +160,17 @@ def _moved(
 
 
 def _frames(path: Path) -> tuple[NDArray[np.float64], list[NDArray[np.uint8]]]:
-    film = cv2.VideoCapture(str(path))
-    rate = film.get(cv2.CAP_PROP_FPS)
-    if not (path.is_file() and film.isOpened() and rate > 0.0):
-        raise InputError(f"{path} is no video that OpenCV reads.")
+    video = open_video(path)
     frames: list[NDArray[np.uint8]] = []
-    times = []
-    while True:
-        time = film.get(cv2.CAP_PROP_POS_MSEC)
-        read, frame = film.read()
-        if not read:
-            break
-        scale = _LARGEST_PICTURE / max(frame.shape[:2])
-        if scale < 1.0:
-            frame = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        frames.append(np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8))
-        times.append(1e-3 * time)
-    film.release()
-    t = np.array(times)
-    if len(t) < 2 or (np.diff(t) <= 0.0).any():  # a file without time stamps
-        t = np.arange(len(frames)) / rate
+    stated = []
+    for time, frame in video.frames():
+        scale = min(1.0, _LARGEST_PICTURE / max(frame.shape[:2]))
+        smaller = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        frames.append(np.asarray(cv2.cvtColor(smaller, cv2.COLOR_BGR2GRAY), dtype=np.uint8))
+        stated.append(time)
     if len(frames) < _FRAMES_LOOKED_AT:
         raise InputError(f"{path} has {len(frames)} frames; a swing takes at least {_FRAMES_LOOKED_AT}.")
-    return t, frames
+    return frame_times(np.array(stated), frame_rate=video.frame_rate, known=False), frames
 
 
 def _pattern(chosen: list[NDArray[np.uint8]]) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
