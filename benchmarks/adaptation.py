@@ -1,4 +1,4 @@
-"""Adaptation: what it is worth where the floor changes under way, and whether it ever harms.
+"""Adaptation: what it is worth where the floor or the drivelines are others, and whether it ever harms.
 
 .venv/bin/python -m benchmarks.evidence adaptation
 
@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot, simulate
-from ballbot.control.adaptation import Adaptation
-from ballbot.control.feed_forward import FeedForward
+from ballbot.control.adaptive import adaptive
+from ballbot.control.nominal import nominal_controller
 from ballbot.control.precise import precise_controller
 from ballbot.control.references import Reference, circle, square
-from ballbot.control.torque_balance import TorqueBalance
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course_file import LEAGUE, choose_courses
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.statistics import mean_with_interval
 from ballbot.experiments.metrics import SETTLE, position_error, rms, settled
+from ballbot.robot.scaled import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin
 from benchmarks.compensation import identified_robot
@@ -37,11 +37,14 @@ from benchmarks.section import Section
 ALTEN = Robot.load("alten")
 SAMPLE_TIME = 0.005
 CHANGE_SEEDS = tuple(range(600, 605))
-COURSE_SEEDS = tuple(range(600, 604))
+COURSE_SEEDS = tuple(range(600, 606))
+DRIVELINE_SEEDS = tuple(range(600, 603))
 
 AT = 12.0  # when the floor changes [s]
 LATE = 20.0  # so long after it the error left is measured [s]
 DURATION = 64.0  # [s]; from AT + LATE on a whole round counts
+WARMED = (0.7, 1.0, 1.4)  # the drivelines' friction over what was identified
+WARM_DURATION = 192.0  # [s]; the last round counts: drivelines are followed over two minutes
 REFERENCES: Mapping[str, Reference] = {"square": square(side=0.5, period=32.0), "circle": circle(period=32.0)}
 
 
@@ -86,30 +89,21 @@ class ChangingFloor:
         return measured
 
 
-def leaning(robot: Robot) -> Controller:
-    """Return the precise controller that leans into the rolling friction of its motion."""
-    whole = precise_controller(robot)
-    return whole.with_parts(replace(whole.parts, feed_forward=FeedForward.of(robot, rolling_lean=True)))
-
-
 def without_observer(robot: Robot) -> Controller:
-    """Return the same without the observer, which does part of what an adaptation does."""
-    whole = leaning(robot)
+    """Return the precise controller without the observer, which does part of what an adaptation does."""
+    whole = precise_controller(robot)
     return whole.with_parts(replace(whole.parts, observer=None))
-
-
-def adaptive(fixed: Controller) -> Controller:
-    """Return a controller whose compensation follows the friction, the rest the same."""
-    return fixed.with_parts(
-        replace(fixed.parts, adaptation=Adaptation(balance=TorqueBalance.of(fixed.robot)))
-    )
 
 
 #: by the name in the table, with fixed compensation; each also runs with adaptation
 CONTROLLERS: Mapping[str, Callable[[Robot], Controller]] = {
     "precise": precise_controller,
-    "precise, leaning": leaning,
-    "precise, leaning, no observer": without_observer,
+    "precise, no observer": without_observer,
+}
+#: those whose compensation is held against other drivelines
+COMPENSATED: Mapping[str, Callable[[Robot], Controller]] = {
+    **CONTROLLERS,
+    "nominal, full": partial(nominal_controller, compensation="full"),
 }
 
 
@@ -119,7 +113,8 @@ class Run:
 
     true: float  #: of the true position
     seen: float  #: by the robot's own state: without what that drifts, which no controller can know
-    scales: tuple[float, ...]  #: of each wheel's compensation and of the rolling friction's, at the end
+    drag: float  #: of the floor, found at the end [m s]
+    scales: tuple[float, ...]  #: of each wheel's compensation, at the end
 
 
 Job = tuple[str, bool, str, str, int]  # controller, whether it adapts, reference, floor, seed
@@ -131,37 +126,61 @@ def run(known: Robot, job: Job) -> Run:
     controller = CONTROLLERS[name](known)
     if adapts:
         controller = adaptive(controller)
-    log = simulate(
-        ChangingFloor(ALTEN, FLOORS[floor]),
-        controller,
-        REFERENCES[reference],
-        duration=DURATION,
-        initial_state=start(seed),
-        seed=seed,
-    )
-    scales = tuple(controller.friction_scales.tolist())
+    plant = ChangingFloor(ALTEN, FLOORS[floor])
+    return _judged(plant, controller, REFERENCES[reference], seed=seed, duration=DURATION, since=AT + LATE)
+
+
+def _judged(
+    plant: Twin | ChangingFloor,
+    controller: Controller,
+    reference: Reference,
+    *,
+    seed: int,
+    duration: float,
+    since: float,
+) -> Run:
+    """Return a run in numbers, from that time [s] on."""
+    log = simulate(plant, controller, reference, duration=duration, initial_state=start(seed), seed=seed)
+    drag, scales = controller.drag, tuple(controller.friction_scales[:-1].tolist())
     if log.ended is not None:
-        return Run(true=np.nan, seen=np.nan, scales=scales)
-    late = settled(log, SETTLE) & (log.t >= AT + LATE)
+        return Run(true=np.nan, seen=np.nan, drag=drag, scales=scales)
+    late = settled(log, SETTLE) & (log.t >= since)
     true, seen = rms(position_error(log)[late]), rms(position_error(log.without_truth())[late])
-    return Run(true=true, seen=seen, scales=scales)
+    return Run(true=true, seen=seen, drag=drag, scales=scales)
+
+
+WarmJob = tuple[str, bool, float, int]  # controller, whether it adapts, the drivelines' friction, seed
+
+
+def run_warm(known: Robot, job: WarmJob) -> Run:
+    """Make one run on drivelines whose friction is another than the one known."""
+    name, adapts, share, seed = job
+    wheels = scaled_friction(known.friction, 1.0 / share)
+    controller = COMPENSATED[name](
+        known.replace(friction=replace(wheels, rolling=known.friction.rolling))
+    )  # the twin's stays: what is known is the other
+    plant = Twin(ALTEN, estimator=named_estimator("kalman", ALTEN, sample_time=SAMPLE_TIME))
+    used = adaptive(controller) if adapts else controller
+    since = WARM_DURATION - 32.0
+    return _judged(plant, used, REFERENCES["square"], seed=seed, duration=WARM_DURATION, since=since)
 
 
 def campaign() -> Section:
     """Run everything with every seed and return the section."""
     known = identified_robot(ALTEN)
-    jobs = change_jobs(CHANGE_SEEDS)
+    jobs, warm = change_jobs(CHANGE_SEEDS), warm_jobs(DRIVELINE_SEEDS)
     with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
         runs = dict(zip(jobs, pool.map(partial(run, known), jobs), strict=True))
+        warmed = dict(zip(warm, pool.map(partial(run_warm, known), warm), strict=True))
     league = play_courses(known, seeds=COURSE_SEEDS)
     return Section(
-        title="Adaptation: another floor under way",
+        title="Adaptation: another floor under way, other drivelines",
         before=f"The nominal twin, friction identified from two of its logs, on-board sensors only (Kalman filter), "
         f"{len(CHANGE_SEEDS)} seeds. At {AT:g} s the floor becomes carpet (three times the rolling friction, twice "
         f"the pivoting) or polished (less than a third, half). RMS position error from {LATE:g} s later on, settled, "
         "mean over the seeds [mm], beside that of the same runs on the unchanged floor; and what the change adds, mean "
         "and 95 % interval of the differences seed by seed, by the robot's own state, which leaves out its drift. "
-        "`leaning` adds the lean into the rolling friction of the motion.",
+        "Adaptive is `ballbot.control.adaptive`: the floor's drag and the drivelines' scales.",
         columns=[
             "controller, reference, floor",
             "unchanged: fixed",
@@ -173,7 +192,7 @@ def campaign() -> Section:
             "falls",
         ],
         rows=change_rows(runs, CHANGE_SEEDS),
-        after=_harm(league),
+        after=f"{_drivelines(warmed)}\n\n{_harm(league)}",
     )
 
 
@@ -224,9 +243,54 @@ def ratio(values: Sequence[float], others: Sequence[float]) -> str:
     return f"{np.exp(found.mean):.2f} ({np.exp(found.low):.2f} to {np.exp(found.high):.2f})"
 
 
+def warm_jobs(seeds: Sequence[int]) -> list[WarmJob]:
+    """Return every run of the second table."""
+    return [
+        (name, adapts, share, seed)
+        for seed in seeds
+        for name in COMPENSATED
+        for share in WARMED
+        for adapts in (False, True)
+    ]
+
+
+def warm_rows(runs: Mapping[WarmJob, Run], seeds: Sequence[int]) -> list[list[str]]:
+    """Return the second table: for each controller and friction, errors fixed and adaptive, and the scales found."""
+    rows = []
+    for name in COMPENSATED:
+        for share in WARMED:
+            fixed, adapted = ([runs[name, adapts, share, seed] for seed in seeds] for adapts in (False, True))
+            scale = np.mean([np.mean(one.scales) for one in adapted])
+            errors = [f"{1e3 * np.nanmean([one.true for one in those]):.1f}" for those in (fixed, adapted)]
+            falls = [f"{sum(bool(np.isnan(one.true)) for one in those)}" for those in (fixed, adapted)]
+            compared = ratio([one.true for one in adapted], [one.true for one in fixed])
+            rows.append([name, f"{share:g}", *errors, compared, f"{scale:.2f}", " and ".join(falls)])
+    return rows
+
+
+def _drivelines(runs: Mapping[WarmJob, Run]) -> str:
+    heads = [
+        "controller",
+        "friction over the one known",
+        "fixed",
+        "adaptive",
+        "ratio",
+        "scale found",
+        "falls",
+    ]
+    rows = "\n".join(f"| {' | '.join(row)} |" for row in warm_rows(runs, DRIVELINE_SEEDS))
+    return f"""Other drivelines: the wheels' friction is that many times the one known, {len(DRIVELINE_SEEDS)} seeds, \
+{WARM_DURATION:g} s of the square, RMS error of the true position in the last round [mm], and the mean of the wheels' \
+scales at the end.
+
+| {" | ".join(heads)} |
+|---|{"---:|" * (len(heads) - 1)}
+{rows}"""
+
+
 def play_courses(known: Robot, *, seeds: Sequence[int], courses: str = LEAGUE) -> League:
-    """Put the precise controller that leans through courses, with fixed and with adaptive compensation."""
-    fixed = leaning(known)
+    """Put the precise controller through courses, with fixed and with adaptive compensation."""
+    fixed = precise_controller(known)
     controllers = {"fixed": fixed, "adaptive": adaptive(fixed)}
     return play(
         known,
@@ -238,7 +302,7 @@ def play_courses(known: Robot, *, seeds: Sequence[int], courses: str = LEAGUE) -
 
 
 def harm_rows(league: League) -> list[list[str]]:
-    """Return the second table: for each course, errors with fixed and adaptive compensation and their ratios."""
+    """Return the third table: for each course, errors with fixed and adaptive compensation and their ratios."""
     rows = []
     for course in league.courses:
         pair = [league.scores[course.name, name] for name in ("fixed", "adaptive")]
@@ -258,8 +322,8 @@ def harm_rows(league: League) -> list[list[str]]:
 def _harm(league: League) -> str:
     heads = ["course", "RMS: fixed", "adaptive", "ratio", "peak: fixed", "adaptive", "ratio", "falls"]
     rows = "\n".join(f"| {' | '.join(row)} |" for row in harm_rows(league))
-    return f"""Whether it harms: the league's courses, {len(league.seeds)} seeds, `precise, leaning` with fixed and \
-with adaptive compensation, errors of the true position once settled [mm], ratios as above.
+    return f"""Whether it harms: the league's courses, {len(league.seeds)} seeds, `precise` fixed and \
+adaptive, errors of the true position once settled [mm], ratios as above.
 
 | {" | ".join(heads)} |
 |---|{"---:|" * (len(heads) - 1)}

@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ballbot import Controller, Robot, simulate
-from ballbot.control.adaptation import Adaptation
+from ballbot.control.adaptive import adaptive
 from ballbot.control.controller import Compensation
-from ballbot.control.feed_forward import FeedForward
 from ballbot.control.interface import Feedback
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.precise import precise_controller
 from ballbot.control.references import hold, square
-from ballbot.control.torque_balance import TorqueBalance
 from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
@@ -66,13 +64,6 @@ def precise(robot: Robot, *, compensation: Compensation = "full", **parts: None)
     return whole.with_parts(replace(whole.parts, **parts))
 
 
-def adaptive(robot: Robot, **parts: None) -> Controller:
-    """Return the precise controller, without the parts named, whose compensation follows the friction."""
-    whole = precise_controller(robot)
-    adaptation = Adaptation(balance=TorqueBalance.of(robot))
-    return whole.with_parts(replace(whole.parts, adaptation=adaptation, **parts))
-
-
 @dataclass
 class Dithered:
     """A controller with a square wave added to every torque, the classical cure for sticking."""
@@ -104,12 +95,6 @@ def dithered(robot: Robot, *, share: float) -> Dithered:
     return Dithered(controller=precise(robot, standstill=None), amplitude=share * float(break_away))
 
 
-def leaning(robot: Robot) -> Controller:
-    """Return the precise controller that leans into the rolling friction of the motion it is asked for."""
-    whole = precise_controller(robot)
-    return whole.with_parts(replace(whole.parts, feed_forward=FeedForward.of(robot, rolling_lean=True)))
-
-
 #: by the name in the table
 PARTS: Mapping[str, Part] = {
     "nominal gain, thesis's state, no compensation": Part(make=nominal_controller, estimator="onboard"),
@@ -130,13 +115,12 @@ PARTS: Mapping[str, Part] = {
     "precise, dither of half the break-away for the standstill": Part(make=partial(dithered, share=0.5)),
     "precise, dither of the break-away for the standstill": Part(make=partial(dithered, share=1.0)),
     "precise, no bound on the lean": Part(make=partial(precise, lean_bound=None)),
-    "precise, rolling lean": Part(make=leaning),
     "precise, thesis's state": Part(make=precise_controller, estimator="onboard"),
     "precise, no observer": Part(make=partial(precise, observer=None)),
     "precise, no observer, no compensation": Part(make=partial(precise, compensation="none", observer=None)),
     "precise, no observer, partial": Part(make=partial(precise, compensation="partial", observer=None)),
-    "precise, no observer, adaptive": Part(make=partial(adaptive, observer=None)),
-    "precise, adaptive": Part(make=adaptive),
+    "precise, no observer, adaptive": Part(make=lambda robot: adaptive(precise(robot, observer=None))),
+    "precise, adaptive": Part(make=lambda robot: adaptive(precise(robot))),
 }
 
 

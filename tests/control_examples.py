@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
-from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
+from ballbot.control.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.lean_bound import LeanBound
 from ballbot.control.notch import Notch
 from ballbot.control.precise import precise_controller
+from ballbot.control.prediction import DelayPrediction
 from ballbot.control.standstill import Standstill
 from ballbot.control.torque_balance import TorqueBalance
 from ballbot.robot import Friction
@@ -55,8 +57,10 @@ def everything(robot: Robot) -> Controller:
             precise.parts,
             standstill=Standstill(ahead=0.3, feed=0.4),
             observer=DisturbanceObserver(balance=balance, frequency=3.0),
-            adaptation=Adaptation(balance=balance),
+            driveline_adaptation=DrivelineAdaptation(balance=balance),
+            floor_adaptation=FloorAdaptation(time=5.0),
             lean_bound=LeanBound(lean=0.6, turn=2.0),
             notch=Notch(frequency=33.0, width=0.5, depth=0.2),
+            prediction=DelayPrediction.of(robot, delay=0.004, sample_time=precise.sample_time),
         )
     )

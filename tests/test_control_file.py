@@ -7,10 +7,11 @@ import pytest
 from control_examples import FRICTION, alten, everything, four_wheeled
 
 from ballbot import InputError
-from ballbot.control.adaptation import Adaptation
 from ballbot.control.controller import Controller
+from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.file import controller_text, read_controller, write_controller
+from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.nominal import design_gain, nominal_controller
 from ballbot.control.precise import precise_controller
 
@@ -45,22 +46,18 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     np.testing.assert_array_equal(read.parts.feed_forward.by_second, FeedForward.of(heavy).by_second)
 
 
-def test_a_lean_and_an_adaptation_are_added_to_a_file_as_the_documents_say(tmp_path):
-    path = tmp_path / "controller.toml"
-    write_controller(precise_controller(alten(FRICTION)), path)
-    text = path.read_text()
-    path.write_text(text.replace("rolling_lean = false", "rolling_lean = true") + "\n[adaptation]\n")
-    parts = read_controller(path, alten(FRICTION)).parts
-    assert parts.feed_forward is not None
-    assert (
-        parts.feed_forward.rolling_lean
-        == FeedForward.of(alten(FRICTION), rolling_lean=True).rolling_lean
-        > 0.0
-    )
-    assert parts.adaptation is not None
-    assert parts.adaptation.time == Adaptation.time
-    write_controller(read_controller(path, alten(FRICTION)), path)
-    assert "rolling_lean = true" in path.read_text()
+def test_adaptations_and_a_prediction_are_added_to_a_file_as_the_documents_say(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(precise_controller(robot), path)
+    added = "\n[driveline_adaptation]\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
+    path.write_text(path.read_text() + added)
+    parts = read_controller(path, robot).parts
+    assert parts.driveline_adaptation is not None
+    assert parts.driveline_adaptation.time == DrivelineAdaptation.time
+    assert parts.floor_adaptation == FloorAdaptation()
+    assert parts.prediction is not None
+    assert parts.prediction.delay == 0.012
+    assert parts.prediction.sample_time == robot.sensors.sample_time
 
 
 def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
@@ -97,7 +94,7 @@ ALL = controller_text(everything(alten(FRICTION)))
         ("robot =", "robot ==", "not valid TOML"),
         ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; input should be greater than 0"),
         ("feed = 0.4", "feed = 4", r"standstill.feed is 4"),
-        ("[adaptation]", "[adaption]", "adaption is not a key of a controller file"),
+        ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
         ("highest = 1.5", "highest = 0.5", "1 must lie between"),
     ],
 )

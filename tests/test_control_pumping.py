@@ -9,7 +9,7 @@ from control_examples import FRICTION, alten
 
 from ballbot import Controller, InputError, Model, simulate
 from ballbot.cli.main import main
-from ballbot.control.adaptation import Adaptation
+from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.nominal import design_gain, nominal_controller
 from ballbot.control.parts import Parts
@@ -100,8 +100,8 @@ def test_a_swing_costs_and_brings_what_the_closed_forms_say():
 
 
 def test_an_adaptation_at_its_bounds_is_told():
-    adaptation = Adaptation(balance=TorqueBalance.of(ROBOT), highest=1.4, highest_floor=3.0)
-    controller = compensating(0.5, Parts(adaptation=adaptation))
+    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(ROBOT), highest=1.4)
+    controller = compensating(0.5, Parts(driveline_adaptation=adaptation))
     assert compensation_margin(controller, FRICTION).adapted == pytest.approx(0.7)
     assert compensation_margin(compensating(0.5), FRICTION).adapted == 0.0
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +14,7 @@ from rich.console import Console
 
 from ballbot.cli.output import matrix_text, standard_output, table
 from ballbot.cli.robust_design import RobustOptions, design_robustly
+from ballbot.control.adaptive import adaptive as with_adaptations
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
 from ballbot.control.lqr import LqrDesign
@@ -19,6 +22,7 @@ from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
 from ballbot.control.notch import Notch
 from ballbot.control.precise import STATE_WEIGHTS as PRECISE_WEIGHTS
 from ballbot.control.precise import IntegralDesign, design_integral_gain, precise_controller
+from ballbot.control.prediction import DelayPrediction
 from ballbot.control.pumping import Margin, certain_friction, compensation_margin, refuse_pumping
 from ballbot.errors import InputError
 from ballbot.files import write_text
@@ -43,6 +47,8 @@ def design(
     compensation: Compensation | None = None,
     compensation_gain: float = 1.0,
     notch: float | None = None,
+    delay: float | None = None,
+    adaptive: Annotated[bool, Parameter(negative="")] = False,
     allow_pumping: Annotated[bool, Parameter(negative="")] = False,
     robust: bool = False,
     search: RobustOptions = _SEARCH,
@@ -53,6 +59,8 @@ def design(
     Example: ballbot design alten --q 20,20,500,500,5,30,30,20,20,2 --r 30 --compensation full --out soft
 
     Example: ballbot design found/robot.toml --kind precise --out precise
+
+    Example: ballbot design found/robot.toml --kind precise --delay 0.016 --adaptive --out precise
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
@@ -82,6 +90,11 @@ def design(
         By what the friction that is compensated is multiplied: below 1 where it is not to be trusted whole.
     notch
         A frequency [Hz] that is taken out of the torques: of a resonance, as `ballbot validate` names it.
+    delay
+        Time from a measurement until the torque computed from it acts [s]: the state of then is predicted and fed
+        back, as the LQR of the delayed robot asks for. `ballbot identify --free delays` finds it.
+    adaptive
+        Let the precise kind follow another floor, and any compensation the drivelines as they warm, within bounds.
     allow_pumping
         Write the controller even where it compensates more friction than is certain to be there.
     robust
@@ -95,32 +108,22 @@ def design(
             f"--compensation-gain is {compensation_gain:g}; it must be zero or more, such as 0.8."
         )
     if robust:
-        if (kind, q, r, compensation_gain, notch) != ("nominal", None, TORQUE_WEIGHT, 1.0, None):
+        given = (kind, q, r, compensation_gain, notch, delay, adaptive)
+        if given != ("nominal", None, TORQUE_WEIGHT, 1.0, None, None, False):
             raise InputError(
                 "--robust seeks the weights of the nominal kind itself; leave out --kind, --q, --r, "
-                "--compensation-gain and --notch."
+                "--compensation-gain, --notch, --delay and --adaptive."
             )
         chosen = compensation or "none"
         design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
         return
-    described, weights = Robot.load(robot), None if q is None else _weights(q)
-
-    def designed(one: Robot) -> LqrDesign | IntegralDesign:
-        if kind == "precise":
-            return design_integral_gain(
-                one, state_weights=weights or PRECISE_WEIGHTS, torque_weight=r, sample_time=sample_time
-            )
-        return design_gain(
-            one, state_weights=weights or STATE_WEIGHTS, torque_weight=r, sample_time=sample_time
-        )
-
+    described = Robot.load(robot)
+    designed = _designer(kind, None if q is None else _weights(q), r, sample_time)
     found = designed(described)
     spread = propagate(described, lambda one: designed(one).gain)
     certain = certain_friction(described)
     compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
-    controller = _controller(compensated, found, compensation)
-    if notch is not None:
-        controller = controller.with_parts(replace(controller.parts, notch=Notch(frequency=notch)))
+    controller = _with_parts(_controller(compensated, found, compensation), notch, delay, adapts=adaptive)
     if not allow_pumping:
         refuse_pumping(controller, certain)
     margin = compensation_margin(controller, certain)
@@ -134,6 +137,48 @@ def design(
     if controller.compensation != "none":
         console.print(_margin(margin), markup=False, soft_wrap=True)
     console.print(str(out / "controller.toml"), soft_wrap=True)
+
+
+def _designer(
+    kind: Kind, weights: list[float] | None, r: float, sample_time: float | None
+) -> Callable[[Robot], LqrDesign | IntegralDesign]:
+    """Return what designs a gain for a robot, with the kind's own weights where none are given."""
+    if kind == "precise":
+        return partial(
+            design_integral_gain,
+            state_weights=weights or PRECISE_WEIGHTS,
+            torque_weight=r,
+            sample_time=sample_time,
+        )
+    return partial(
+        design_gain, state_weights=weights or STATE_WEIGHTS, torque_weight=r, sample_time=sample_time
+    )
+
+
+def _with_parts(
+    controller: Controller, notch: float | None, delay: float | None, *, adapts: bool
+) -> Controller:
+    """Return the controller with the parts that were asked for.
+
+    Raises
+    ------
+    InputError
+        Where a part is not possible, or an adaptation has nothing to follow.
+    """
+    if adapts:
+        if controller.parts.integral is None and controller.compensation == "none":
+            raise InputError(
+                "--adaptive has nothing to follow: the nominal kind without compensation carries no friction; "
+                "add --kind precise or --compensation full."
+            )
+        controller = with_adaptations(controller)
+    parts = controller.parts
+    if notch is not None:
+        parts = replace(parts, notch=Notch(frequency=notch))
+    if delay is not None:
+        prediction = DelayPrediction.of(controller.robot, delay=delay, sample_time=controller.sample_time)
+        parts = replace(parts, prediction=prediction)
+    return controller.with_parts(parts)
 
 
 def _controller(

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.law import ALLOWED, MEMORY, control_law, pack_law, scales
+from ballbot.control.law import ALLOWED, MEMORY, control_law, drag, pack_law, scales
 from ballbot.control.parts import Parts
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
@@ -94,11 +94,11 @@ class Controller:
         )
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
-        parts.check(robot.wheel_count)
-        if parts.notch is not None:
-            parts.notch.check(self.sample_time)
-        if parts.adaptation is not None and compensation == "none":
-            raise InputError("An adaptation needs a compensation, 'full' or 'partial', that it can scale.")
+        parts.check(robot.wheel_count, self.sample_time)
+        if parts.driveline_adaptation is not None and compensation == "none":
+            raise InputError(
+                "A driveline adaptation needs a compensation, 'full' or 'partial', that it can scale."
+            )
         self.parts = parts
         self._memory = np.zeros(MEMORY)
 
@@ -176,8 +176,15 @@ class Controller:
 
     @property
     def friction_scales(self) -> NDArray[np.float64]:
-        """By what the compensation of each wheel's friction is multiplied now, and that of the rolling (n + 1,)."""
+        """By what the compensation of each wheel's friction is multiplied now, and by what the rolling friction seems
+        to differ, which scales nothing (n + 1,).
+        """
         return scales(self._memory, len(self.gain))
+
+    @property
+    def drag(self) -> float:
+        """The part of the integral [m s] that the floor adaptation gives now in the direction of motion."""
+        return drag(self._memory)
 
 
 def refusal(place: int, value: float) -> str:

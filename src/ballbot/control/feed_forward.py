@@ -12,10 +12,6 @@ output: all else follows from it and its derivatives.) A motion s(t) of it there
 with B^+ the inverse of least norm. Where the robot rests, p = s. Quantities are those of the heading frame; that a
 robot which moves and turns at once needs a little more is left to the feedback, and so is a body's small coupling
 of yaw with lean.
-
-Rolling friction F is a force from outside, as a slope's is: a robot that rolls on leans into it by r_b F/(m_r g l), and
-where the law does not know, its feedback of the lean works against the torque that carries F. Friction of the wheels
-is between body and ball and asks for no lean.
 """
 
 from __future__ import annotations
@@ -44,13 +40,10 @@ class FeedForward:
     by_second: NDArray[np.float64]  #: (n, 2) torque for s'' [N m s^2/m]
     by_fourth: NDArray[np.float64]  #: (n, 2) torque for s'''' [N m s^4/m]
     by_turning: NDArray[np.float64]  #: (n,) torque for psi'' [N m s^2/rad]
-    rolling_lean: float = (
-        0.0  #: lean into the rolling friction of the motion asked for, where it is compensated [rad/N]
-    )
 
     @staticmethod
-    def of(robot: Robot, *, rolling_lean: bool = False) -> FeedForward:
-        """Return what the robot's exact model without friction asks for, and the lean into the rolling friction.
+    def of(robot: Robot) -> FeedForward:
+        """Return what the robot's exact model without friction asks for.
 
         Raises
         ------
@@ -80,13 +73,7 @@ class FeedForward:
             by_second=back @ (d_2 - A @ r_2),
             by_fourth=back @ (d_4 - A @ r_4),
             by_turning=(back @ d_psi)[:, 0],
-            rolling_lean=_lean_of_force(robot) if rolling_lean else 0.0,
         )
-
-
-def _lean_of_force(robot: Robot) -> float:
-    """Return the lean of a robot that stands against a horizontal force on its ball [rad/N]."""
-    return robot.ball.radius / (robot.body.mass * robot.gravity * robot.body.center_of_mass)
 
 
 class Flat(NamedTuple):
@@ -94,21 +81,19 @@ class Flat(NamedTuple):
 
     lean: tuple[float, float, float, float]
     offset: tuple[float, float, float, float]
-    rolling_lean: float  #: [rad/N]
 
 
 #: numbers that `pack_feed_forward` returns for all wheels together, and for each
-FLAT_SIZE, FLAT_PER_WHEEL = 9, 5
+FLAT_SIZE, FLAT_PER_WHEEL = 8, 5
 
 
 def pack_feed_forward(
     feed_forward: FeedForward | None, wheel_count: int
 ) -> tuple[list[float], NDArray[np.float64]]:
-    """Return what the wheels share (9,) and the torques (n, 5) for s'', s'''' and psi''; zero where there is none."""
+    """Return what the wheels share (8,) and the torques (n, 5) for s'', s'''' and psi''; zero where there is none."""
     if feed_forward is None:
         return [0.0] * FLAT_SIZE, np.zeros((wheel_count, FLAT_PER_WHEEL))
     shared = [*feed_forward.lean.ravel().tolist(), *feed_forward.offset.ravel().tolist()]
-    shared.append(feed_forward.rolling_lean)
     return shared, np.column_stack([feed_forward.by_second, feed_forward.by_fourth, feed_forward.by_turning])
 
 
@@ -118,7 +103,6 @@ def load_flat(row, place):
     return Flat(
         (row[place], row[place + 1], row[place + 2], row[place + 3]),
         (row[place + 4], row[place + 5], row[place + 6], row[place + 7]),
-        row[place + 8],
     )
 
 

@@ -150,7 +150,7 @@ def _controller(table: ControllerTable, robot: Robot) -> Controller:
         compensation=table.compensation,
         torque_limit=table.torque_limit,
         speed_band=table.speed_band,
-        parts=parts_of(table, robot),
+        parts=parts_of(table, robot, table.sample_time),
     )
 
 

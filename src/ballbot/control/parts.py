@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
+from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.feed_forward import FeedForward
+from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.integral import IntegralAction
 from ballbot.control.lean_bound import LeanBound
 from ballbot.control.notch import Notch
+from ballbot.control.prediction import DelayPrediction
 from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.standstill import Standstill
 from ballbot.errors import InputError
@@ -32,9 +34,15 @@ class Parts:
     integral: IntegralAction | None = None  #: works against errors that stay
     standstill: Standstill | None = None  #: how friction is compensated about zero speed
     observer: DisturbanceObserver | None = None  #: gives back the torque that is lost
-    adaptation: Adaptation | None = None  #: lets the compensation follow the friction
+    driveline_adaptation: DrivelineAdaptation | None = (
+        None  #: lets the compensation follow the wheels' friction
+    )
+    floor_adaptation: FloorAdaptation | None = (
+        None  #: follows what the floor takes; with an integral action only
+    )
     lean_bound: LeanBound | None = None  #: keeps errors of place and speed from asking for too much
     notch: Notch | None = None  #: takes a resonance's band out of the torques
+    prediction: DelayPrediction | None = None  #: of the state in which late torques will act
 
     def __post_init__(self) -> None:
         if self.feed_forward is not None and self.shaping is None:
@@ -42,14 +50,28 @@ class Parts:
                 "A feed-forward needs a shaping: only a smooth reference says what its motion takes."
             )
 
-    def check(self, wheel_count: int) -> None:
-        """Raise `InputError` where a part is for another number of wheels."""
+        if self.floor_adaptation is not None and self.integral is None:
+            raise InputError(
+                "A floor adaptation needs an integral action, from which it learns what the floor takes."
+            )
+
+    def check(self, wheel_count: int, sample_time: float) -> None:
+        """Raise `InputError` where a part is for another number of wheels or another sample time."""
         sizes = {
             "feed-forward": self.feed_forward and len(self.feed_forward.by_turning),
             "integral action": self.integral and len(self.integral.gain),
             "disturbance observer": self.observer and len(self.observer.balance.by_lean),
-            "adaptation": self.adaptation and len(self.adaptation.balance.by_lean),
+            "driveline adaptation": self.driveline_adaptation
+            and len(self.driveline_adaptation.balance.by_lean),
+            "prediction": self.prediction and self.prediction.by_torque.shape[2],
         }
         for part, size in sizes.items():
             if size not in (None, wheel_count):
                 raise InputError(f"The {part} is for {size} wheels; this robot has {wheel_count}.")
+        if self.notch is not None:
+            self.notch.check(sample_time)
+        if self.prediction is not None and self.prediction.sample_time != sample_time:
+            raise InputError(
+                f"The prediction is for a sample time of {self.prediction.sample_time:g} s; the controller's is "
+                f"{sample_time:g} s."
+            )

@@ -13,13 +13,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
-from ballbot.control.adaptation import Adaptation
 from ballbot.control.disturbance_observer import DisturbanceObserver
+from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.feed_forward import FeedForward
+from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.integral import IntegralAction
 from ballbot.control.lean_bound import LeanBound
 from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
+from ballbot.control.prediction import DelayPrediction
 from ballbot.control.reference_shaping import ReferenceShaping
 from ballbot.control.standstill import Standstill
 from ballbot.control.torque_balance import TorqueBalance
@@ -42,8 +44,9 @@ class ShapingTable(Table):
     speed_limit: PositiveFloat = ReferenceShaping.speed_limit
     yaw_frequency: PositiveFloat = ReferenceShaping.yaw_frequency
     yaw_rate_limit: PositiveFloat = ReferenceShaping.yaw_rate_limit
+    acceleration_limit: PositiveFloat = ReferenceShaping.acceleration_limit
+    yaw_acceleration_limit: PositiveFloat = ReferenceShaping.yaw_acceleration_limit
     feed_forward: bool = False
-    rolling_lean: bool = False
 
 
 class IntegralTable(Table):
@@ -71,19 +74,25 @@ class ObserverTable(Table):
     limit: PositiveFloat = DisturbanceObserver.limit
 
 
-class AdaptationTable(Table):
-    """[adaptation]: see `Adaptation`."""
+class DrivelineAdaptationTable(Table):
+    """[driveline_adaptation]: see `DrivelineAdaptation`."""
 
-    time: PositiveFloat = Adaptation.time
-    driveline_time: PositiveFloat = Adaptation.driveline_time
-    driveline_spread: PositiveFloat = Adaptation.driveline_spread
-    lowest: NonNegativeFloat = Adaptation.lowest
-    highest: PositiveFloat = Adaptation.highest
-    lowest_floor: NonNegativeFloat = Adaptation.lowest_floor
-    highest_floor: PositiveFloat = Adaptation.highest_floor
-    floor_margin: NonNegativeFloat = Adaptation.floor_margin
-    noise: PositiveFloat = Adaptation.noise
-    least_speed: PositiveFloat = Adaptation.least_speed
+    time: PositiveFloat = DrivelineAdaptation.time
+    spread: PositiveFloat = DrivelineAdaptation.spread
+    lowest: NonNegativeFloat = DrivelineAdaptation.lowest
+    highest: PositiveFloat = DrivelineAdaptation.highest
+    floor_time: PositiveFloat = DrivelineAdaptation.floor_time
+    noise: PositiveFloat = DrivelineAdaptation.noise
+    least_speed: PositiveFloat = DrivelineAdaptation.least_speed
+
+
+class FloorAdaptationTable(Table):
+    """[floor_adaptation]: see `FloorAdaptation`."""
+
+    time: PositiveFloat = FloorAdaptation.time
+    slope_time: PositiveFloat = FloorAdaptation.slope_time
+    highest: PositiveFloat = FloorAdaptation.highest
+    full_speed: PositiveFloat = FloorAdaptation.full_speed
 
 
 class LeanBoundTable(Table):
@@ -101,6 +110,12 @@ class NotchTable(Table):
     depth: _Share = Notch.depth
 
 
+class PredictionTable(Table):
+    """[prediction]: see `DelayPrediction`."""
+
+    delay: PositiveFloat
+
+
 class PartsTable(Table):
     """The tables of a file that may be missing."""
 
@@ -108,13 +123,15 @@ class PartsTable(Table):
     integral: IntegralTable | None = None
     standstill: StandstillTable | None = None
     disturbance_observer: ObserverTable | None = None
-    adaptation: AdaptationTable | None = None
+    driveline_adaptation: DrivelineAdaptationTable | None = None
+    floor_adaptation: FloorAdaptationTable | None = None
     lean_bound: LeanBoundTable | None = None
     notch: NotchTable | None = None
+    prediction: PredictionTable | None = None
 
 
-def parts_of(table: PartsTable, robot: Robot) -> Parts:
-    """Return the parts that tables describe, for a robot.
+def parts_of(table: PartsTable, robot: Robot, sample_time: float) -> Parts:
+    """Return the parts that tables describe, for a robot and a controller's sample time [s].
 
     Raises
     ------
@@ -122,15 +139,11 @@ def parts_of(table: PartsTable, robot: Robot) -> Parts:
         Where a value is not one that a part can have.
     """
     shaping, integral, observer = table.shaping, table.integral, table.disturbance_observer
-    standstill, adaptation = table.standstill, table.adaptation
-    balance = TorqueBalance.of(robot) if observer or adaptation else None
+    standstill, drivelines, floor = table.standstill, table.driveline_adaptation, table.floor_adaptation
+    balance = TorqueBalance.of(robot) if observer or drivelines else None
     return Parts(
-        shaping=ReferenceShaping(**shaping.model_dump(exclude={"feed_forward", "rolling_lean"}))
-        if shaping
-        else None,
-        feed_forward=FeedForward.of(robot, rolling_lean=shaping.rolling_lean)
-        if shaping and shaping.feed_forward
-        else None,
+        shaping=ReferenceShaping(**shaping.model_dump(exclude={"feed_forward"})) if shaping else None,
+        feed_forward=FeedForward.of(robot) if shaping and shaping.feed_forward else None,
         integral=IntegralAction(gain=np.array(integral.gain), **integral.model_dump(exclude={"gain"}))
         if integral
         else None,
@@ -138,10 +151,20 @@ def parts_of(table: PartsTable, robot: Robot) -> Parts:
         observer=DisturbanceObserver(balance=balance, **observer.model_dump())
         if observer and balance
         else None,
-        adaptation=Adaptation(balance=balance, **adaptation.model_dump()) if adaptation and balance else None,
+        driveline_adaptation=DrivelineAdaptation(balance=balance, **drivelines.model_dump())
+        if drivelines and balance
+        else None,
+        floor_adaptation=FloorAdaptation(**floor.model_dump()) if floor else None,
         lean_bound=LeanBound(**table.lean_bound.model_dump()) if table.lean_bound else None,
         notch=Notch(**table.notch.model_dump()) if table.notch else None,
+        prediction=DelayPrediction.of(robot, delay=table.prediction.delay, sample_time=sample_time)
+        if table.prediction
+        else None,
     )
+
+
+#: fields of parts that follow from the robot and are not written
+_DERIVED = ("balance", "sample_time", "transition", "by_torque")
 
 
 def parts_text(parts: Parts) -> str:
@@ -151,30 +174,29 @@ def parts_text(parts: Parts) -> str:
         "integral": (parts.integral, _INTEGRAL),
         "standstill": (parts.standstill, _STANDSTILL),
         "disturbance_observer": (parts.observer, _OBSERVER),
-        "adaptation": (parts.adaptation, _ADAPTATION),
+        "driveline_adaptation": (parts.driveline_adaptation, _DRIVELINE_ADAPTATION),
+        "floor_adaptation": (parts.floor_adaptation, _FLOOR_ADAPTATION),
         "lean_bound": (parts.lean_bound, _LEAN_BOUND),
         "notch": (parts.notch, _NOTCH),
+        "prediction": (parts.prediction, _PREDICTION),
     }
     texts = []
     for name, (part, head) in described.items():
         if part is None:
             continue
-        lines = [f"\n# {head}\n[{name}]"]
-        lines += [
-            f"{field.name} = {_number(getattr(part, field.name))}" for field in fields(part) if field.name != "balance"
-        ]  # fmt: skip
+        written = [field.name for field in fields(part) if field.name not in _DERIVED]
+        lines = [f"\n# {head}\n[{name}]", *(f"{key} = {_number(getattr(part, key))}" for key in written)]
         if name == "shaping":
-            leans = parts.feed_forward is not None and parts.feed_forward.rolling_lean > 0.0
             lines.append(f"feed_forward = {str(parts.feed_forward is not None).lower()}")
-            lines.append(f"rolling_lean = {str(leans).lower()}")
         texts.append("\n".join(lines) + "\n")
     return "".join(texts)
 
 
 _SHAPING = (
     "References are made smooth: four lags of `frequency` [rad/s] for x and y and of `yaw_frequency` for psi, jumps\n"
-    "# at most at `speed_limit` [m/s] and `yaw_rate_limit` [rad/s]; `feed_forward` gives each motion lean and torque,\n"
-    "# and `rolling_lean` with it the lean into the rolling friction."
+    "# at most at `speed_limit` [m/s] and `yaw_rate_limit` [rad/s]. A steady motion is not lagged, nor one that bends\n"
+    "# within `acceleration_limit` [m/s^2], `yaw_acceleration_limit` [rad/s^2]; `feed_forward` gives\n"
+    "# each motion lean and torque."
 )
 _INTEGRAL = (
     "The error's integral, a row of `gain` for each wheel [N m per m s, m s, rad s], within `limit` [m s] and\n"
@@ -185,13 +207,16 @@ _STANDSTILL = (
     "# wheel at rest is given, in full where the law's own torque is `feed_torque` [N m]."
 )
 _OBSERVER = "Torque that is lost is given back over 1/`frequency` [rad/s], at most `limit` [N m]."
-_ADAPTATION = (
-    "As friction changes, the wheels' compensation is scaled between `lowest` and `highest` over `driveline_time`;\n"
-    "# they are thought to be off by some `driveline_spread`. The rolling friction's is scaled between `lowest_floor`\n"
-    "# and `highest_floor` over `time` [s of motion], as far as it is off by more than `floor_margin`. A wheel tells\n"
-    "# nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque, mean of a second."
+_DRIVELINE_ADAPTATION = (
+    "As friction changes, each wheel's compensation is scaled between `lowest` and `highest`, over `time` of motion\n"
+    "# [s]; they are thought to be off by some `spread`, and another floor is told from them over `floor_time` [s].\n"
+    "# A wheel tells nothing below `least_speed` [rad/s]; `noise` [N m s^0.5] is the error of its lost torque."
 )
-
+_FLOOR_ADAPTATION = (
+    "The part of the integral that turns with the motion, followed over `time` [s of motion], is told from the part\n"
+    "# that stays, a slope's, followed over `slope_time` [s]; it is at most `highest` [m s], and whole from\n"
+    "# `full_speed` [m/s] asked for."
+)
 _LEAN_BOUND = (
     "Errors of place and speed ask for no more lean than `lean` [rad], those of the heading for no more than `turn`\n"
     "# [rad]."
@@ -200,6 +225,8 @@ _LEAN_BOUND = (
 _NOTCH = (
     "Torques pass a notch at `frequency` [Hz], its band `width` times as wide; `depth` is left at its middle."
 )
+
+_PREDICTION = "Torques act `delay` [s] after the measurement; the law is that for the state of then."
 
 
 def _number(value: float | np.ndarray) -> str:

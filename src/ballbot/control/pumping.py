@@ -56,7 +56,7 @@ class Margin:
     speeds: tuple[float, ...]  #: that speed [rad/s]
     rolling: float  #: share of the rolling friction
     swings: tuple[Swing, ...]  #: at `AMPLITUDES`
-    adapted: float  #: the largest share that an adaptation at its bounds may bring; 0 without one
+    adapted: float  #: the largest share that a driveline adaptation at its bounds may bring; 0 without one
 
     @property
     def largest(self) -> float:
@@ -107,20 +107,15 @@ def compensation_margin(controller: Controller, friction: Friction) -> Margin:
     given, taken = compensation_curve(controller, _SPEEDS), _curve(friction, _SPEEDS)
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
-    adaptation, on = controller.parts.adaptation, controller.compensation != "none"
+    adaptation, on = controller.parts.driveline_adaptation, controller.compensation != "none"
     rolling = _share(controller.robot.friction.rolling if on else 0.0, friction.rolling)
     shares = ratio[worst, np.arange(n)]
-    adapted = 0.0
-    if adaptation is not None:
-        adapted = max(
-            float(shares.max()) * adaptation.highest, rolling
-        )  # more rolling goes by the speed asked for
     return Margin(
         shares=tuple(shares.tolist()),
         speeds=tuple(_SPEEDS[worst].tolist()),
         rolling=rolling,
         swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
-        adapted=adapted,
+        adapted=float(shares.max()) * adaptation.highest if adaptation else 0.0,
     )
 
 

@@ -6,7 +6,12 @@ For x, y and psi alike, the reference r passes
     four equal lags       s_1' = w (p* - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
 
 so that s has four derivatives, which the feed-forward needs, and never overshoots a step. A reference that moves
-within the limit of speed is no jump: p* = p + (4/w) p' then takes away what the lags cost at constant speed. With
+within the limit of speed is no jump, and one whose velocity changes within the limit of acceleration has no kink;
+
+    p* = p + (4/w + tau) r' + (6/w^2 + 4 tau/w + tau^2/2) r''
+
+then takes away what the lags, and a delay tau that is predicted over, cost (r' and r'' where there is no jump and no
+kink): at constant acceleration all of it. With
 p* held over a sample of h, d_i = s_i - p* and g = w h, the lags are stepped exactly:
 
     d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
@@ -41,6 +46,8 @@ class ReferenceShaping:
     speed_limit: float = 0.5  #: of a jump's way over the floor [m/s]
     yaw_frequency: float = 3.0  #: w of each of the four lags of psi [rad/s]
     yaw_rate_limit: float = 1.0  #: of a turn [rad/s]
+    acceleration_limit: float = 0.2  #: above which a change of r' is a kink [m/s^2]
+    yaw_acceleration_limit: float = 0.4  #: the same of a turn [rad/s^2]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -64,7 +71,10 @@ class Shaping(NamedTuple):
     heading: Lags
     speed: float  #: how far p may go in a sample [m]
     turn: float  #: the same of psi [rad]
+    kink: float  #: how much more it may go than in the last [m]
+    turning_kink: float  #: the same of psi [rad]
     rate: float  #: samples a second [1/s]
+    delay: float  #: that is predicted over [s]
 
 
 class Smooth(NamedTuple):
@@ -78,13 +88,14 @@ class Smooth(NamedTuple):
 
 
 #: numbers that `pack_shaping` returns
-SHAPING_SIZE = 7
-#: numbers that it remembers: four lags, p and the last r for each of x, y and psi; whether it has started
-SHAPING_MEMORY = 19
+SHAPING_SIZE = 10
+#: numbers that it remembers: four lags, p and the last r for each of x, y and psi; whether it has started; the last
+#: change of r
+SHAPING_MEMORY = 22
 
 
-def pack_shaping(shaping: ReferenceShaping | None, sample_time: float) -> list[float]:
-    """Return the numbers that `load_shaping` reads; all zero where there is none."""
+def pack_shaping(shaping: ReferenceShaping | None, sample_time: float, *, delay: float = 0.0) -> list[float]:
+    """Return the numbers that `load_shaping` reads; all zero where there is none. `delay` [s] is predicted over."""
     if shaping is None:
         return [0.0] * SHAPING_SIZE
     return [
@@ -94,7 +105,10 @@ def pack_shaping(shaping: ReferenceShaping | None, sample_time: float) -> list[f
         math.exp(-shaping.yaw_frequency * sample_time),
         shaping.speed_limit * sample_time,
         shaping.yaw_rate_limit * sample_time,
+        shaping.acceleration_limit * sample_time**2,
+        shaping.yaw_acceleration_limit * sample_time**2,
         1.0 / sample_time,
+        delay,
     ]
 
 
@@ -120,26 +134,34 @@ def _shape_all(row, references, smooth):
 @inlined
 def load_shaping(row, place):
     """Return the `Shaping` at that place of a row."""
-    rate = row[place + 6]
+    rate = row[place + 8]
     return Shaping(
         Lags(row[place], row[place + 1], row[place] / rate),
         Lags(row[place + 2], row[place + 3], row[place + 2] / rate),
         row[place + 4],
         row[place + 5],
+        row[place + 6],
+        row[place + 7],
         rate,
+        row[place + 9],
     )
 
 
 @inlined
 def shaped(S, memory, state, reference):
-    """Return the shaped x, y and psi as three `Smooth`, and step the memory (19,) on; they start at the pose."""
+    """Return the shaped x, y and psi as three `Smooth`, and step the memory (22,) on; they start at the pose."""
     if memory[18] == 0.0:
         _start(memory, state, reference)
     x, y, psi = reference[0], reference[1], reference[4]
-    lead_x, lead_y = _lead(S, memory, x, y)
-    turned = psi - memory[17]
-    lead_psi = 4.0 / S.heading.frequency * S.rate * turned if abs(turned) <= S.turn else 0.0
+    d_x, d_y, d_psi = x - memory[15], y - memory[16], psi - memory[17]
+    n_x, n_y, n_psi = d_x - memory[19], d_y - memory[20], d_psi - memory[21]
+    moves, turns = d_x * d_x + d_y * d_y <= S.speed * S.speed, abs(d_psi) <= S.turn
+    bends, veers = n_x * n_x + n_y * n_y <= S.kink * S.kink, abs(n_psi) <= S.turning_kink
+    lead_x = _lead(S, S.place, d_x, n_x, moves, bends)
+    lead_y = _lead(S, S.place, d_y, n_y, moves, bends)
+    lead_psi = _lead(S, S.heading, d_psi, n_psi, turns, veers)
     _follow(S, memory, x, y, psi)
+    memory[19], memory[20], memory[21] = d_x, d_y, d_psi
     return (
         _lagged(S.place, memory, 0, memory[12] + lead_x),
         _lagged(S.place, memory, 4, memory[13] + lead_y),
@@ -158,12 +180,12 @@ def _start(memory, state, reference):
 
 
 @inlined
-def _lead(S, memory, x, y):
-    """Return (4/w) r' of a reference that moves within the limit of speed, zero of one that jumps."""
-    d_x, d_y = x - memory[15], y - memory[16]
-    moves = d_x * d_x + d_y * d_y <= S.speed * S.speed
-    size = 4.0 / S.place.frequency * S.rate if moves else 0.0
-    return size * d_x, size * d_y
+def _lead(S, lags, change, bend, moves, bends):
+    """Return how far p* is ahead of p for the reference's change in a sample, and that change's own, if any counts."""
+    w, tau, rate = lags.frequency, S.delay, S.rate
+    lead = (4.0 / w + tau) * rate * change
+    curve = (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau) * rate * rate * bend
+    return (lead + (curve if bends else 0.0)) if moves else 0.0
 
 
 @inlined

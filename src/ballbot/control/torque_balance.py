@@ -2,8 +2,8 @@
 
 By the linearised exact model without friction, x' = A x + B u in the heading frame, the rates' change over a sample
 needed the torques B^+ (x' - A x), B^+ the inverse of least norm. What the motors gave beyond them went into
-friction, a slope, a push. `ballbot.control.disturbance_observer` gives it back as it is; `ballbot.control.adaptation`
-asks how much of it is the friction that is known.
+friction, a slope, a push. `ballbot.control.disturbance_observer` gives it back as it is;
+`ballbot.control.driveline_adaptation` asks how much of it is the friction that is known.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ class TorqueBalance:
 BALANCE_PER_WHEEL = 9
 #: wheels that a memory has room for
 MOST_WHEELS = 4
-#: numbers remembered: the rates (5) and whether there are any, torques given and compensation among them for each wheel
-BALANCE_MEMORY = 6 + 2 * MOST_WHEELS
+#: numbers remembered: the rates (5) and whether there are any
+BALANCE_MEMORY = 6
 
 
 def pack_balance(balance: TorqueBalance | None, wheel_count: int) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
-"""Adaptation: friction compensation that follows the friction as it changes, by warmth, another floor, a payload.
+"""Driveline adaptation: compensation that follows each wheel's friction as it changes, by warmth or wear.
 
-The compensation of wheel i is scaled by a_i, that of the rolling friction by a_r. Each sample's lost torques say by
-how much they are off (f_i the friction compensated and r_i the wheel's part in the rolling friction, both unscaled):
+The compensation of wheel i is scaled by a_i. Each sample's lost torques say by how much the scales are off (f_i the
+friction compensated and r_i the wheel's part in the rolling friction, both unscaled):
 
     lost_i = a_i f_i + a_r r_i + noise
 
@@ -11,12 +11,12 @@ with the ball's direction over the floor. For each wheel that turns, phi having 
 
     p = P phi      a += p (lost_i - phi.a) / (R/h + phi.p)      P -= p p^T / (R/h + phi.p)
 
-and before it P_jj += h Q_j, never above where it began. The scales stay within their bounds, and rest where nothing is
-told: while a wheel turns too slowly for its friction to be sure, and while a torque is at its limit. (r_i is what the
-torque balance sees of the rolling friction, which is not the torque that carries it: see `TorqueBalance.by_force`.)
-Rolling friction beyond what was identified is carried by the speed asked for and not by the one measured, so that a
-robot which stands is not driven about by a floor that was judged too rough. The times are those after which a small
-change has been followed to 63 %, for wheels that turn and friction torques of `TYPICAL`: Q = (R/T^2)/TYPICAL^2.
+and before it P_jj += h Q_j, never above where it began. The wheels' scales stay within their bounds, and all rest where
+nothing is told: while a wheel turns too slowly for its friction to be sure, and while a torque is at its limit. (r_i is
+what the torque balance sees of the rolling friction, which is not the torque that carries it: see
+`TorqueBalance.by_force`. a_r scales nothing: what the floor takes is `ballbot.control.floor_adaptation`'s.)
+The times are those after which a small change has been followed to 63 %, for wheels that turn and friction torques of
+`TYPICAL`: Q = (R/T^2)/TYPICAL^2.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _FLOOR_SPREAD = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Adaptation:
-    """How fast and how far the compensation follows.
+class DrivelineAdaptation:
+    """How fast and how far the compensation of the wheels follows.
 
     Raises
     ------
@@ -45,55 +45,42 @@ class Adaptation:
     """
 
     balance: TorqueBalance  #: of the robot
-    time: float = 5.0  #: over which another floor is followed, of motion [s]
-    driveline_time: float = 120.0  #: over which the drivelines are, of motion; they warm slowly [s]
-    driveline_spread: float = (
-        0.05  #: how far they may be from what was identified, standard deviation of their scales
-    )
-    lowest: float = 0.3  #: bound of the wheels' scales
-    highest: float = (
-        1.5  #: bound of the wheels' scales; above 1 the compensation may exceed what was identified
-    )
-    lowest_floor: float = 0.0  #: bound of the rolling friction's scale
-    highest_floor: float = (
-        4.0  #: bound of the rolling friction's scale; a carpet has several times a hard floor's
-    )
-    floor_margin: float = 0.2  #: of its scale about 1, within which the floor counts as the one identified on
+    time: float = 120.0  #: over which drivelines are followed, of motion; they warm slowly [s]
+    spread: float = 0.05  #: how far they may be from what was identified, standard deviation of their scales
+    lowest: float = 0.3  #: bound of the scales
+    highest: float = 1.5  #: bound of the scales; above 1 the compensation may exceed what was identified
+    floor_time: float = 5.0  #: over which another floor is told from them, of motion [s]
     noise: float = 0.045  #: sqrt(R), error of a wheel's lost torque as the mean of a second [N m s^0.5]
     least_speed: float = 0.3  #: of a wheel, below which it tells nothing [rad/s]
 
     def __post_init__(self) -> None:
-        for name in ("time", "driveline_time", "driveline_spread", "noise", "least_speed"):
+        for name in ("time", "spread", "floor_time", "noise", "least_speed"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of an adaptation is {value:g}; it must be positive.")
-        if not 0.0 <= self.floor_margin < math.inf:
+                raise InputError(f"{name} of a driveline adaptation is {value:g}; it must be positive.")
+        if not 0.0 <= self.lowest <= 1.0 <= self.highest < math.inf:
             raise InputError(
-                f"floor_margin of an adaptation is {self.floor_margin:g}; it must be zero or more."
+                f"The bounds of a driveline adaptation are {self.lowest:g} and {self.highest:g}; 1 must lie "
+                "between them."
             )
-        for low, high in ((self.lowest, self.highest), (self.lowest_floor, self.highest_floor)):
-            if not 0.0 <= low <= 1.0 <= high < math.inf:
-                raise InputError(
-                    f"The bounds of an adaptation are {low:g} and {high:g}; 1 must lie between them."
-                )
 
 
 #: numbers that `pack_adaptation` returns
-ADAPTATION_SIZE = 12
+ADAPTATION_SIZE = 9
 #: place of the rolling friction's scale among the scales, behind room for those of the wheels
 ROLLING = MOST_WHEELS
 _SCALES = MOST_WHEELS + 1
 #: numbers remembered: the scales less 1, P less what it was at the start, and p; all zero at the start of a run
 ADAPTATION_MEMORY = _SCALES * (_SCALES + 2)
 
-# places in a row: 1 where there is an adaptation, then these; h Q, P_jj at the start and the bounds less 1 for each
-# wheel's scale and for the rolling friction's, and the margin of that
-_LEAST_SPEED, _NOISE, _WHEEL, _FLOOR, _MARGIN = 1, 2, 3, 7, 11
+# places in a row: 1 where there is an adaptation, then these; h Q and P_jj at the start of each wheel's scale with its
+# bounds less 1, and of the rolling friction's, which has none
+_LEAST_SPEED, _NOISE, _WHEEL, _LOWEST, _FLOOR = 1, 2, 3, 5, 7
 # places in the memory
 _P, _COLUMN = _SCALES, _SCALES + _SCALES * _SCALES
 
 
-def pack_adaptation(adaptation: Adaptation | None, sample_time: float) -> list[float]:
+def pack_adaptation(adaptation: DrivelineAdaptation | None, sample_time: float) -> list[float]:
     """Return what `judge` reads, `ADAPTATION_SIZE` numbers; all zero where there is none."""
     if adaptation is None:
         return [0.0] * ADAPTATION_SIZE
@@ -106,15 +93,12 @@ def pack_adaptation(adaptation: Adaptation | None, sample_time: float) -> list[f
         1.0,
         adaptation.least_speed,
         R / sample_time,
-        walk(adaptation.driveline_time),
-        adaptation.driveline_spread**2,
+        walk(adaptation.time),
+        adaptation.spread**2,
         adaptation.lowest - 1.0,
         adaptation.highest - 1.0,
-        walk(adaptation.time),
+        walk(adaptation.floor_time),
         _FLOOR_SPREAD**2,
-        adaptation.lowest_floor - 1.0,
-        adaptation.highest_floor - 1.0,
-        adaptation.floor_margin,
     ]
 
 
@@ -122,13 +106,6 @@ def pack_adaptation(adaptation: Adaptation | None, sample_time: float) -> list[f
 def tells(row, place, speed):
     """Return whether a wheel turns fast enough to tell of its friction."""
     return abs(speed) > row[place + _LEAST_SPEED]
-
-
-@inlined
-def floor_change(row, place, memory, first):
-    """Return by how much of what was identified the rolling friction differs, as far as it is beyond the margin."""
-    less_one, margin = memory[first + ROLLING], row[place + _MARGIN]
-    return max(0.0, less_one - margin) + min(0.0, less_one + margin)
 
 
 @called
@@ -151,8 +128,8 @@ def judge(row, place, memory, first, wheel, friction, carried, lost):
     size = row[place + _NOISE] + memory[column + wheel] * friction + memory[column + ROLLING] * carried
     miss = (lost - (1.0 + memory[scale]) * friction - (1.0 + memory[rolling]) * carried) / size
     for j in range(_SCALES):
-        bounds = place + (_FLOOR if j == ROLLING else _WHEEL) + 2
-        after = memory[first + j] + memory[column + j] * miss
-        memory[first + j] = max(row[bounds], min(row[bounds + 1], after))
+        memory[first + j] += memory[column + j] * miss
+        if j != ROLLING:
+            memory[first + j] = max(row[place + _LOWEST], min(row[place + _LOWEST + 1], memory[first + j]))
         for k in range(_SCALES):
             memory[first + _P + j * _SCALES + k] -= memory[column + j] * memory[column + k] / size
