@@ -135,6 +135,16 @@ def test_a_log_of_another_run_is_refused(plain, measured):
         compare_with_wheels(measured, wheel_log(other, robot, forward=0.0, offset=0.0), robot)
 
 
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_wheels_that_turn_otherwise_or_not_at_all_are_refused(measured, size):
+    # with size 1 the fit runs off the log, and SciPy is asked for a rotation that is no number
+    t = np.arange(0.0, 6.0, 0.005)
+    speeds = {"wheel1_dot": np.sin(t), "wheel2_dot": np.cos(t), "wheel3_dot": np.sin(2.0 * t)}
+    log = Log({"t": t} | {name: size * speed for name, speed in speeds.items()})
+    with pytest.raises(InputError, match="do not turn alike"):
+        compare_with_wheels(measured, log, Robot.load("alten"))
+
+
 def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
     robot = Robot.load("alten")
     wheel_log(plain, robot, forward=0.5, offset=-4.0).write(tmp_path / "run.csv")

@@ -6,6 +6,7 @@ capture (`ballbot.validation.alignment`), from how the ball turned over half a s
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,12 +139,11 @@ def _best(logged: Turning, seen: Turning) -> MotionFit:
         raise InputError(
             f"Video and log must both be at least {_LEAST_TIME:g} s long for their clocks to be set against each other."
         )
-    found: list[MotionFit] = []
     try:
-        for clock in candidate_clocks(logged, seen):
-            found.append(fit_motion(logged, seen, clock, wahba(logged, seen, clock)))
+        clocks = candidate_clocks(logged, seen)
     except InputError:
-        pass  # too little in common under that clock
+        clocks = []
+    found = [fit for clock in clocks if (fit := _fit(logged, seen, clock)) is not None]
     best = max(found, key=lambda one: one.increments * np.log(one.motion / one.error), default=None)
     share = 0.0 if best is None else 1.0 - (best.error / best.motion) ** 2
     if best is None or share < _LEAST_SHARE:
@@ -152,3 +152,14 @@ def _best(logged: Turning, seen: Turning) -> MotionFit:
             f"both, where the same run has over {100 * _LEAST_SHARE:.0f} %, if the wheels' order and signs are right."
         )
     return best
+
+
+def _fit(logged: Turning, seen: Turning, clock: Clock) -> MotionFit | None:
+    """Return the fit that starts from a clock; None where they share too little under it, or it runs away."""
+    try:
+        # a clock that runs off the log leaves nothing to fit, and steps without bound
+        with np.errstate(over="ignore", invalid="ignore"):
+            fit = fit_motion(logged, seen, clock, wahba(logged, seen, clock))
+    except ValueError:  # InputError is one, and what SciPy says of a rotation that is no number
+        return None
+    return fit if math.isfinite(fit.error) else None

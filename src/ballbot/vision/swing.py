@@ -22,9 +22,6 @@ from ballbot.errors import InputError
 from ballbot.identification.swing.record import Swing, swing_of
 from ballbot.vision.video import frame_times, open_video
 
-#: the file names that are videos
-SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mjpeg")
-
 _FRAMES_LOOKED_AT = 40  #: spread over the film, to see what moves
 _CORNERS = 300
 _LEAST_CORNERS = 8

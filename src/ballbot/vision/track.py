@@ -1,7 +1,8 @@
 """Following the ball's orientation through a video, frame by frame.
 
 Each frame's fit starts where the last angular velocity leads. A frame is lost where too little of the seam's pixels
-is explained, or too little of the curve is seen; from the second lost frame on the orientation is sought anew.
+is explained, or too little of the curve is seen. Where it cannot be followed the orientation is sought anew, at once
+and then in every fourth frame.
 Frames belong to one stretch as long as each follows from the one before; from one stretch to the next the ball may
 be another of its symmetric selves.
 """
