@@ -14,13 +14,15 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from validation_examples import true_robot
 
+from ballbot.identification.axis.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.report.driveline_page import remarks
 from ballbot.report.friction_curve import friction_curve, parameter_covariance
 from ballbot.report.json_text import as_json
-from ballbot.report.style import drawn, thinned
+from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import digits, state_mark, with_error, with_symbols
 from ballbot.robot import Friction
 
@@ -133,6 +135,42 @@ def test_a_parameter_without_a_standard_error_counts_as_known():
     assert not covariance[10].any()
 
 
+@pytest.mark.parametrize(
+    ("values", "errors", "words"),
+    [
+        (
+            (0.02, 0.1, 0.05, 0.2, 1.0),
+            (0.001, 0.002, 0.005, 0.1, 0.1),
+            "b to 5 %, least sure is v_s, to 50 %.",
+        ),
+        (
+            (0.0, 0.1, 0.05, 0.2, 1.0),
+            (np.nan, 0.01, 0.001, 0.01, 0.01),
+            "Wheel 1: least sure is c, to 10 %. At a bound, without a standard error: b.",
+        ),
+        ((0.0, 0.1, 0.05, 0.2, 1.0), (np.nan,) * 5, "no parameter has a standard error"),
+    ],
+)
+def test_what_a_sweep_leaves_at_a_bound_is_not_told_as_a_number(values, errors, words):
+    fit = DrivelineFit(
+        wheel=1,
+        values=np.array(values),
+        standard_errors=np.array(errors),
+        correlation=np.eye(5),
+        cost=0.1,
+        samples=10,
+        rmse=0.1,
+        rmse_without=1.0,
+        predicted=np.zeros(10),
+        without=np.zeros(10),
+    )
+    clamp = PrintedFit(values=np.array(values), rmse=0.1, predicted=np.zeros(10), rmse_restarted=0.1)
+    told = remarks([fit], [clamp])[0]
+    assert words in told
+    assert "nan" not in told
+    assert "inf" not in told
+
+
 def _plot() -> Figure:
     figure = Figure(figsize=(7.4, 2.0))
     axes = figure.subplots()
@@ -158,3 +196,21 @@ def test_a_long_line_is_thinned():
     shown, same = thinned(t, 2.0 * t)
     assert 400 < len(shown) <= 900
     np.testing.assert_array_equal(same, 2.0 * shown)
+
+
+@pytest.mark.parametrize("count", [1, 900, 901, 20_000, 20_001])
+def test_a_shortened_line_keeps_a_peak_of_one_sample_and_a_gap(count):
+    t = np.arange(float(count))
+    for peak in {0, count // 3, count - 1}:
+        for size in (-5.0, 5.0):
+            values = np.sin(t)
+            values[peak] = size
+            shown, kept = with_peaks(t, values)
+            assert len(shown) <= 902  # two of each of 450 pieces, and of what is left over
+            assert size in kept
+            np.testing.assert_array_equal(kept, values[shown.astype(int)])
+            assert np.all(np.diff(shown) >= 0.0)
+    gap = np.where((t > 0.4 * count) & (t < 0.6 * count), np.nan, 1.0)
+    shown, kept = with_peaks(t, gap)
+    assert np.isnan(kept[(shown > 0.45 * count) & (shown < 0.55 * count)]).all()
+    assert np.isfinite(kept[(shown < 0.35 * count) | (shown > 0.65 * count)]).all()

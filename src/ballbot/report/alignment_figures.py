@@ -15,7 +15,7 @@ from ballbot.report.style import (
     STATE_SYMBOLS,
     WITHOUT_FRICTION,
     Line,
-    thinned,
+    with_peaks,
 )
 from ballbot.validation.alignment import Alignment, SensorError
 
@@ -57,8 +57,10 @@ def position_error_figure(alignment: Alignment) -> Figure:
     for index, (axes, name) in enumerate(zip(panels, ("x", "y"), strict=True)):
         _draw_error(axes, alignment, 1e3 * sensors.errors[name])
         if sensors.position is not None:
-            t, explained = thinned(alignment.log.t, 1e3 * sensors.position.predicted[:, index])
-            axes.plot(t, explained, label="made by the heading's error", **_EXPLAINED)
+            explained = 1e3 * sensors.position.predicted[:, index]
+            axes.plot(
+                *with_peaks(alignment.log.t, explained), label="made by the heading's error", **_EXPLAINED
+            )
         axes.set_ylabel(f"error of {STATE_SYMBOLS[name]} [mm]")
     _legend(figure, panels)
     return figure
@@ -68,9 +70,8 @@ def _comparison(alignment: Alignment, names: Sequence[str], *, unit: str, scale:
     figure, panels = _stacked(len(names))
     for axes, name in zip(panels, names, strict=True):
         log = alignment.log
-        t, logged, seen = thinned(log.t, scale * log[name], scale * log[f"mocap_{name}"])
-        axes.plot(t, seen, label="cameras", **_SEEN)
-        axes.plot(t, logged, label="on board", **_LOGGED)
+        axes.plot(*with_peaks(log.t, scale * log[f"mocap_{name}"]), label="cameras", **_SEEN)
+        axes.plot(*with_peaks(log.t, scale * log[name]), label="on board", **_LOGGED)
         axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{unit}]")
     _legend(figure, panels)
     return figure
@@ -90,9 +91,9 @@ def _stacked(count: int) -> tuple[Figure, list[Axes]]:
 def _draw_error(axes: Axes, alignment: Alignment, error: NDArray[np.float64]) -> None:
     samples = max(1, round(1.0 / alignment.log.sample_time))
     if len(error) > 2 * samples:
-        axes.plot(*thinned(alignment.log.t, error), label="each sample", **_THIN)
+        axes.plot(*with_peaks(alignment.log.t, error), label="each sample", **_THIN)
         error = _smoothed(error, samples)
-    axes.plot(*thinned(alignment.log.t, error), label="mean over 1 s", **_SEEN)
+    axes.plot(*with_peaks(alignment.log.t, error), label="mean over 1 s", **_SEEN)
 
 
 def _draw_line(
