@@ -2,22 +2,27 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from control_examples import FRICTION, alten, leaning
 
 from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
+from ballbot.cli.limits import origins
 from ballbot.cli.main import main
 from ballbot.control.nominal import design_gain, nominal_controller
 from ballbot.control.precise import precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.limits import starts
+from ballbot.experiments.limits.limits import Edges, RobotLimits
 from ballbot.experiments.limits.loop import Loop
 from ballbot.experiments.limits.path_demand import path_demand
 from ballbot.experiments.limits.reference_margins import check_reference
 from ballbot.experiments.limits.reference_words import verdict
-from ballbot.experiments.limits.region import map_region, reach
+from ballbot.experiments.limits.region import Reach, Region, map_region, reach
+from ballbot.report.limits_figures import directions_figure, planes_figure
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
 
@@ -271,5 +276,56 @@ def test_limits_are_found_and_drawn(tmp_path, capsys):
     )
     for name in ("planes", "directions", "heights"):
         assert (tmp_path / f"{name}.svg").read_text().lstrip().startswith("<svg")
-    assert main(["limits", "alten", "--grip", "0", "--out", str(tmp_path)]) == 2
-    assert "--grip is 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--grip", "0"], "--grip is 0"),
+        (["--refinements", "7"], "--refinements is 7"),
+        (["--twin", "--seed", "-1"], "--seed is -1"),
+        (["--twin", "--scenario", "storm"], "no scenario or scenario file 'storm'"),
+        ([f"{letter}=none" for letter in "abcdefg"], "There are 7 controllers"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_any_work(tmp_path, capsys, monkeypatch, words, sentence):
+    monkeypatch.setattr("ballbot.cli.limits.find_limits", lambda *_, **__: pytest.fail("work was begun"))
+    assert main(["limits", "alten", *words, "--out", str(tmp_path / "out")]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_controller_is_drawn_and_a_coarse_plane_by_all_its_points():
+    edge = Reach(sizes=np.ones(3), limited=np.ones(3, np.bool_), runs=0)
+    # survived at one point in the middle and its neighbours: every fourth point of 33 would leave one
+    kept = np.zeros((33, 33), np.bool_)
+    kept[15:18, 15:18] = True
+    plane = Region(across=np.linspace(-1.0, 1.0, 33), along=np.linspace(-1.0, 1.0, 33), kept=kept, runs=0)
+    blows = replace(edge, sizes=np.ones((9, 3)))
+    one = RobotLimits(
+        directions=np.arange(3.0),
+        heights=np.arange(9.0),
+        lean=Edges(sure=edge, most=edge),
+        blow=Edges(sure=blows, most=blows),
+        plane_direction=0.0,
+        sure_plane=plane,
+        most_plane=plane,
+    )
+    found = dict.fromkeys("abcdef", one)
+    (named,) = directions_figure(found, {}).legends
+    assert [text.get_text() for text in named.get_texts()][:6] == list("abcdef")
+    panels = planes_figure(found).axes
+    assert [panel.get_title(loc="left") or panel.get_title() for panel in panels] == [
+        f"{letter}, towards 0°" for letter in "abcdef"
+    ]
+    edges = np.vstack([path.vertices for path in panels[0].collections[-1].get_paths()])
+    # half a point beyond the three by three: 1.5 points of 1/16 rad to each side
+    assert np.abs(edges).max() == pytest.approx(np.degrees(1.5 / 16.0), rel=1e-6)
+
+
+def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("windy.toml").touch()
+    entrants = entrants_of(["none", "soft=mine.toml@kalman"])
+    assert origins("alten", entrants, "nominal") == [Path("mine.toml")]
+    assert origins("robot.toml", entrants[:1], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
@@ -13,16 +14,25 @@ from rich.console import Console
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.experiments.league.entrants import entrants_of
+from ballbot.estimation.named import EstimatorName
+from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
 from ballbot.files import write_text
 from ballbot.report.json_text import as_json
-from ballbot.report.limits_figures import directions_figure, heights_figure, planes_figure
+from ballbot.report.limits_figures import (
+    MOST_CONTROLLERS,
+    directions_figure,
+    heights_figure,
+    planes_figure,
+)
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
+
+if TYPE_CHECKING:  # MuJoCo is an extra
+    from ballbot.twin import Scenario
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
@@ -63,7 +73,8 @@ def limits(
     robot
         A preset's name or a robot file, with its friction.
     controllers
-        Controller files, or none, full and partial: the nominal gain with that compensation.
+        none, full and partial (the nominal gain with that compensation), precise, and controller files; as in compare
+        as LABEL=... under another name, and with @kalman behind it fed the Kalman filter's state on the twin.
     grip
         Friction coefficient of the wheels on the ball.
     refinements
@@ -77,26 +88,22 @@ def limits(
     out
         The folder to write into.
     """
-    described = Robot.load(robot)
-    chosen = {one.name: _law(one.name, one.controller(described)) for one in entrants_of(controllers)}
-    if not grip > 0.0:
-        raise InputError(
-            f"--grip is {grip:g}; it must be a positive friction coefficient, 1 for rubber on rubber."
-        )
-    if not 0 <= refinements <= _MOST_REFINEMENTS:
-        raise InputError(f"--refinements is {refinements}; it must be 0 to {_MOST_REFINEMENTS}.")
+    described, entrants = Robot.load(robot), entrants_of(controllers)
+    chosen = {one.name: _law(one.name, one.controller(described)) for one in entrants}
+    _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
+    truth = _truth(scenario, described) if twin else None
     folder, console, found = check_folder(out), standard_output(), _Found()
     with progress_bar(console, "limits") as bar:
-        for place, (name, controller) in enumerate(chosen.items()):
+        for place, (one, controller) in enumerate(zip(entrants, chosen.values(), strict=True)):
 
-            def tell(share: float, place: int = place, name: str = name) -> None:
+            def tell(share: float, place: int = place, name: str = one.name) -> None:
                 bar.show((place + share) / len(chosen), note=name)
 
             loop = Loop(robot=described, controller=controller, grip=grip)
-            found.model[name] = find_limits(loop, refinements=refinements, tell=tell)
-            if twin:
-                bar.show((place + 1) / len(chosen), note=f"{name}, on the twin")
-                found.twin[name] = _on_twin(loop, scenario, found.model[name], seed)
+            found.model[one.name] = find_limits(loop, refinements=refinements, tell=tell)
+            if truth is not None:
+                bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
+                found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], one.estimator, seed)
     words = [
         "ballbot",
         "limits",
@@ -108,10 +115,31 @@ def limits(
         str(refinements),
     ]
     words += [*(["--twin"] if twin else []), "--scenario", scenario, "--seed", str(seed), "--out", str(out)]
-    files = [Path(word) for word in (robot, *controllers) if Path(word).is_file()]
+    files = origins(robot, entrants, scenario if twin else "")
     _write(found, described, grip, provenance(command=shlex.join(words), files=files, seed=seed), folder)
     _show(found, console)
     console.print(str(folder / "results.json"), soft_wrap=True)
+
+
+def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
+    """Refuse numbers that cannot be."""
+    if controllers > MOST_CONTROLLERS:
+        raise InputError(f"There are {controllers} controllers; the figures tell {MOST_CONTROLLERS} apart.")
+    if not grip > 0.0:
+        raise InputError(
+            f"--grip is {grip:g}; it must be a positive friction coefficient, 1 for rubber on rubber."
+        )
+    if not 0 <= refinements <= _MOST_REFINEMENTS:
+        raise InputError(f"--refinements is {refinements}; it must be 0 to {_MOST_REFINEMENTS}.")
+    if seed < 0:
+        raise InputError(f"--seed is {seed}; it must be zero or more.")
+
+
+def origins(robot: str, entrants: Sequence[Entrant], scenario: str) -> list[Path]:
+    """Return the files that the result is made from."""
+    paths = [] if robot in Robot.presets() else [Path(robot)]
+    paths += [one.file for one in entrants if one.file]
+    return paths + ([Path(scenario)] if Path(scenario).is_file() else [])
 
 
 def _law(name: str, controller: object) -> Controller:
@@ -120,12 +148,20 @@ def _law(name: str, controller: object) -> Controller:
     return controller
 
 
-def _on_twin(loop: Loop, scenario: str, found: RobotLimits, seed: int) -> Sequence[TwinEdge]:
-    from ballbot.experiments.limits.twin_edges import twin_edges  # MuJoCo is an extra
-    from ballbot.twin import Scenario
+def _truth(scenario: str, robot: Robot) -> Scenario:
+    from ballbot.twin import Scenario  # MuJoCo is an extra
 
-    truth = Scenario.load(scenario, loop.robot)
-    return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, seed=seed)
+    return Scenario.load(scenario, robot)
+
+
+def _on_twin(
+    loop: Loop, truth: Scenario, found: RobotLimits, estimator: EstimatorName, seed: int
+) -> Sequence[TwinEdge]:
+    from ballbot.experiments.limits.twin_edges import twin_edges
+
+    return twin_edges(
+        loop.robot, loop.controller, truth, found, directions=_ON_TWIN, estimator=estimator, seed=seed
+    )
 
 
 def _write(found: _Found, robot: Robot, grip: float, made: Provenance, folder: Path) -> None:

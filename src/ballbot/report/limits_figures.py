@@ -17,17 +17,32 @@ from ballbot.experiments.limits.region import Region
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
-_LOOKS = ((ORANGE, "o", 3.2), (BLUE, "s", 2.0), (GREEN, "^", 1.0), (MUTED, "D", 0.6))
+_LOOKS = (
+    (ORANGE, "o", 3.6),
+    (BLUE, "s", 2.8),
+    (GREEN, "^", 2.1),
+    ("#8a4f7d", "D", 1.5),
+    (INK, "v", 1.0),
+    ("#c9b23c", "P", 0.6),
+)
+#: more would look like one another
+MOST_CONTROLLERS = len(_LOOKS)
 _SURE, _MOST = "#7fa6cf", "#d8e3ef"
-#: every so many points of a plane are drawn
-_DRAWN = 4
+#: a plane is drawn by so many intervals a side where it has more
+_DRAWN = 256
+#: most planes beside each other, and entries of a legend
+_IN_ROW = 3
 
 
 def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     """Draw which leans and lean rates each controller comes back from, in its worst direction."""
-    figure = Figure(figsize=(7.4, 3.1), layout="constrained")
-    panels = figure.subplots(1, len(found), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, (name, one) in zip(panels, found.items(), strict=True):
+    columns = min(_IN_ROW, len(found))
+    rows = -(-len(found) // columns)
+    figure = Figure(figsize=(7.4, 0.6 + 2.5 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes in panels.flat[len(found) :]:
+        axes.set_visible(False)
+    for axes, (name, one) in zip(panels.flat, found.items(), strict=False):
         for region, color, style in ((one.most_plane, _MOST, "--"), (one.sure_plane, _SURE, "-")):
             _draw_region(axes, region, color, style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
@@ -35,7 +50,8 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.set_title(f"{name}, towards {np.degrees(one.plane_direction):.0f}°")
         axes.set_xlabel("lean [degrees]")
         axes.grid(visible=False)
-    panels[0].set_ylabel("lean rate [degrees/s]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("lean rate [degrees/s]")
     figure.legend(
         handles=[
             Patch(facecolor=_SURE, edgecolor=INK, label="survived, and no wheel lets go of the ball"),
@@ -49,7 +65,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
 
 def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinEdge]]) -> Figure:
     """Draw the largest lean at rest and the hardest blow at the centre of mass over all directions."""
-    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     leans = {name: _degrees(one.lean) for name, one in found.items()}
     blows = {
@@ -68,8 +84,8 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         Line2D([], [], color=INK, linewidth=1.0, linestyle="--", label="wheels always hold"),
     ]
     if on_twin:
-        handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="(marks) on the twin"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+        handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2 * _IN_ROW))
     return figure
 
 
@@ -90,8 +106,9 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
 
 
 def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
-    lean, rate = np.degrees(region.across[::_DRAWN]), np.degrees(region.along[::_DRAWN])
-    kept = region.kept[::_DRAWN, ::_DRAWN].T.astype(np.float64)
+    step = max(1, (len(region.across) - 1) // _DRAWN)
+    lean, rate = np.degrees(region.across[::step]), np.degrees(region.along[::step])
+    kept = region.kept[::step, ::step].T.astype(np.float64)
     axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
     axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 
