@@ -210,6 +210,11 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(tmp_path: Path) -> N
         for column in first[name]:
             np.testing.assert_array_equal(first[name][column], second[name][column])
     assert not np.array_equal(first["log"]["theta"], other["log"]["theta"])
+    # what a full disk or a stopped copy left is made again
+    for path in (tmp_path / "runs").glob("small-*.npz"):
+        path.write_bytes(path.read_bytes()[:-20])
+    np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxx"
 
 
 def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
@@ -241,3 +246,11 @@ def test_folder_that_is_a_file_is_refused_before_any_work(
     path.write_text("", encoding="utf-8")
     assert main(["reproduce", "--out", str(path)]) == 2
     assert "needs a folder" in capsys.readouterr().err
+
+
+def test_a_seed_below_zero_is_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reproduce", "--out", str(tmp_path / "out"), "--seed", "-1"]) == 2
+    assert "--seed is -1" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

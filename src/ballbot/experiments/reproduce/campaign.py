@@ -21,6 +21,8 @@ from ballbot.robot.file import read_robot, write_robot
 
 #: when each stage has ended, of the whole
 _RECORDED, _IDENTIFIED, _COMPENSATED = 0.4, 0.65, 0.7
+#: the packages that the friction identified depends on, beside the logs
+_IDENTIFIED_BY = ("robot", "log", "mechanics", "simulation", "identification")
 #: the logs that friction is identified from
 _FITTED = ("fit_square", "fit_eight")
 
@@ -106,7 +108,7 @@ def _identified(
 
 
 def _stamp(logs: Sequence[Log], seed: int) -> str:
-    digest = hashlib.sha256(f"{sources_of('mechanics', 'identification')} {seed}".encode())
+    digest = hashlib.sha256(f"{sources_of(*_IDENTIFIED_BY)} {seed}".encode())
     for log in logs:
         for name in log:
             digest.update(log[name].tobytes())

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -185,11 +186,18 @@ def _write(path: Path, logs: Mapping[str, Log]) -> None:
 
 
 def _read(path: Path) -> Logs | None:
-    if not path.exists():
+    """Return the logs of a file, or None where there is none or it is damaged: they are then made again."""
+    try:
+        with np.load(path) as kept:
+            names = dict.fromkeys(key.partition("/")[0] for key in kept)
+            return {
+                name: Log({key.partition("/")[2]: kept[key] for key in kept if key.startswith(f"{name}/")})
+                for name in names
+            }
+    except (
+        OSError,
+        EOFError,
+        ValueError,
+        BadZipFile,
+    ):  # as NumPy has it: no file, empty, no array, cut short
         return None
-    with np.load(path) as kept:
-        names = dict.fromkeys(key.partition("/")[0] for key in kept)
-        return {
-            name: Log({key.partition("/")[2]: kept[key] for key in kept if key.startswith(f"{name}/")})
-            for name in names
-        }
