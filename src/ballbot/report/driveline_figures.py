@@ -10,9 +10,21 @@ from numpy.typing import NDArray
 
 from ballbot.identification.axis.driveline import DrivelineFit, PrintedFit, Sweep
 from ballbot.report.axis_figures import panels_over_time
-from ballbot.report.style import BLUE, GREEN, INK, MEASURED, ORANGE, WITH_FRICTION, WITHOUT_FRICTION, thinned
+from ballbot.report.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    REFERENCE,
+    WITH_FRICTION,
+    WITHOUT_FRICTION,
+    Line,
+    thinned,
+)
 
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
+#: a broad pale line beneath, for the model's with friction lies on it
+_MEASURED: Line = {**REFERENCE, "linewidth": 3.2}
 
 
 def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
@@ -35,8 +47,8 @@ def comparison_figure(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> F
     t, measured, found, clamped, without = thinned(
         sweep.t, sweep.speed, fit.predicted, printed.predicted, fit.without
     )
+    upper.plot(t, measured, label="measured", **_MEASURED)
     upper.plot(t, without, label="without friction", **WITHOUT_FRICTION)
-    upper.plot(t, measured, label="measured", **MEASURED)
     upper.plot(t, clamped, color=GREEN, linestyle=":", linewidth=1.4, label="clamp (3.2) as printed")
     upper.plot(t, found, label="with friction", **WITH_FRICTION)
     upper.set_ylabel(f"speed of wheel {sweep.wheel} [rad/s]")
@@ -51,8 +63,8 @@ def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
     figure = Figure(figsize=(7.4, 3.4), layout="constrained")
     axes = figure.subplots()
     torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
+    axes.plot(measured, torque, label="measured", **_MEASURED)
     axes.plot(without, torque, label="without friction", **WITHOUT_FRICTION)
-    axes.plot(measured, torque, label="measured", **MEASURED)
     axes.plot(found, torque, label="with friction", **WITH_FRICTION)
     axes.set_xlabel(f"speed of wheel {sweep.wheel} [rad/s]")
     axes.set_ylabel("torque [N m]")

@@ -86,8 +86,6 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
     """Return what the sweep tells and what it does not, as sentences."""
     sentences = []
     for fit in fits:
-        errors = fit.standard_errors / fit.values
-        worst = int(np.nanargmax(errors))
         pairs = [
             f"{NAMES[i]} and {NAMES[j]} ({fit.correlation[i, j]:+.2f})"
             for i in range(5)
@@ -97,10 +95,7 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
         close = f" Hard to tell apart: {', '.join(pairs)}." if pairs else ""
         bound = [NAMES[i] for i in range(5) if not np.isfinite(fit.standard_errors[i])]
         held = f" At a bound, without a standard error: {', '.join(bound)}." if bound else ""
-        sentences.append(
-            f"Wheel {fit.wheel}: b to {100 * errors[0]:.2g} %, least sure is {NAMES[worst]}, to "
-            f"{100 * errors[worst]:.2g} %.{close}{held}"
-        )
+        sentences.append(f"Wheel {fit.wheel}: {_sureness(fit)}.{close}{held}")
     ratio = max(clamp.rmse / fit.rmse for fit, clamp in zip(fits, printed, strict=True))
     sentences.append(
         "A slow sweep dwells at high speeds and passes the low ones, where s, v_s and delta act, in a few tenths of a "
@@ -113,6 +108,20 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
             "is not there."
         )
     return sentences
+
+
+def _sureness(fit: DrivelineFit) -> str:
+    """Return how sure b and the least sure parameter are; at a bound there is no telling."""
+    # delta and v_s are above zero, the others may have ended there
+    shares = np.divide(
+        fit.standard_errors, fit.values, out=np.full(len(NAMES), np.nan), where=np.asarray(fit.values) > 0.0
+    )
+    told = np.flatnonzero(np.isfinite(shares))
+    if not told.size:
+        return "no parameter has a standard error"
+    worst = int(told[shares[told].argmax()])
+    viscous = f"b to {100 * shares[0]:.2g} %, " if 0 in told else ""
+    return f"{viscous}least sure is {NAMES[worst]}, to {100 * shares[worst]:.2g} %"
 
 
 def driveline_results(

@@ -91,11 +91,8 @@ def _draw_ratios(
     axes: Axes, places: NDArray[np.float64], errors: ErrorPair, *, color: str, marker: str, label: str
 ) -> None:
     lower, upper = errors.ratio_interval()
-    ratio = errors.ratio
-    beside = np.abs(np.nan_to_num(np.array([ratio - lower, upper - ratio])))
-    axes.errorbar(
-        places, ratio, yerr=beside, fmt=marker, color=color, markersize=5, linewidth=1.2, label=label
-    )
+    axes.vlines(places, lower, upper, color=color, linewidth=1.2)
+    axes.plot(places, errors.ratio, marker, color=color, markersize=5, label=label)
 
 
 def _plain_log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
@@ -145,7 +142,7 @@ def correlation_figure(
 ) -> Figure:
     """Return a correlation matrix as a map with its numbers (Figure 4.3); NaN cells stay blank.
 
-    Cells that are `marked` have a frame.
+    Cells that are `marked`, the significant ones, have a frame.
     """
     figure = Figure(figsize=(inches, 0.92 * inches), layout="constrained")
     axes = figure.subplots()
@@ -174,6 +171,7 @@ def correlation_figure(
     bar = figure.colorbar(image, ax=axes, shrink=0.6, ticks=[-1, -0.5, 0, 0.5, 1])
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     bar.ax.tick_params(labelsize=7)
+    bar.set_label("correlation" if marked is None else "correlation; framed: significant")
     return figure
 
 

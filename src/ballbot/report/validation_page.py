@@ -24,6 +24,7 @@ from ballbot.report.validation_figures import (
 from ballbot.validation import Validation, findings
 from ballbot.validation.residuals.whiteness import Whiteness
 from ballbot.validation.residuals.words import residual_findings
+from ballbot.validation.state_errors import LEAST_RUNS
 
 
 def validation_report(
@@ -50,6 +51,7 @@ def validation_values(validation: Validation, *, example_of: str) -> dict[str, o
         "second": validation.models.second.name,
         "findings": _of_models(validation, found),
         "example_of": example_of,
+        "least_runs": LEAST_RUNS,
         "no_open_loop": validation.no_open_loop,
         "no_closed_loop": validation.no_closed_loop,
         **_open_loop_values(validation),

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from ballbot.experiments.reproduce.bench import Bench
 from ballbot.report.driveline_figures import measured_figure, torque_speed_figure
 from ballbot.report.reproduce.lines import Shown, paths_figure
-from ballbot.report.style import REFERENCE, WITH_FRICTION, WITHOUT_FRICTION
+from ballbot.report.style import WITH_FRICTION, WITHOUT_FRICTION
 from ballbot.report.upside_down_figures import movement_figure
 
 
@@ -18,12 +18,7 @@ def figure_3_1(bench: Bench) -> Figure:
 
 def figure_3_2(bench: Bench) -> Figure:
     """Return torque over speed of wheel 1, measured and of both models."""
-    figure = torque_speed_figure(bench.sweeps[0], bench.driveline_fit)
-    for line in figure.axes[0].lines:
-        if line.get_label() == "measured":
-            line.set(**REFERENCE)  # a broad pale line, for the model's lies on it
-    figure.axes[0].legend(loc="upper left")
-    return figure
+    return torque_speed_figure(bench.sweeps[0], bench.driveline_fit)
 
 
 def figure_3_4(bench: Bench) -> Figure:

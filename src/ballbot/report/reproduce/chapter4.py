@@ -25,6 +25,4 @@ def figure_4_2(bench: Bench) -> Figure:
 def figure_4_3(bench: Bench) -> Figure:
     """Return the correlation matrix of residuals and torques, its significant cells framed."""
     found = bench.validation.residuals.correlations
-    figure = correlation_figure(symbols(found.labels), found.matrix, marked=found.significant)
-    figure.axes[-1].set_ylabel("correlation; framed: significant")
-    return figure
+    return correlation_figure(symbols(found.labels), found.matrix, marked=found.significant)
