@@ -110,6 +110,7 @@ def test_the_page_says_who_fell_and_who_is_better(league):
     assert re.search(r"Peak position error 0\.\d+ times that of none", page)
     assert "A step of 0.2 m. 4 s." in page
     assert "Seed 4,5;" in page
+    assert page.count("One run of each controller, with seed 4, the first of 2.") == 2
 
 
 def test_the_evidence_has_a_row_for_each_course_and_controller(league):

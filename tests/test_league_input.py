@@ -123,6 +123,10 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
         ("[mine.one]\nduration = 3.0", "[mine.one]: reference is missing; add it."),
         (COURSE.replace("9.0", "-9.0"), "duration is -9.0; input should be greater than 0"),
         (COURSE.replace("9.0", "nan"), "duration is nan"),
+        (
+            COURSE.replace("9.0", "1e9"),
+            "duration is 1000000000.0; input should be less than or equal to 86400",
+        ),
         (COURSE.replace("hold", "holt"), "there is no reference 'holt'; did you mean 'hold'?"),
         (
             COURSE.replace('"hold"', '{ name = "hold", side = 1.0 }'),
@@ -188,14 +192,16 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
         ),
         (["alten", "none", "--scenarios", "moon.toml"], "moon.toml cannot be read"),
         (["alten", "nowhere.toml"], "There is no controller file 'nowhere.toml'"),
+        (["alten", "none", "--processes", "0"], "--processes is 0; it must be at least 1"),
     ],
 )
 def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, sentence):
-    assert main(["compare", *arguments, "--out", str(tmp_path)]) == 2
+    assert main(["compare", *arguments, "--out", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err
     assert told.startswith("ballbot: ")
     assert sentence in told
     assert told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_precise_is_given_the_filter_s_state_and_others_what_they_ask_for():

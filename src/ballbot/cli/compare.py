@@ -13,6 +13,7 @@ from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.pumping_words import warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.reference_file import is_file
+from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.course_file import PlantName, choose_courses
@@ -71,7 +72,9 @@ def compare(
     out
         The folder to write into.
     """
-    described, folder = Robot.load(robot), check_folder(out)
+    if processes is not None and processes < 1:
+        raise InputError(f"--processes is {processes}; it must be at least 1.")
+    described = Robot.load(robot)
     entrants, courses = entrants_of(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in entrants}
@@ -82,7 +85,7 @@ def compare(
         command=shlex.join(words), files=_files(robot, entrants, courses, scenarios), seed=seeds
     )
     belongs_to = _identity(described, entrants, courses, numbers)
-    console = standard_output()
+    folder, console = check_folder(out), standard_output()
     warn_of_pumping({one.name: made[one.name] for one in entrants if one.file}, described, console)
     with (
         long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,

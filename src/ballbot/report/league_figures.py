@@ -52,7 +52,10 @@ def overview_figure(league: League) -> Figure:
 
 
 def course_figure(league: League, course: Course) -> Figure:
-    """Draw each controller's path over the floor and its distance from the reference over time, first seed."""
+    """Draw each controller's path over the floor and its distance from the reference over time, of one run each.
+
+    Of the first seed's, which the title says.
+    """
     figure = Figure(figsize=(7.4, 2.9), layout="constrained")
     floor, errors = figure.subplots(1, 2, width_ratios=(2, 3))
     t = np.arange(0.0, course.duration, 0.1)
@@ -71,7 +74,7 @@ def course_figure(league: League, course: Course) -> Figure:
     for time in course.disturbed:
         errors.axvline(time, color=MUTED, linewidth=0.8)
     floor.set_aspect("equal", adjustable="datalim")
-    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
+    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]", title=seed_shown(league))
     errors.set(xlabel="time [s]", ylabel="distance from the\nreference [mm]")
     errors.set_ylim(bottom=0.0)
     errors.margins(x=0.01)
@@ -79,6 +82,12 @@ def course_figure(league: League, course: Course) -> Figure:
         *errors.get_legend_handles_labels(), loc="outside upper center", ncols=min(6, len(league.controllers))
     )
     return figure
+
+
+def seed_shown(league: League) -> str:
+    """Return which seed the courses are drawn with, in words."""
+    first, count = league.seeds[0], len(league.seeds)
+    return f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
 
 
 def line_of(index: int) -> Line:

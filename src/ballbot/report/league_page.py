@@ -9,7 +9,7 @@ from ballbot.experiments.league.play import League
 from ballbot.experiments.league.standings import METRIC_BY_KEY, Overall, overall
 from ballbot.experiments.league.statistics import Estimate
 from ballbot.experiments.metrics import BAND, SETTLE
-from ballbot.report.league_figures import course_figure, overview_figure
+from ballbot.report.league_figures import course_figure, overview_figure, seed_shown
 from ballbot.report.league_tables import (
     OVERALL_HEADINGS,
     metric_rows,
@@ -48,7 +48,7 @@ def league_report(league: League, made: Provenance) -> str:
         "overview_figure": figure_markup(drawn(partial(overview_figure, league), name="overview")),
         "controllers": league.controllers,
         "courses": courses,
-        "seed": league.seeds[0],
+        "seed": seed_shown(league),
         "band": f"{1e3 * BAND:g}",
         "settle": f"{SETTLE:g}",
         "made": made,
