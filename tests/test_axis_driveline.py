@@ -68,6 +68,13 @@ def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
         fit_driveline(replace(sweep, limit=1e-3), bounds=DrivelineBounds(), seed=0, progress=silent)
 
 
+def test_a_sweep_that_tells_nothing_is_refused(sweep):
+    # far above what such a wheel has, so that every parameter ends at its least
+    bounds = DrivelineBounds(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
+    with pytest.raises(InputError, match="wheel 1 tells none of b, c, s, v_s, delta"):
+        fit_driveline(sweep, bounds=bounds, seed=0, generations=5, progress=silent)
+
+
 def test_bounds_that_fall_are_refused():
     with pytest.raises(InputError, match="bounds of c"):
         DrivelineBounds(lower=(0.0, 0.6, 0.0, 0.05, 0.3))
@@ -78,6 +85,40 @@ def test_a_log_of_too_few_wheels_is_refused():
     log = Log({"t": t, "u1": t, "wheel1_dot": t})
     with pytest.raises(InputError, match="of 1 wheels"):
         sweeps_of(Robot.load("alten"), log)
+
+
+def with_body(**columns: np.ndarray) -> Log:
+    """Return a sweep of all wheels with more columns."""
+    t = np.arange(400) * SAMPLE_TIME
+    wheels = {f"{kind}{i}{end}": np.sin(t) for i in (1, 2, 3) for kind, end in (("u", ""), ("wheel", "_dot"))}
+    return Log({"t": t} | wheels | columns)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "sentence"),
+    [
+        # a whole turn of a sine of 0.02 rad: 0.02 / sqrt(2) rad
+        ("theta", 0.02, "leans to and fro by 0.81 degrees (root mean square of theta)"),
+        ("phi", 0.05, "logs of a balancing robot are for `ballbot identify`"),
+        ("ball_omega_y", 1.0, "a ball turns (ball_omega_y)"),
+    ],
+)
+def test_a_log_with_the_ball_on_the_wheels_is_refused(tmp_path, capsys, name, size, sentence):
+    log = with_body(**{name: size * np.sin(np.pi * np.arange(400) * SAMPLE_TIME)})
+    log.write(tmp_path / "balancing.csv")
+    out = tmp_path / "out"
+    assert main(["identify-driveline", "alten", str(tmp_path / "balancing.csv"), "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_body_that_is_held_still_may_have_its_sensors_on():
+    # attitude noise of 5 mrad, three times the preset's, about the tilt of a stand
+    noise = 5e-3 * np.random.default_rng(0).standard_normal((2, 400))
+    lean = with_body(theta=0.3 + noise[0], phi=noise[1], ball_omega_x=np.zeros(400))
+    assert len(sweeps_of(Robot.load("alten"), lean)) == 3
 
 
 @pytest.mark.parametrize(

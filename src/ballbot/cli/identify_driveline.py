@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
+
+from rich.console import Console
 
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.identification.axis.driveline import (
     DrivelineBounds,
+    DrivelineFit,
+    PrintedFit,
+    Report,
+    Sweep,
     fit_as_printed,
     fit_driveline,
     sweeps_of,
@@ -56,7 +63,7 @@ def identify_driveline(
     robot
         A preset's name or a robot file; it gives the inertia.
     log
-        Torques and wheel speeds of a slow sweep.
+        Torques and wheel speeds of a slow sweep, the wheels free of the ball; a log of the robot balancing is refused.
     out
         The folder to write into.
     mapping
@@ -83,41 +90,52 @@ def identify_driveline(
     made = provenance(command=shlex.join(words), files=files, seed=seed)
 
     console = standard_output()
-    fits, printed = [], []
+    fits, printed = _fit(sweeps, bounds, seed, console)
+    write_text(folder / "results.json", as_json(driveline_results(fits, printed, made)))
+    write_text(folder / "report.html", driveline_report(described.name, sweeps, fits, printed, made))
+    friction = _friction(fits, rolling=described.friction.rolling)
+    write_robot(described.replace(friction=friction), folder / "robot.toml")
+    _show(fits, printed, console)
+    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)
+
+
+def _fit(
+    sweeps: Sequence[Sweep], bounds: DrivelineBounds, seed: int, console: Console
+) -> tuple[list[DrivelineFit], list[PrintedFit]]:
+    """Fit every wheel, to the pieces of its sweep and then as printed."""
+    fits: list[DrivelineFit] = []
+    printed: list[PrintedFit] = []
     with progress_bar(console, "sweep") as bar:
         for i, sweep in enumerate(sweeps):
 
             def tell(share: float, note: str, i: int = i) -> None:
                 bar.show((i + share) / len(sweeps), doing=f"wheel {i + 1}", note=note)
 
-            fits.append(
-                fit_driveline(
-                    sweep,
-                    bounds=bounds,
-                    seed=seed,
-                    progress=lambda share, note, tell=tell: tell(_PIECES * share, note),
-                )
-            )
-            printed.append(
-                fit_as_printed(
-                    sweep,
-                    fits[-1],
-                    bounds=bounds,
-                    seed=seed,
-                    progress=lambda share, note, tell=tell: tell(_PIECES + (1.0 - _PIECES) * share, note),
-                )
-            )
-    write_text(folder / "results.json", as_json(driveline_results(fits, printed, made)))
-    write_text(folder / "report.html", driveline_report(described.name, sweeps, fits, printed, made))
-    friction = Friction(
+            def of_pieces(share: float, note: str, tell: Report = tell) -> None:
+                tell(_PIECES * share, note)
+
+            def of_printed(share: float, note: str, tell: Report = tell) -> None:
+                tell(_PIECES + (1.0 - _PIECES) * share, note)
+
+            fit = fit_driveline(sweep, bounds=bounds, seed=seed, progress=of_pieces)
+            fits.append(fit)
+            printed.append(fit_as_printed(sweep, fit, bounds=bounds, seed=seed, progress=of_printed))
+    return fits, printed
+
+
+def _friction(fits: Sequence[DrivelineFit], *, rolling: float) -> Friction:
+    """Return each wheel's b, c and s, and the means of v_s and delta."""
+    return Friction(
         viscous=tuple(float(fit.values[0]) for fit in fits),
         coulomb=tuple(float(fit.values[1]) for fit in fits),
         stribeck=tuple(float(fit.values[2]) for fit in fits),
         stribeck_speed=sum(float(fit.values[3]) for fit in fits) / len(fits),
         stribeck_exponent=sum(float(fit.values[4]) for fit in fits) / len(fits),
-        rolling=described.friction.rolling,
+        rolling=rolling,
     )
-    write_robot(described.replace(friction=friction), folder / "robot.toml")
+
+
+def _show(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], console: Console) -> None:
     framed = console.is_terminal
     headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
     console.print(table("friction of the drivelines", headings, parameter_rows(fits), framed=framed))
@@ -132,4 +150,3 @@ def identify_driveline(
     console.print(table("speed errors", headings, error_rows(fits, printed), framed=framed))
     for sentence in remarks(fits, printed):
         console.print(sentence, markup=False, soft_wrap=True)
-    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)

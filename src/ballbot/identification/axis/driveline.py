@@ -24,6 +24,7 @@ from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
 from ballbot.identification.axis.covariance import clustered_covariance
+from ballbot.identification.axis.free_wheels import check_wheels_free
 from ballbot.identification.evolution import evolve
 from ballbot.log import Log
 from ballbot.mechanics.friction_laws.classical import Classical
@@ -146,8 +147,10 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
     Raises
     ------
     InputError
-        Where the log lacks torques or wheel speeds or has them of fewer wheels than the robot, or the limit is none.
+        Where the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
+        free of the ball, or the limit is none.
     """
+    check_wheels_free(log)
     torques, speeds = log.torques, log.wheel_speeds
     if torques.shape[1] != robot.wheel_count or speeds.shape[1] != robot.wheel_count:
         raise InputError(
@@ -192,11 +195,14 @@ def fit_driveline(
     Raises
     ------
     InputError
-        Where the sweep has no piece to compare.
+        Where the sweep has no piece to compare, or tells none of the five.
     """
     pieces = sweep.pieces()
-    if not pieces:
-        raise InputError(f"Wheel {sweep.wheel} is at its speed limit, or the log too short, throughout.")
+    if not any(sweep.speed[first:end].any() for first, end in pieces):
+        raise InputError(
+            f"Wheel {sweep.wheel} rests or is at its speed limit of {sweep.limit:.3g} rad/s, or the log too short, "
+            "throughout."
+        )
     block = np.concatenate([np.arange(a, b) for a, b in pieces]) * sweep.sample_time // _BLOCK
     blocks = np.unique(block, return_inverse=True)[1].astype(np.int64)
 
@@ -224,6 +230,11 @@ def fit_driveline(
     z = np.where(z <= _AT_BOUND, 0.0, np.where(z >= 1.0 - _AT_BOUND, 1.0, z))
     residual = errors(bounds.values(z[None]))[0]
     covariance = _covariance(slopes(z), residual, blocks, z)
+    if np.isnan(covariance).all():
+        raise InputError(
+            f"The sweep of wheel {sweep.wheel} tells none of {', '.join(NAMES)}: all end at a bound, or move nothing; "
+            "sweep slowly, well beyond break-away, or widen the bounds."
+        )
     return _result(
         sweep, pieces, residual, values=bounds.values(z), covariance=covariance, slopes=bounds.slopes(z)
     )
