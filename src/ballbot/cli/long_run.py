@@ -8,8 +8,9 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot.identification.checkpoint import Recall, open_checkpoint
-from ballbot.identification.spread import Spread, Threads
+from ballbot.errors import InputError
+from ballbot.identification.checkpoint import CheckpointError, Recall, open_checkpoint
+from ballbot.identification.spread import Spread, SpreadError, Threads
 
 CHECKPOINT = "checkpoint.jsonl"
 
@@ -31,7 +32,7 @@ def long_run(
     resume: bool,
     cluster: str | None,
 ) -> Iterator[LongRun]:
-    """Keep a checkpoint in the folder while the block runs, and delete it when the block has ended well.
+    """Keep a checkpoint in the folder while the block runs, and delete it when the block has ended well or refused.
 
     Parameters
     ----------
@@ -60,7 +61,17 @@ def long_run(
         on_cluster = ["--cluster", cluster] if cluster else []
         command = shlex.join([*words, *on_cluster, "--resume"])
         raise KeyboardInterrupt(f"interrupted; go on where it stopped with: {command}") from None
+    except InputError as refusal:
+        if not _may_go_on(refusal):
+            checkpoint.remove()
+        raise
     checkpoint.remove()
+
+
+def _may_go_on(refusal: InputError) -> bool:
+    """Return whether the checkpoint is of use after a refusal; an input that is refused would be refused again."""
+    of_a_disk = isinstance(refusal.__context__, OSError)  # the inputs have been read, so that a write failed
+    return of_a_disk or isinstance(refusal, CheckpointError | SpreadError)
 
 
 def _spread(cluster: str | None) -> AbstractContextManager[Spread]:

@@ -35,6 +35,10 @@ _FORMAT = "ballbot checkpoint 1"
 Arrays = tuple[NDArray[np.float64], ...]
 
 
+class CheckpointError(InputError):
+    """A checkpoint that is damaged or another run's; it is its owner's to delete."""
+
+
 class Recall(Protocol):
     """Answers a question, from a checkpoint where the answer is on file."""
 
@@ -80,8 +84,10 @@ class Checkpoint:
 
         Raises
         ------
+        CheckpointError
+            Where the file has an answer to another question in this place, or is damaged.
         InputError
-            Where the file has an answer to another question in this place, is damaged or cannot be written.
+            Where it cannot be written.
         """
         if self._next == len(self._lines):
             arrays = tuple(np.asarray(array, float) for array in answer())
@@ -102,11 +108,11 @@ class Checkpoint:
             same = entry["stage"] == stage and _text(entry["question"]) == _text(_plain(question))
             answered = tuple(_array(one) for one in entry["answer"])
         except (ValueError, KeyError, TypeError):
-            raise InputError(
+            raise CheckpointError(
                 f"{self._path} is damaged at line {self._next + 1}; delete it to begin anew."
             ) from None
         if not same:
-            raise InputError(
+            raise CheckpointError(
                 f"{self._path} cannot be resumed: at line {self._next + 1} the run now asks something else than"
                 " when it was begun; delete it to begin anew."
             )

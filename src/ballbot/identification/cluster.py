@@ -20,9 +20,8 @@ from distributed import Client, Future
 from distributed.client import FutureCancelledError
 from distributed.scheduler import KilledWorker
 
-from ballbot.errors import InputError
 from ballbot.identification.machine import machine
-from ballbot.identification.spread import Piece, Result, Shared
+from ballbot.identification.spread import Piece, Result, Shared, SpreadError
 
 _PATIENCE = 30.0  #: how long a scheduler, and then a first worker, is waited for [s]
 _TASKS_A_THREAD = (
@@ -41,7 +40,7 @@ class Cluster:
 
     Raises
     ------
-    InputError
+    SpreadError
         Where no scheduler answers there, or no worker joins it.
     """
 
@@ -50,7 +49,7 @@ class Cluster:
             self._client = Client(address, timeout=_PATIENCE, set_as_default=False)
             self._client.wait_for_workers(1, timeout=_PATIENCE)
         except (OSError, ValueError, TimeoutError) as error:
-            raise InputError(f"There is no Dask cluster with a worker at {address!r}: {error}.") from None
+            raise SpreadError(f"There is no Dask cluster with a worker at {address!r}: {error}.") from None
         self._address = address
         self._shared: OrderedDict[str, Future] = OrderedDict()
 
@@ -74,7 +73,7 @@ class Cluster:
 
         Raises
         ------
-        InputError
+        SpreadError
             Where a worker's packages or processor are others than here, or the cluster is lost.
         """
         lots = self._lots(pieces)
@@ -86,7 +85,7 @@ class Cluster:
             ]
             done = cast("list[list[Result]]", self._client.gather(futures))
         except (KilledWorker, FutureCancelledError, OSError, TimeoutError) as error:
-            raise InputError(f"The Dask cluster at {self._address!r} was lost: {error}.") from None
+            raise SpreadError(f"The Dask cluster at {self._address!r} was lost: {error}.") from None
         return [result for lot in done for result in lot]
 
     def _lots(self, pieces: Sequence[Piece]) -> list[Sequence[Piece]]:
@@ -120,7 +119,7 @@ def _do(
     differing = [name for name in asked_from if here[name] != asked_from[name]]
     if differing:
         name = differing[0]
-        raise InputError(
+        raise SpreadError(
             f"A worker of the cluster has {name} {here[name]} where this process has {asked_from[name]}; results would"
             " depend on which did what, so use workers that are alike."
         )

@@ -12,9 +12,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from ballbot.errors import InputError
+
 Shared = TypeVar("Shared")
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
+
+
+class SpreadError(InputError):
+    """Workers are not there, not alike or lost; nothing is wrong with the work, which others may go on with."""
 
 
 class Spread(Protocol):

@@ -1,0 +1,80 @@
+"""What a long run leaves in its folder: a checkpoint only where the same command could go on with it."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot import InputError
+from ballbot.cli.long_run import CHECKPOINT, LongRun, long_run
+from ballbot.files import write_text
+from ballbot.identification.spread import SpreadError
+
+ANSWER = np.ones(2)
+
+
+def begin(folder: Path, *, resume: bool, after: Callable[[LongRun], object]) -> None:
+    """Run something that answers one question, and then does what is given."""
+    belongs_to = {"seed": "0"}
+    with long_run(folder, words=["ballbot"], belongs_to=belongs_to, resume=resume, cluster=None) as run:
+        run.recall("search", np.zeros(1), lambda: [ANSWER])
+        after(run)
+
+
+def refuse(_: LongRun) -> None:
+    raise InputError("The log is too short.")
+
+
+def lose_workers(_: LongRun) -> None:
+    raise SpreadError("The cluster was lost.")
+
+
+def ask_something_else(run: LongRun) -> None:
+    run.recall("polish", np.ones(1), lambda: [ANSWER])
+
+
+@pytest.fixture
+def interrupted(tmp_path) -> Path:
+    def interrupt(run: LongRun) -> None:
+        run.recall("search", np.ones(1), lambda: [ANSWER])
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="ballbot --resume"):
+        begin(tmp_path, resume=False, after=interrupt)
+    assert [path.name for path in tmp_path.iterdir()] == [CHECKPOINT]
+    return tmp_path
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_refusal_leaves_nothing_behind(tmp_path, resume):
+    with pytest.raises(InputError, match="too short"):
+        begin(tmp_path, resume=resume, after=refuse)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_refusal_of_a_resumed_run_leaves_nothing_behind(interrupted):
+    with pytest.raises(InputError, match="too short"):
+        begin(interrupted, resume=True, after=refuse)
+    assert not list(interrupted.iterdir())
+
+
+def test_what_was_computed_outlives_its_workers(tmp_path):
+    with pytest.raises(SpreadError):
+        begin(tmp_path, resume=False, after=lose_workers)
+    assert (tmp_path / CHECKPOINT).exists()
+
+
+def test_what_was_computed_outlives_results_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=re.escape("file/results.json cannot be written")):
+        begin(tmp_path, resume=False, after=lambda _: write_text(tmp_path / "file" / "results.json", ""))
+    assert (tmp_path / CHECKPOINT).exists()
+
+
+def test_a_checkpoint_that_does_not_fit_is_its_owners_to_delete(interrupted):
+    kept = (interrupted / CHECKPOINT).read_bytes()
+    with pytest.raises(InputError, match="the run now asks something else"):
+        begin(interrupted, resume=True, after=ask_something_else)
+    assert (interrupted / CHECKPOINT).read_bytes() == kept
