@@ -40,6 +40,7 @@ CAMPAIGNS = {
     "control_parts": "benchmarks.control_parts",
     "control_targets": "benchmarks.control_targets",
     "adaptation": "benchmarks.adaptation",
+    "delay": "benchmarks.delay",
     "feedback_options": "benchmarks.feedback_options",
     "coverage": "benchmarks.coverage",
     "one_axis": "benchmarks.one_axis",

@@ -6,7 +6,7 @@ from ballbot.control.torque_balance import MOST_WHEELS
 from ballbot.mechanics.compiled import called, inlined
 
 #: updates that are remembered
-MOST_PAST = 10
+MOST_PAST = 22
 
 #: what is remembered for each wheel and update: torque given, what compensation added, the torque without what friction
 #: is thought to take, friction that adaptation judges and its rolling part, whether the torque was at its limit

@@ -98,7 +98,7 @@ _COUNT, _WHOLE, _SHARE, _TRANSITION = 0, 1, 2, 3
 def pack_prediction(
     prediction: DelayPrediction | None, wheel_count: int
 ) -> tuple[list[float], NDArray[np.float64]]:
-    """Return what the wheels share (103,) and each wheel's effects (n, 80); all zero where nothing is predicted."""
+    """Return what the wheels share (103,) and each wheel's effects (n, 200); all zero where nothing is predicted."""
     own = np.zeros((wheel_count, PREDICTION_PER_WHEEL))
     if prediction is None:
         return [0.0] * PREDICTION_SIZE, own
