@@ -10,6 +10,7 @@ from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord, inverse_fit
 from ballbot.identification.axis.covariance import clustered_covariance
 from ballbot.identification.axis.filtering import decimated
+from ballbot.identification.axis.inverse import asymmetry_over_time
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
 
 #: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019
@@ -75,6 +76,21 @@ def test_an_axis_that_moves_one_way_is_refused():
     )
     with pytest.raises(InputError, match="both ways"):
         inverse_fit(forwards)
+
+
+def test_an_asymmetry_over_time_takes_parts_that_move_both_ways():
+    assert asymmetry_over_time(simulated_record()).shape == (4, 2)
+    t = 1e-3 * np.arange(20_000)
+    speed = np.sin(2.0 * np.pi * t / 20.0) * (1.5 + np.sin(2.0 * np.pi * t))  # ten seconds forth, ten back
+    strokes = AxisRecord(
+        name="strokes",
+        sample_time=1e-3,
+        force=95.0 * np.gradient(speed, 1e-3) + 200.0 * speed + 20.0 * np.sign(speed),
+        position=1e-3 * np.cumsum(speed),
+    )
+    fit = inverse_fit(strokes, form="asymmetric")  # the whole record tells both directions
+    assert fit.value("viscous_minus") == pytest.approx(200.0, rel=0.01)
+    assert asymmetry_over_time(strokes).shape == (0, 2)
 
 
 def test_a_bandwidth_beyond_the_sampling_is_refused():

@@ -102,7 +102,10 @@ def inverse_fit(record: AxisRecord, *, form: Form = "coulomb", bandwidth: float 
 
 
 def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.float64]:
-    """Return (F_v- - F_v+)/2 of equal parts of the record, (parts, 2): value and clustered standard error."""
+    """Return (F_v- - F_v+)/2 of equal parts of the record, (parts, 2): value and clustered standard error.
+
+    Empty, (0, 2), where a part moves one way only, as between the ends of a long stroke, and so cannot tell.
+    """
     edges = np.linspace(0, len(record), parts + 1).astype(int)
     rows = []
     for first, last in pairwise(edges):
@@ -113,7 +116,10 @@ def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.flo
             position=record.position[first:last],
             unit=record.unit,
         )
-        fit = inverse_fit(part, form="asymmetric")
+        try:
+            fit = inverse_fit(part, form="asymmetric")
+        except InputError:
+            return np.empty((0, 2))
         error = np.hypot(
             *fit.clustered_errors[[fit.names.index("viscous_plus"), fit.names.index("viscous_minus")]]
         )

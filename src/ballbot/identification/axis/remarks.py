@@ -50,19 +50,25 @@ def _asymmetry(
     verdict = next(one for one in ladder if not one.rung.symmetric)
     if not verdict.earned or not rung.symmetric:
         return []
+    over_time = _over_time(asymmetry, PARAMETERS["viscous"].unit_for(record.unit)) if len(asymmetry) else ""
+    return [
+        f"The asymmetric law predicts other windows of this record with {1e2 * verdict.gain:.0f} % less squared "
+        f"error, yet it is not taken: {over_time}whether it is the machine's own or this run's (temperature, supply) "
+        "only another record can show. Hold one against it, or ask for --law asymmetric."
+    ]
+
+
+def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
+    """Return how the asymmetry (parts, 2) goes from the record's start to its end."""
     (first, first_error), (last, last_error) = asymmetry[0], asymmetry[-1]
     apart = abs(last - first) / np.hypot(first_error, last_error)
     moving = (
         f", and it changes within the record (by {apart:.1f} standard errors)" if apart > _DIFFERENT else ""
     )
-    unit = PARAMETERS["viscous"].unit_for(record.unit)
-    return [
-        f"The asymmetric law predicts other windows of this record with {1e2 * verdict.gain:.0f} % less squared "
-        f"error, yet it is not taken: half the difference of the viscous coefficients is {first:.3g} +- "
-        f"{first_error:.2g} {unit} at the start and {last:.3g} +- {last_error:.2g} at the end{moving}; whether it is "
-        "the machine's own or this run's (temperature, supply) only another record can show. Hold one against it, "
-        "or ask for --law asymmetric."
-    ]
+    return (
+        f"half the difference of the viscous coefficients is {first:.3g} +- {first_error:.2g} {unit} at the start and "
+        f"{last:.3g} +- {last_error:.2g} at the end{moving}; "
+    )
 
 
 def _open_parameters(best: Estimate) -> list[str]:

@@ -58,7 +58,7 @@ class AxisIdentification:
     rungs: dict[str, Estimate]  #: every law by output error in open loop
     asymmetry: NDArray[
         np.float64
-    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors
+    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none where a part cannot tell
     remarks: tuple[str, ...]
 
     def estimate(self, method: str) -> Estimate:
