@@ -133,8 +133,23 @@ def test_a_folder_that_is_a_file(tmp_path, capsys):
     path.write_text("in the way")
     log = tmp_path / "log.csv"
     log.write_text(GOOD_LOG)
-    for command in (["study", "alten"], ["check-log"]):
-        assert "out" in sentence_of(capsys, *command, str(log), "--out", str(path))
+    for command in (["study", "alten", str(log)], ["check-log", str(log)], ["record", "ideal"]):
+        assert "out" in sentence_of(capsys, *command, "--out", str(path))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["record", "ideal", "--duration", "1"],
+        ["validate", "rezero", "log.csv"],
+        ["design", "alten", "--robust", "--robots", "10", "--fresh", "10"],
+    ],
+)
+def test_a_seed_that_is_none(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.csv").write_text(GOOD_LOG)
+    assert "The seed is -1" in sentence_of(capsys, *command, "--seed", "-1", "--out", "out")
+    assert not list(tmp_path.glob("out/*"))
 
 
 @given(st.binary(max_size=400))

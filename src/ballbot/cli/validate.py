@@ -26,6 +26,7 @@ from ballbot.report.tables import digits
 from ballbot.report.validation_page import validation_report
 from ballbot.report.validation_results import validation_results
 from ballbot.robot import Robot
+from ballbot.seeds import check_seed
 from ballbot.validation import (
     ErrorPair,
     ModelPair,
@@ -78,6 +79,7 @@ def validate(
     seed
         Of the noise drawn for the noise floors.
     """
+    check_seed(seed)
     models = _models(robot, against, formulation)
     described = models.first.model.robot
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}

@@ -12,8 +12,8 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
 from ballbot.identification.checkpoint import Recall, afresh
+from ballbot.seeds import check_seed
 
 #: the search ends early where this many generations together gain less than `LEAST_GAIN`; a polish follows
 PATIENCE = 25
@@ -26,18 +26,6 @@ class Evolved:
 
     best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
     history: tuple[float, ...]  #: best cost after each generation
-
-
-def check_seed(seed: int) -> None:
-    """Refuse what cannot seed all of an identification's random numbers.
-
-    Raises
-    ------
-    InputError
-        Where it is none.
-    """
-    if not 0 <= seed < 2**32:
-        raise InputError(f"The seed is {seed}; it must be a whole number from 0 to {2**32 - 1}.")
 
 
 def evolve(

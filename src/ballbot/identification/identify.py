@@ -18,7 +18,7 @@ from ballbot.identification.back_emf import standstill_torques
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates, scale_between
-from ballbot.identification.evolution import Evolved, check_seed
+from ballbot.identification.evolution import Evolved
 from ballbot.identification.found_robot import found_robot
 from ballbot.identification.heading_words import heading_remarks, share_shown
 from ballbot.identification.laws import LawName, bounds_of, law_named
@@ -36,7 +36,7 @@ from ballbot.identification.remarks import (
     prediction_remarks,
     ridge_remarks,
 )
-from ballbot.identification.result import Identification
+from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.spread import Spread, Threads
 from ballbot.identification.stages import (
     Effort,
@@ -52,9 +52,12 @@ from ballbot.identification.stages import (
     states_counted,
 )
 from ballbot.identification.sweep import SweepFriction, Told, told_together
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names
+from ballbot.log.spikes import spiked_rows
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
+from ballbot.seeds import check_seed
 
 
 def identify(
@@ -246,33 +249,53 @@ def _result(
         polish_cost=estimate.polished.history,
         warnings=(
             *_log_remarks(predictor, logs, left_out),
-            *prepared.excitation.remarks,
-            *influence_remarks(coordinates, values, estimate.no_influence),
-            *bound_remarks(coordinates, values, _at_bounds(coordinates, estimate)),
-            *error_remarks(coordinates, sure.scaled_errors),
-            *interval_remarks(sure.intervals),
-            *dict.fromkeys(
-                (
-                    *correlation_remarks(coordinates.labels, sure.correlation),
-                    *ridge_remarks(coordinates.labels, sure.correlation),
-                )
-            ),
-            *prediction_remarks(held_out.ratios),
+            *_remarks(prepared, estimate, told, held_out),
             *told.remarks,
         ),
     )
 
 
+def _remarks(prepared: Prepared, estimate: Estimate, told: Told, held_out: WindowErrors) -> list[str]:
+    """Return what to know of the numbers, in sentences."""
+    coordinates, sure = prepared.problem.coordinates, told.uncertainty
+    apart = (
+        *correlation_remarks(coordinates.labels, sure.correlation),
+        *ridge_remarks(coordinates.labels, sure.correlation),
+    )
+    return [
+        *prepared.excitation.remarks,
+        *influence_remarks(coordinates, told.values, estimate.no_influence),
+        *bound_remarks(coordinates, told.values, _at_bounds(coordinates, estimate)),
+        *error_remarks(coordinates, sure.scaled_errors),
+        *interval_remarks(sure.intervals),
+        *dict.fromkeys(apart),
+        *prediction_remarks(held_out.ratios),
+    ]
+
+
 def _log_remarks(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[str]:
-    """Return what the logs themselves show that the model does not have: play, and a ball that pivots."""
+    """Return what the logs themselves show that the model does not have: spoilt rows, play, and a ball that pivots."""
     robot = predictor.robot
     found = [chatter(log, robot) for log in logs]
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
     shares = [share_shown(log, robot) for log, one in zip(logs, found, strict=True) if not one.matters]
     return [
+        *filter(None, (_spoilt(log, robot, name) for log, name in zip(logs, names, strict=True))),
         *(chatter_remark(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
         *heading_remarks(shares, left_out=left_out, sought=predictor.layout.extra),
     ]
+
+
+def _spoilt(log: Log, robot: Robot, name: str) -> str:
+    """Return what to say of a log's spoilt rows; nothing where there is none."""
+    rows = np.flatnonzero(spiked_rows(log, (*STATE_NAMES, *torque_names(robot.wheel_count))))
+    if not rows.size:
+        return ""
+    count = "one row is" if rows.size == 1 else f"{rows.size} rows are"
+    return (
+        f"In {name} {count} spoilt, the first at t = {log.t[rows[0]]:.6g} s: windows with it are left out; "
+        "`ballbot check-log` says which columns."
+    )
 
 
 def _at_bounds(coordinates: Coordinates, estimate: Estimate) -> NDArray[np.bool_]:

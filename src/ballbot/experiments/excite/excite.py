@@ -20,9 +20,9 @@ from ballbot.experiments.excite.task import Law, Run, Task, run, task
 from ballbot.experiments.excite.trial import Trial, follow_on_twin, try_reference
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.checkpoint import Recall, afresh
-from ballbot.identification.evolution import check_seed
 from ballbot.log import Log
 from ballbot.robot import Robot
+from ballbot.seeds import check_seed
 from ballbot.twin.scenario import Scenario
 
 #: the square that the design is held against: its side [m], where the floor has room for it, and its period [s]

@@ -22,6 +22,7 @@ from ballbot.experiments.robust_design.perturbed import Spread, draw_perturbed
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.evolution import evolve
 from ballbot.robot import Robot
+from ballbot.seeds import check_seed
 
 #: places of the state that share a weight
 GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
@@ -39,7 +40,7 @@ class Effort:
     Raises
     ------
     InputError
-        Where a number is not at least one, or a population not at least three.
+        Where a number is smaller than the search or the comparison takes.
     """
 
     robots: int = 1000  #: perturbed robots that judge every candidate
@@ -48,7 +49,7 @@ class Effort:
     fresh: int = 2000  #: other robots on which what was found is compared
 
     def __post_init__(self) -> None:
-        for name, least in (("robots", 10), ("generations", 1), ("population", 3), ("fresh", 10)):
+        for name, least in (("robots", 10), ("generations", 1), ("population", 4), ("fresh", 10)):
             if getattr(self, name) < least:
                 raise InputError(
                     f"The number of {name} is {getattr(self, name)}; it must be at least {least}."
@@ -141,8 +142,9 @@ def robust_design(
     Raises
     ------
     InputError
-        Where the nominal gain falls with half of the perturbed robots.
+        Where the nominal gain falls with half of the perturbed robots, or the seed is none.
     """
+    check_seed(seed)
     note = tell or (lambda _share, _note: None)
     judges = draw_perturbed(robot, effort.robots, spread=spread, seed=seed)
 

@@ -18,7 +18,7 @@ from ballbot.errors import InputError
 from ballbot.identification.bounds import Bounds
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates, scale_between
-from ballbot.identification.evolution import check_seed, evolve
+from ballbot.identification.evolution import evolve
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.found_robot import found_robot
 from ballbot.identification.problem import DIFFERENCE, NormalEquations
@@ -36,6 +36,7 @@ from ballbot.identification.upside_down.windows import BallWindows, cut_ball_win
 from ballbot.identification.windows import split
 from ballbot.log import Log
 from ballbot.robot import Friction, Robot
+from ballbot.seeds import check_seed
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 
 #: longest inner step [s] of the evolution, and of the rest
