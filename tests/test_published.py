@@ -12,6 +12,7 @@ import pytest
 
 from ballbot.control.controller import Controller
 from ballbot.experiments.published import others, thesis, thesis_page
+from ballbot.experiments.published.__main__ import main
 from ballbot.experiments.published.entry import Entry, entry_table
 from ballbot.experiments.published.linear import mixture_model, unstable_poles
 from ballbot.experiments.published.page import published_page
@@ -150,6 +151,15 @@ def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
 # --- the page -------------------------------------------------------------------------------------
 
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
+
+
+def test_a_page_that_cannot_be_written_is_told_in_a_sentence(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("ballbot.experiments.published.page.published_page", lambda **_: "a page")
+    (tmp_path / "file").touch()
+    assert main(out=tmp_path / "file" / "page.md") == 2
+    assert capsys.readouterr().err.startswith("ballbot: ")
+    assert main(out=tmp_path / "page.md") == 0
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == "a page"
 
 
 @pytest.mark.slow

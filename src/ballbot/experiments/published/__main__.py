@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from cyclopts import run
 from rich.progress import Progress
 
+from ballbot.errors import InputError
 from ballbot.experiments.published.page import write_published_page
 
 
-def main(*, out: Path = Path("docs/published_models.md")) -> None:
+def main(*, out: Path = Path("docs/published_models.md")) -> int:
     """Compute the page on published models.
 
     Example: python -m ballbot.experiments.published --out docs/published_models.md
@@ -20,10 +22,15 @@ def main(*, out: Path = Path("docs/published_models.md")) -> None:
     out
         The Markdown file to write.
     """
-    with Progress(transient=True) as bar:
-        task = bar.add_task("published models", total=1.0)
-        write_published_page(out, progress=lambda share: bar.update(task, completed=share))
+    try:
+        with Progress(transient=True) as bar:
+            task = bar.add_task("published models", total=1.0)
+            write_published_page(out, progress=lambda share: bar.update(task, completed=share))
+    except InputError as error:
+        print(f"ballbot: {error}", file=sys.stderr)
+        return 2
     print(out)
+    return 0
 
 
 if __name__ == "__main__":

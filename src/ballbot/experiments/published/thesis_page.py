@@ -49,13 +49,16 @@ _FIRST_WHEEL = {"y": 1, "theta": 2, "psi": 4, "y_dot": 6, "theta_dot": 7, "psi_d
 def section(robot: Robot, *, progress: Callable[[float], None] | None = None) -> str:
     """Return the source's part of the page, computed; some tens of seconds, most of them to derive the mixtures."""
     frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
-    body, ball, wheels = robot.body, robot.ball, robot.wheels
-    tracks = _tracks(frictionless)
-    heading = np.divide(*(Model(frictionless, name).linearize().B[9, 0] for name in _FORMULATIONS))
     found = mixture_outcomes(frictionless, progress=progress)
-    thesis_pole, exact_pole = (
-        unstable_poles(Model(frictionless, name).linearize())[0] for name in _FORMULATIONS
-    )
+    parts = [_model_part(frictionless), _gain_part(frictionless), _blame_part(frictionless, found)]
+    return "\n".join(parts)
+
+
+def _model_part(robot: Robot) -> str:
+    """Return what the source does and what becomes of its linear model, of the robot without friction."""
+    body, ball, wheels = robot.body, robot.ball, robot.wheels
+    heading = np.divide(*(Model(robot, name).linearize().B[9, 0] for name in _FORMULATIONS))
+    thesis_pole, exact_pole = (unstable_poles(Model(robot, name).linearize())[0] for name in _FORMULATIONS)
     return f"""\
 ## The thesis (ALTEN's ball-balancing robot)
 
@@ -72,18 +75,24 @@ makes the body's torque (r_b + r_w)/r_b = {1.0 + wheels.radius / ball.radius:.3f
 **How it is switched on.** `Model(robot, formulation="thesis")`; any mixture by
 `ballbot.mechanics.symbolic.equations(robot, Corrections(...))`.
 
-{_model_table(frictionless)}
+{_model_table(robot)}
 
 The printed model falls with {thesis_pole:.3f} rad/s where the robot falls with {exact_pole:.3f}, that is
 {exact_pole / thesis_pole:.2f} times too slowly. Its torques turn the heading {heading:.2f} times too fast.
+"""
 
+
+def _gain_part(robot: Robot) -> str:
+    """Return the gains and how they track, of the robot without friction."""
+    tracks = _tracks(robot)
+    return f"""\
 ### Gains
 
 LQR with the nominal scenario's weights (design section 11), sampled at {1e3 * robot.sensors.sample_time:g} ms. The
 first wheel's row has all that is to be known of a symmetric robot. The poles are those of either gain on the exact
 model [rad/s].
 
-{_gain_table(frictionless)}
+{_gain_table(robot)}
 
 ### Closed-loop tracking
 
@@ -95,10 +104,15 @@ the corner over its last {SETTLED:g} s. The friction is the nominal scenario's, 
 On its own model the thesis's gain leaves {1e3 * tracks["thesis", "thesis"].settled_error:.1f} mm, on the exact one
 {1e3 * tracks["thesis", "exact"].settled_error:.1f} mm, where the exact model's gain leaves
 {1e3 * tracks["exact", "exact"].settled_error:.1f} mm. With friction it is the friction that decides what is left.
+"""
 
+
+def _blame_part(robot: Robot, found: Mapping[Mixture, Outcome]) -> str:
+    """Return which approximation causes how much, of the robot without friction."""
+    return f"""\
 ### Which approximation causes how much
 
-{_share_table(frictionless, found)}
+{_share_table(robot, found)}
 
 A share is what the correction changes, averaged over all orders of making the corrections, so that the shares add up to
 the difference. Tracking is of the gain on the exact model without friction.
@@ -106,7 +120,7 @@ the difference. Tracking is of the gain on the exact model without friction.
 One by one, on the unstable pole and away from rest. The last column is how far the exact model's accelerations are off,
 root mean square over random states of motion, where this one correction is not made.
 
-{_single_table(frictionless, found)}
+{_single_table(robot, found)}
 """
 
 
