@@ -8,7 +8,15 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, FiniteFloat, NonNegativeFloat, PositiveFloat, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    NonNegativeFloat,
+    PositiveFloat,
+    ValidationError,
+)
 from pydantic_core import ErrorDetails
 
 from ballbot.control.reference_file import is_file
@@ -23,6 +31,8 @@ PlantName = Literal["model", "twin"]
 #: the set that is these sets together
 LEAGUE = "league"
 _IN_LEAGUE = ("motions", "disturbances")
+#: a course lasts at most a day [s]: the log of a longer one would not fit into memory
+_LONGEST = 86400.0
 
 _Tables = Mapping[str, Mapping[str, object]]
 
@@ -44,7 +54,7 @@ class CourseTable(_Table):
 
     about: str = ""
     reference: str | dict[str, FiniteFloat | str]
-    duration: PositiveFloat
+    duration: float = Field(gt=0.0, le=_LONGEST)
     settle: NonNegativeFloat = SETTLE
     unlike: UnlikeTable = UnlikeTable()
     scenario: dict[str, object] = {}
