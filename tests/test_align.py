@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.twin.motion_capture import MotionCapture
@@ -195,6 +196,26 @@ def test_without_a_gyro_the_angles_tell_and_without_angles_the_gyro_does():
     assert by_angles.sensors is not None
     assert by_angles.sensors.position is None
     assert by_gyro.frame is None
+
+
+@pytest.mark.parametrize(
+    ("told", "seen", "figures"),
+    [
+        (("gyro_x", "gyro_y", "gyro_z"), ("x", "y", "z"), 0),
+        (("theta", "phi", "psi"), ("x", "y", "z"), 2),
+        (("theta", "phi", "psi", "x", "y"), (), 2),
+        (("theta", "phi", "psi", "x", "y"), ("x", "y", "z"), 4),
+    ],
+)
+def test_the_command_makes_a_page_of_whatever_there_is(tmp_path, capsys, told, seen, figures):
+    log, film = record(Setup(duration=20.0))
+    Log({name: log[name] for name in ("t", *told)}).write(tmp_path / "log.csv")
+    Log({name: film[name] for name in ("t", "qw", "qx", "qy", "qz", *seen)}).write(tmp_path / "film.csv")
+    files = [str(tmp_path / "log.csv"), str(tmp_path / "film.csv")]
+    assert main(["align", *files, "--out", str(tmp_path / "out")]) == 0
+    assert "clock" in capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == figures
 
 
 def test_a_body_that_turns_about_one_axis_leaves_the_marker_frame_untold():

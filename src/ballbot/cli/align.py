@@ -48,15 +48,15 @@ def align(log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None) 
             alignment = align_log(run, film)
         except InputError as error:
             raise InputError(f"{log} and {mocap}: {error}") from None
-    alignment.log.write(folder / "aligned.csv")
     results = alignment_results(alignment)
-    write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))
     page = alignment_report(
         alignment,
         title=f"{log.stem}: sensors against motion capture",
         lead=f"On {log.name} and {mocap.name}.",
         made=made,
     )
+    alignment.log.write(folder / "aligned.csv")
+    write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))
     write_text(folder / "report.html", page)
     if alignment.sensors is not None:
         headings = ("", "unit", "RMS", "largest", "drift a minute", "RMS about it", "late by [ms]")

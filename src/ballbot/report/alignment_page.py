@@ -25,13 +25,16 @@ from ballbot.validation.alignment import Alignment, SensorErrors, alignment_find
 def alignment_report(alignment: Alignment, *, title: str, lead: str, made: Provenance) -> str:
     """Return the page."""
     verdict, *others = (with_symbols(sentence) for sentence in alignment_findings(alignment))
-    draws = {}
-    if alignment.sensors is not None:
-        draws = {"orientation": orientation_figure, "orientation_error": orientation_error_figure}
-        if alignment.sensors.position is not None:
-            draws |= {"position": position_figure, "position_error": position_error_figure}
+    has_angles = alignment.sensors is not None
+    has_place = alignment.sensors is not None and alignment.sensors.position is not None
+    draws = {
+        "orientation": orientation_figure if has_angles else None,
+        "orientation_error": orientation_error_figure if has_angles else None,
+        "position": position_figure if has_place else None,
+        "position_error": position_error_figure if has_place else None,
+    }
     figures = {
-        name: figure_markup(drawn(partial(draw, alignment), name=name.replace("_", "-")))
+        name: figure_markup(drawn(partial(draw, alignment), name=name.replace("_", "-"))) if draw else None
         for name, draw in draws.items()
     }
     values: dict[str, object] = {
