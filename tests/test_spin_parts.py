@@ -153,6 +153,16 @@ def test_a_frame_shows_the_seam_where_the_curve_projects_to():
     assert (off > 0.1) == (frame[60, 104, 2] < frame[60, 104, 0])
 
 
+@pytest.mark.parametrize("seed", [2**31 - 1, 2**31, 2**32 - 1])
+def test_every_seed_that_a_command_takes_has_its_frames(seed):
+    motion = motion_of(np.linspace(-0.1, 0.2, 301), np.tile([2.0, -3.0, 1.0], (301, 1)))
+    drawn, again, other = (
+        next(render(Scene(camera=SMALL), motion, duration=0.1, seed=one)) for one in (seed, seed, 7)
+    )
+    np.testing.assert_array_equal(drawn, again)
+    assert not np.array_equal(drawn, other)
+
+
 def test_frame_times_are_even_where_a_container_rounded_them():
     k = np.arange(200)
     np.testing.assert_allclose(

@@ -67,7 +67,7 @@ def render(scene: Scene, motion: Motion, *, duration: float, seed: int = 0) -> I
     canvas = _canvas(scene)
     count = len(canvas.rays)
     rng = np.random.default_rng(seed)
-    cv2.setRNGSeed(seed)
+    cv2.setRNGSeed(seed % 2**31)  # OpenCV takes a signed integer of 32 bits
     order = rng.permutation(count)  # so that places within a pixel do not go with instants
     for frame in range(round(duration * camera.frame_rate)):
         middle = frame / camera.frame_rate
