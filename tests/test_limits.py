@@ -283,7 +283,7 @@ def test_limits_are_found_and_drawn(tmp_path, capsys):
     [
         (["--grip", "0"], "--grip is 0"),
         (["--refinements", "7"], "--refinements is 7"),
-        (["--twin", "--seed", "-1"], "--seed is -1"),
+        (["--twin", "--seed", "-1"], "The seed is -1"),
         (["--twin", "--scenario", "storm"], "no scenario or scenario file 'storm'"),
         ([f"{letter}=none" for letter in "abcdefg"], "There are 7 controllers"),
     ],

@@ -252,5 +252,5 @@ def test_a_seed_below_zero_is_refused_before_any_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["reproduce", "--out", str(tmp_path / "out"), "--seed", "-1"]) == 2
-    assert "--seed is -1" in capsys.readouterr().err
+    assert "The seed is -1" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -30,6 +30,7 @@ from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
+from ballbot.seeds import check_seed
 
 if TYPE_CHECKING:  # MuJoCo is an extra
     from ballbot.twin import Scenario
@@ -131,8 +132,7 @@ def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> Non
         )
     if not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InputError(f"--refinements is {refinements}; it must be 0 to {_MOST_REFINEMENTS}.")
-    if seed < 0:
-        raise InputError(f"--seed is {seed}; it must be zero or more.")
+    check_seed(seed)
 
 
 def origins(robot: str, entrants: Sequence[Entrant], scenario: str) -> list[Path]:

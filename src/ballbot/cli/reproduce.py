@@ -6,9 +6,9 @@ import shlex
 from pathlib import Path
 
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.errors import InputError
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import check_folder
+from ballbot.seeds import check_seed
 
 #: share of the work that is done when drawing begins
 _MEASURED = 0.9
@@ -29,8 +29,7 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
     seed
         Of all that is random.
     """
-    if seed < 0:
-        raise InputError(f"--seed is {seed}; it must be zero or more.")
+    check_seed(seed)
     # imported late: the twin and the vision are extras
     from ballbot.experiments.reproduce import reproduce as remake
     from ballbot.report.reproduce.page import write_reproduction
