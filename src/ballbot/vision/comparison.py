@@ -157,9 +157,7 @@ def _best(logged: Turning, seen: Turning) -> MotionFit:
 def _fit(logged: Turning, seen: Turning, clock: Clock) -> MotionFit | None:
     """Return the fit that starts from a clock; None where they share too little under it, or it runs away."""
     try:
-        # a clock that runs off the log leaves nothing to fit, and steps without bound
-        with np.errstate(over="ignore", invalid="ignore"):
-            fit = fit_motion(logged, seen, clock, wahba(logged, seen, clock))
-    except ValueError:  # InputError is one, and what SciPy says of a rotation that is no number
+        fit = fit_motion(logged, seen, clock, wahba(logged, seen, clock))
+    except InputError:
         return None
     return fit if math.isfinite(fit.error) else None

@@ -32,6 +32,10 @@ _TUNING = 2.5
 NOT_TOLD = 0.1
 
 
+#: a step beyond this [s, rad, rad/s] leads nowhere
+_LARGEST_STEP = 1e3
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionFit:
     """The clock and the rotation, with 95 % half widths by blocks of time."""
@@ -88,7 +92,7 @@ def fit_motion(log: Turning, cameras: Turning, clock: Clock, body_marker: Rotati
     Raises
     ------
     InputError
-        Where there are too few increments that both have.
+        Where there are too few increments that both have, or the fit runs away from the start.
     """
     increments = _cut(log, cameras, clock, None)
     middle = float(np.mean(clock.to_log(increments.start)))
@@ -99,7 +103,13 @@ def fit_motion(log: Turning, cameras: Turning, clock: Clock, body_marker: Rotati
         size = np.linalg.norm(residuals, axis=1)
         scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
         weights = np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
-        step = _solved(J, residuals, weights)[0]
+        # from a start that is none the clock runs off the log, where nothing turns and steps have no bound
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = _solved(J, residuals, weights)[0]
+        if not np.abs(step).max() < _LARGEST_STEP:
+            raise InputError(
+                "Log and motion capture do not turn alike: near that start, no clock makes them."
+            )
         clock = _moved(clock, step[0], step[1], middle)
         body_marker = Rotation.from_rotvec(step[2:5]) * body_marker
         bias = bias + step[5:]
