@@ -2,7 +2,8 @@
 
 An unstable plant's open-loop prediction means something for a fraction of a second only. A window of m samples
 starts at row k: the torques are rows k .. k + m - 1, held as a log says, and states k + 1 .. k + m are compared.
-Windows with a missing value, an uneven sampling interval or a lean past recovery are left out.
+Windows with a missing value or a spoilt one (`ballbot.log.spikes`), an uneven sampling interval or a lean past recovery
+are left out.
 
 The start is the measured state as it is. Smoothing it over 35 to 75 ms, which looks ahead, was tried on logs
 with encoder counts and gearbox play: no state's error on other windows changed by more than 1 %.
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
+from ballbot.log.spikes import spiked_rows
 
 #: a sampling interval may differ from the median one by this share of it
 LARGEST_JITTER = 0.1
@@ -208,8 +210,9 @@ def _cut(
 def _even_runs(
     log: Log, states: NDArray[np.float64], torques: NDArray[np.float64]
 ) -> Iterator[tuple[int, int]]:
-    """Yield (first, end) of the longest runs of complete rows at even intervals."""
+    """Yield (first, end) of the longest runs of complete rows, none of them spoilt, at even intervals."""
     complete = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(torques), axis=1)
+    complete &= ~spiked_rows(log, (*STATE_NAMES, *torque_names(torques.shape[1])))
     usable = complete & np.all(np.abs(states[:, _LEANS]) < LARGEST_LEAN, axis=1)
     even: NDArray[np.bool_] = np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
     follows = usable[1:] & usable[:-1] & even

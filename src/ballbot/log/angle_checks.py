@@ -72,8 +72,7 @@ def check_gyro(log: Log) -> list[Finding]:
 
 
 def check_lean(log: Log) -> list[Finding]:
-    """Return an error for a lean in degrees, or a warning for a fall, by how often and how far the lean is "
-    "lost."""
+    """Return an error for a lean in degrees, or a warning for a fall, by how often and how far the lean is lost."""
     if not {"theta", "phi"} <= set(log.names):
         return []
     lean = np.nan_to_num(
@@ -169,8 +168,7 @@ def _verdict(name: str, other: str, found: Agreement, *, what: str, reference: s
 
 
 def _excursions(lean: NDArray[np.float64]) -> list[int]:
-    """Return the rows where the lean passes `LOST_LEAN`, each counted once until it is below "
-    "`RECOVERED_LEAN`."""
+    """Return the rows where the lean passes `LOST_LEAN`, each counted once until it is below `RECOVERED_LEAN`."""
     starts: list[int] = []
     k = 0
     while k < len(lean):

@@ -11,6 +11,7 @@ from ballbot.log.disturbance_check import check_disturbance
 from ballbot.log.findings import Finding
 from ballbot.log.kinematic_check import check_wheels
 from ballbot.log.log import Log
+from ballbot.log.spikes import check_spikes
 from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values, check_rows
 from ballbot.log.value_checks import (
     check_constant,
@@ -41,6 +42,7 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         *check_gaps(log),
         *check_jitter(log),
         *check_missing_values(log),
+        *check_spikes(log),
         *check_rates(log),
         *check_gyro(log),
         *check_lean(log),

@@ -38,8 +38,7 @@ class WheelAgreement:
 
 
 def wheel_speeds_of_states(states: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
-    """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without "
-    "slip."""
+    """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without slip."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     theta, phi, psi = states[:, 2], states[:, 3], states[:, 4]
@@ -90,8 +89,7 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
 
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
-    """Return what is wrong with the wheels' columns for this robot: order, sign, gain, or that nothing can "
-    "be said."""
+    """Return what is wrong with the wheels' columns for this robot: order, sign, gain, or that nothing can be said."""
     columns = wheel_speed_names(robot.wheel_count)
     found = wheel_agreement(log, robot)
     if found is None:
@@ -126,8 +124,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
 
 
 def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
-    """Return, for each wheel of the robot, which logged column fits; the columns' own order where none is "
-    "clearer."""
+    """Return, for each wheel of the robot, which logged column fits; the columns' own order where none is clearer."""
     n = len(correlation)
     size = np.abs(correlation)
     own = tuple(range(n))

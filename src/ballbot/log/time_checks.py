@@ -1,5 +1,4 @@
-"""Checks of a log's time and of cells without a value. (Time that does not increase makes no `Log` at "
-"all.)"""
+"""Checks of a log's time and of cells without a value. (Time that does not increase makes no `Log` at all.)"""
 
 import numpy as np
 

@@ -16,6 +16,7 @@ from ballbot.errors import InputError
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time
 from ballbot.log import Log
 from ballbot.log.columns import torque_names
+from ballbot.log.spikes import spiked_rows
 
 BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 
@@ -92,6 +93,7 @@ def _cut(
     torques = np.column_stack([log[name] for name in torque_names(wheel_count)])
     omegas = np.column_stack([log[name] for name in BALL_NAMES])
     whole = np.asarray(np.isfinite(np.hstack([torques, omegas])).all(axis=1))
+    whole &= ~spiked_rows(log, (*torque_names(wheel_count), *BALL_NAMES))
     even = np.asarray(np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time)
     starts = [
         k
