@@ -11,7 +11,7 @@ demo: .venv/.demo  ## record a balancing robot on the twin, then study its logs
 
 test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not slow" -n auto
-	$(BIN)/python -m pytest -m slow -n auto
+	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
 
 bench: .venv/.bench  ## timings against peers, into benchmarks/README.md
 	$(BIN)/python -m benchmarks.run

@@ -116,12 +116,12 @@ def equations(robot: Robot, formulation: Formulation | Corrections = "exact") ->
     return Equations(robot=robot, corrections=corrections)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _derivation(wheel_count: int, corrections: Corrections) -> Derivation:
     return derive(wheel_count, corrections)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _functions(wheel_count: int, corrections: Corrections) -> _Functions:
     d = _derivation(wheel_count, corrections)
     arguments = _lambda_arguments(d)
