@@ -10,6 +10,7 @@ from control_examples import FRICTION, alten, four_wheeled
 from identification_examples import NOISE, Dying, balancing_log, noisy
 
 from ballbot import Controller, Log, Model, identify, simulate
+from ballbot.cli.excite_tables import gain_words
 from ballbot.cli.main import main
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.reference_file import sampled
@@ -215,13 +216,23 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
     assert results["limits_held_on_twin"] is None
     for name in ("run.svg", "errors.svg"):
         assert (tmp_path / "out" / name).read_text().startswith("<svg")
-    assert "worst, % of bounds" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "worst, % of bounds" in told
+    assert (
+        f"{results['expected']['square']['worst'] / scaled.max():.1f} times smaller than a square's" in told
+    )
     out = tmp_path / "out"
     follow = ["--reference", str(out / "reference.csv"), "--controller", str(out / "controller.toml")]
     assert main(["simulate", "alten", *follow, "--duration", "10", "--out", str(tmp_path / "run")]) == 0
     log = Log.read(tmp_path / "run" / "log.csv")
     reference = Log.read(out / "reference.csv")
     assert (log["ref_x"] == reference["ref_x"]).all()
+
+
+def test_a_design_that_a_square_beats_is_not_praised():
+    assert "4.0 times a square's, so that the square tells more" in gain_words(0.25)
+    assert "4.0 times smaller than a square's" in gain_words(4.0)
+    assert "leaves parameters untold" in gain_words(math.inf)
 
 
 @pytest.mark.slow

@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 from rich.console import Console
 
 from ballbot.cli.excite_tables import errors_table, limits_table, verdict
-from ballbot.cli.long_run import long_run
-from ballbot.cli.output import progress_bar, standard_output
+from ballbot.cli.long_run import LongRun, long_run
+from ballbot.cli.output import Bar, progress_bar, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.nominal import nominal_controller
@@ -21,7 +24,7 @@ from ballbot.control.reference_file import write_reference
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
 from ballbot.files import write_text
-from ballbot.identification import read_bounds
+from ballbot.identification import Bounds, read_bounds
 from ballbot.identification.checkpoint import digest, identity
 from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
 from ballbot.report.provenance import Provenance, provenance
@@ -100,61 +103,145 @@ def excite(
         The folder to write into.
     """
     described = Robot.load(robot)
+    asked = _Asked(
+        robot=robot,
+        duration=duration,
+        limits=Limits(
+            lean=math.radians(lean),
+            floor=floor,
+            torque=0.5 * described.drive.torque_limit if torque is None else torque,
+        ),
+        lean=lean,
+        controller=controller,
+        found=found,
+        on_twin=on_twin,
+        scenario=scenario,
+        law=law,
+        bounds=bounds,
+        window=window,
+        effort=Effort(generations=generations, population=population),
+        seed=seed,
+        out=out,
+    )
     chosen = read_controller(controller, described) if controller else nominal_controller(described)
-    limits = Limits(
-        lean=math.radians(lean),
-        floor=floor,
-        torque=0.5 * described.drive.torque_limit if torque is None else torque,
+    read = _Read(
+        robot=described,
+        controller=chosen,
+        scenario=Scenario.load(scenario, described),
+        bounds=read_bounds(bounds) if bounds else None,
+        deviations=deviations_found(found) if found else None,
     )
     folder, console = check_folder(out), standard_output()
-    faults, within = Scenario.load(scenario, described), read_bounds(bounds) if bounds else None
-    deviations = deviations_found(found) if found else None
-    effort = Effort(generations=generations, population=population)
-    given = {"--controller": controller, "--found": found, "--bounds": bounds}
-    words = ["ballbot", "excite", robot, "--duration", repr(duration), "--lean", repr(lean)]
-    words += ["--floor", repr(floor), "--torque", repr(limits.torque), "--scenario", scenario, "--law", law]
-    words += [word for name, path in given.items() if path for word in (name, str(path))]
-    words += ["--try" if on_twin else "--no-try", "--window", repr(window)]
-    words += ["--generations", str(generations), "--population", str(population)]
-    words += ["--seed", str(seed), "--out", str(out)]
-    named = [Path(name) for name in (robot, scenario) if Path(name).is_file()]
-    sources = [*named, *(path for path in given.values() if path)]
-    made = provenance(command=shlex.join(words), files=sources, seed=seed)
-    depends_on = {
-        "controller": digest(controller_text(chosen)).hex(),
-        "scenario": digest(scenario_text(faults)).hex(),
-        "deviations": digest(deviations).hex(),
-        "limits": limits,
-        "duration": duration,
-        "try": on_twin,
-        "law": law,
-        "bounds": within,
-        "window": window,
-        "effort": effort,
-        "seed": seed,
-    }
-    belongs_to = identity(described, [], depends_on)
-    with long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+    made = provenance(command=shlex.join(asked.words), files=asked.files, seed=seed)
+    belongs_to = identity(described, [], asked.options | read.options)
+    with long_run(folder, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
         with progress_bar(console, "excite") as bar:
-            result = find(
-                described,
-                chosen,
-                limits=limits,
-                duration=duration,
-                scenario=faults,
-                deviations=deviations,
-                on_twin=on_twin,
-                law=law,
-                bounds=within,
-                window=window,
-                effort=effort,
-                seed=seed,
-                recall=run.recall,
-                tell=lambda share, doing, note: bar.show(share, doing=doing, note=note),
-            )
+            result = _find(asked, read, run=run, bar=bar)
         _write(result, chosen, made, folder)
     _show(result, console)
     console.print(str(folder / "reference.csv"), soft_wrap=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Asked:
+    """The command line."""
+
+    robot: str
+    duration: float
+    limits: Limits
+    lean: float  #: as given [degrees]
+    controller: Path | None
+    found: Path | None
+    on_twin: bool
+    scenario: str
+    law: Law
+    bounds: Path | None
+    window: float
+    effort: Effort
+    seed: int
+    out: Path
+
+    @property
+    def options(self) -> dict[str, object]:
+        """What the numbers depend on besides robot and files."""
+        return {
+            "limits": self.limits,
+            "duration": self.duration,
+            "try": self.on_twin,
+            "law": self.law,
+            "window": self.window,
+            "effort": self.effort,
+            "seed": self.seed,
+        }
+
+    @property
+    def words(self) -> list[str]:
+        """The command line that makes this again."""
+        words = [
+            "ballbot",
+            "excite",
+            self.robot,
+            "--duration",
+            repr(self.duration),
+            "--lean",
+            repr(self.lean),
+        ]
+        words += ["--floor", repr(self.limits.floor), "--torque", repr(self.limits.torque)]
+        words += ["--scenario", self.scenario, "--law", self.law]
+        words += [word for name, path in self._given.items() if path for word in (name, str(path))]
+        words += ["--try" if self.on_twin else "--no-try", "--window", repr(self.window)]
+        words += ["--generations", str(self.effort.generations), "--population", str(self.effort.population)]
+        return [*words, "--seed", str(self.seed), "--out", str(self.out)]
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that the result is made from."""
+        named = [Path(name) for name in (self.robot, self.scenario) if Path(name).is_file()]
+        return [*named, *(path for path in self._given.values() if path)]
+
+    @property
+    def _given(self) -> dict[str, Path | None]:
+        return {"--controller": self.controller, "--found": self.found, "--bounds": self.bounds}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Read:
+    """What the command line's files hold."""
+
+    robot: Robot
+    controller: Controller
+    scenario: Scenario
+    bounds: Bounds | None
+    deviations: NDArray[np.float64] | None
+
+    @property
+    def options(self) -> dict[str, object]:
+        """What the numbers depend on besides the robot."""
+        return {
+            "controller": digest(controller_text(self.controller)).hex(),
+            "scenario": digest(scenario_text(self.scenario)).hex(),
+            "deviations": digest(self.deviations).hex(),
+            "bounds": self.bounds,
+        }
+
+
+def _find(asked: _Asked, read: _Read, *, run: LongRun, bar: Bar) -> Excitation:
+    return find(
+        read.robot,
+        read.controller,
+        limits=asked.limits,
+        duration=asked.duration,
+        scenario=read.scenario,
+        deviations=read.deviations,
+        on_twin=asked.on_twin,
+        law=asked.law,
+        bounds=read.bounds,
+        window=asked.window,
+        effort=asked.effort,
+        seed=asked.seed,
+        recall=run.recall,
+        tell=lambda share, doing, note: bar.show(share, doing=doing, note=note),
+    )
 
 
 def _write(result: Excitation, controller: Controller, made: Provenance, folder: Path) -> None:

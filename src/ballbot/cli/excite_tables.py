@@ -46,12 +46,7 @@ def errors_table(result: Excitation, *, framed: bool) -> Table:
 
 def verdict(result: Excitation) -> list[str]:
     """Return what to know of the design, in sentences."""
-    gain = float(result.square.errors.max() / result.design.errors.max())
-    sentences = []
-    if np.isfinite(gain):
-        sentences.append(f"The worst standard error expected is {gain:.1f} times smaller than a square's.")
-    else:
-        sentences.append("A square of that length leaves parameters untold; the design tells all of them.")
+    sentences = [gain_words(float(result.square.errors.max() / result.design.errors.max()))]
     if not result.trials:
         return [*sentences, "It has not been tried on the twin."]
     trial = result.trials["designed"]
@@ -64,6 +59,18 @@ def verdict(result: Excitation) -> list[str]:
         else "The twin kept all limits"
     )
     return [*sentences, f"{kept}."]
+
+
+def gain_words(gain: float) -> str:
+    """Return what a square's worst standard error over the design's says; infinite where the square tells less."""
+    if not np.isfinite(gain):
+        return "A square of that length leaves parameters untold; the design tells all of them."
+    if gain < 1.0:
+        return (
+            f"The worst standard error expected is {1.0 / gain:.1f} times a square's, so that the square tells more; "
+            "search for longer (--generations, --population)."
+        )
+    return f"The worst standard error expected is {gain:.1f} times smaller than a square's."
 
 
 def _errors_in_units(trial: Trial) -> NDArray[np.float64]:
