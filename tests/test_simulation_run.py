@@ -131,6 +131,11 @@ def test_wrong_durations_are_told(model, duration):
         simulate(model, nominal_controller(model.robot), hold(), duration=duration)
 
 
+def test_a_run_of_more_than_a_day_is_refused(model):
+    with pytest.raises(InputError, match="a day at most"):
+        simulate(model, nominal_controller(model.robot), hold(), duration=1e9)
+
+
 @pytest.mark.parametrize("state", [np.zeros(9), np.full(10, np.nan), leaning(1.3)])
 def test_wrong_starts_are_told(model, state):
     with pytest.raises(InputError, match="initial"):

@@ -18,6 +18,8 @@ from ballbot.simulation.plant import Measurement, Plant
 
 #: the reference's columns in a log, and their places in the state
 _REFERENCES = (0, 1, 4)
+#: no run lasts longer [s]
+LONGEST = 86400.0
 
 
 def simulate(
@@ -87,8 +89,12 @@ def sample_count(duration: float, sample_time: float) -> int:
     Raises
     ------
     InputError
-        Where it is not at least one.
+        Where it is not at least one, or the duration more than a day.
     """
+    if LONGEST < duration < np.inf:
+        raise InputError(
+            f"The duration is {duration:g} s; a run lasts a day at most, {LONGEST:g} s, or its log fills the memory."
+        )
     if not (np.isfinite(duration) and round(duration / sample_time) >= 1):
         raise InputError(
             f"The duration is {duration:g} s; it must be at least one sample of {sample_time:g} s."
