@@ -186,7 +186,10 @@ def test_the_middle_of_the_search_is_the_nominal_gain():
         (["--perturb", "mass=1.5"], "mass is 1.5"),
         (["--perturb", "tilt=30"], "tilt is 30 degrees"),
         (["--robots", "1"], "number of robots is 1"),
-        (["--q", "1,1,1,1,1,1,1,1,1,1"], "--robust seeks the weights of the nominal kind itself; leave out --kind"),
+        (
+            ["--q", "1,1,1,1,1,1,1,1,1,1"],
+            "--robust seeks the weights of the nominal kind itself; leave out --kind",
+        ),
     ],
 )
 def test_bad_input_is_told_in_a_sentence(options, sentence, tmp_path, capsys):

@@ -1,6 +1,7 @@
 """Every kind of wrong file ends in one clear sentence on standard error and exit code 2, never a traceback."""
 
 import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,7 @@ from hypothesis import strategies as st
 
 from ballbot import InputError
 from ballbot.cli.main import main
-from ballbot.report import study_files
-from ballbot.report.study_files import check_folder
+from ballbot.files import check_folder
 
 GOOD_LOG = "t,u1,u2,u3,theta\n" + "".join(f"{k * 0.005:g},0.1,0,0,{0.001 * k:g}\n" for k in range(50))
 
@@ -187,8 +187,7 @@ def test_a_folder_that_cannot_be_written_into_is_refused_before_the_work(tmp_pat
 
     assert check_folder(tmp_path / "new") == tmp_path / "new"
     assert list((tmp_path / "new").iterdir()) == []
-    monkeypatch.setattr(
-        study_files, "TemporaryFile", full
-    )  # root may write anywhere, so that no mode forbids it
+    # root may write anywhere, so that no mode forbids it
+    monkeypatch.setattr(tempfile, "TemporaryFile", full)
     with pytest.raises(InputError, match=r"Nothing can be written into .*: No space left on device"):
         check_folder(tmp_path)

@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and the folders for them."""
 
 import os
 import tempfile
@@ -52,3 +52,25 @@ def remove(path: str | Path) -> None:
     path.unlink(missing_ok=True)
     for partial in path.parent.glob(f".{path.name}.*"):
         partial.unlink(missing_ok=True)
+
+
+def check_folder(out: str | Path) -> Path:
+    """Return the folder, made where there was none, before work begins that would be lost without it.
+
+    Raises
+    ------
+    InputError
+        Where it is a file, cannot be made or cannot be written into.
+    """
+    folder = Path(out)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; --out needs a folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {folder} cannot be made: {error.strerror or error}.") from None
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        raise InputError(f"Nothing can be written into {folder}: {error.strerror or error}.") from None

@@ -7,12 +7,11 @@ from pathlib import Path
 
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.errors import InputError
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.log import Log
 from ballbot.report.alignment_page import alignment_report, alignment_results, error_rows
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 

@@ -20,13 +20,12 @@ from ballbot.experiments.league.course_file import PlantName, choose_courses
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification.checkpoint import identity_of
 from ballbot.report.json_text import as_json
 from ballbot.report.league_page import league_report
 from ballbot.report.league_tables import OVERALL_HEADINGS, STANDING_HEADINGS, overall_rows, standing_rows
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.robot import Robot
 
 

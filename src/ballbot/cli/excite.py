@@ -23,12 +23,11 @@ from ballbot.control.nominal import nominal_controller
 from ballbot.control.reference_file import write_reference
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification import Bounds, read_bounds
 from ballbot.identification.checkpoint import digest, identity
 from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
 from ballbot.report.provenance import Provenance, provenance
-from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.twin import Scenario

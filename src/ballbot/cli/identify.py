@@ -18,7 +18,7 @@ from ballbot.cli.long_run import LongRun, long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output
 from ballbot.cli.study import named_files, names_listed
 from ballbot.errors import InputError
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification import (
     Bounds,
     Identification,
@@ -40,7 +40,6 @@ from ballbot.log.causal import causal_states
 from ballbot.log.odometry import with_position
 from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot

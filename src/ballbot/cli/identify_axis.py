@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification.axis import AxisIdentification
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
@@ -19,7 +19,6 @@ from ballbot.identification.checkpoint import identity_of
 from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 
 
 def identify_axis(

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification.axis.driveline import (
     DrivelineBounds,
     DrivelineFit,
@@ -31,7 +31,6 @@ from ballbot.report.driveline_page import (
 )
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
 

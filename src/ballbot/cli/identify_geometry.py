@@ -10,7 +10,7 @@ from pathlib import Path
 from ballbot.cli.output import standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.errors import InputError
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification.geometry import (
     Geometry,
     Measured,
@@ -20,7 +20,6 @@ from ballbot.identification.geometry import (
 )
 from ballbot.log import Log
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 

@@ -13,14 +13,13 @@ from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.experiments.ball_movement import ball_movement
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification import Progress, read_bounds
 from ballbot.identification.checkpoint import identity
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.report.provenance import Provenance, provenance
-from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
 from ballbot.report.upside_down_figures import movement_figure, prediction_figure

@@ -18,7 +18,7 @@ from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.report.json_text import as_json
 from ballbot.report.limits_figures import (
     MOST_CONTROLLERS,
@@ -27,7 +27,6 @@ from ballbot.report.limits_figures import (
     planes_figure,
 )
 from ballbot.report.provenance import Provenance, provenance
-from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed

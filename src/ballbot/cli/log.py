@@ -12,14 +12,13 @@ from rich.text import Text
 from ballbot.cli.log_proposal import propose_mapping
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.findings import Finding
 from ballbot.log.formats import is_foreign
 from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
 from ballbot.log.summary import ColumnSummary, summarize
-from ballbot.report.study_files import check_folder
 from ballbot.robot import Robot
 
 _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}

@@ -13,9 +13,9 @@ from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.reference_file import reference_of
-from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs
+from ballbot.files import check_folder
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed
 from ballbot.twin import Scenario
@@ -96,19 +96,11 @@ def record(
     console = standard_output()
     if controller:
         warn_of_pumping({str(controller): job.controller}, described, console)
-    _make(out)
+    check_folder(out)
     if seeds is None:
         _one(job, seed, out, console)
     else:
         _many(job, parse_seeds(seeds), out, console)
-
-
-def _make(folder: Path) -> None:
-    """Make the folder, before a run that would be lost without it; `check_folder` would load all of identification."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder {folder} cannot be made: {error.strerror or error}.") from None
 
 
 def _one(job: Job, seed: int, out: Path, console: Console) -> None:

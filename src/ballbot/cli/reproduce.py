@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 
 from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.files import check_folder
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.seeds import check_seed
 
 #: share of the work that is done when drawing begins

@@ -17,12 +17,11 @@ from ballbot.control.file import controller_text
 from ballbot.errors import InputError
 from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
 from ballbot.experiments.robust_design.perturbed import Spread
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.identification.checkpoint import identity
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
 from ballbot.report.robust_figures import robust_figure
-from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 

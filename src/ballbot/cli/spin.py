@@ -10,13 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
-from ballbot.files import write_bytes, write_text
+from ballbot.files import check_folder, write_bytes, write_text
 from ballbot.log import Log
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.spin_figures import difference_figure, velocity_figure
 from ballbot.report.spin_results import spin_results
-from ballbot.report.study_files import check_folder
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
 from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin

@@ -11,13 +11,14 @@ from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.experiments.study import study as run_study
+from ballbot.files import check_folder
 from ballbot.identification import read_bounds
 from ballbot.identification.back_emf import back_emf_of
 from ballbot.identification.checkpoint import identity
 from ballbot.log import Log
 from ballbot.log.odometry import with_position
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder, write_study
+from ballbot.report.study_files import write_study
 from ballbot.report.summary import summary
 from ballbot.robot import Robot
 

@@ -14,14 +14,13 @@ from ballbot.cli.study import read_logs
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
+from ballbot.files import check_folder, write_text
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.odometry import with_position
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import check_folder
 from ballbot.report.tables import digits
 from ballbot.report.validation_page import validation_report
 from ballbot.report.validation_results import validation_results

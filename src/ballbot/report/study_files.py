@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryFile
 
 from ballbot.control.file import write_controller
-from ballbot.errors import InputError
 from ballbot.experiments.study import Study
 from ballbot.files import write_text
 from ballbot.report.json_text import as_json
@@ -25,25 +23,3 @@ def write_study(study: Study, out: str | Path, *, made: Provenance) -> Path:
     report = folder / "report.html"
     write_text(report, study_report(study, made))
     return report
-
-
-def check_folder(out: str | Path) -> Path:
-    """Return the folder, made where there was none, before work begins that would be lost without it.
-
-    Raises
-    ------
-    InputError
-        Where it is a file, cannot be made or cannot be written into.
-    """
-    folder = Path(out)
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder} is a file; --out needs a folder.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"The folder {folder} cannot be made: {error.strerror or error}.") from None
-    try:
-        with TemporaryFile(dir=folder):
-            return folder
-    except OSError as error:
-        raise InputError(f"Nothing can be written into {folder}: {error.strerror or error}.") from None
