@@ -22,6 +22,7 @@ from ballbot import Controller, Robot, simulate
 from ballbot.control.adaptive import adaptive
 from ballbot.control.controller import Compensation
 from ballbot.control.interface import Feedback
+from ballbot.control.load_scaling import LoadScaling
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.precise import precise_controller
 from ballbot.control.references import hold, square
@@ -29,7 +30,8 @@ from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.log import Log
-from ballbot.twin import Twin
+from ballbot.twin import Scenario, Twin
+from ballbot.twin.faults import LoadDependence
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -44,6 +46,7 @@ class Part:
 
     make: Callable[[Robot], Feedback]
     estimator: EstimatorName = "kalman"
+    loaded: bool = False  #: whether the drivelines' dry friction follows the load, all of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +98,12 @@ def dithered(robot: Robot, *, share: float) -> Dithered:
     return Dithered(controller=precise(robot, standstill=None), amplitude=share * float(break_away))
 
 
+def load_scaled(robot: Robot) -> Controller:
+    """Return the precise controller without an observer whose compensation follows the wheels' load."""
+    whole = precise(robot, observer=None)
+    return whole.with_parts(replace(whole.parts, load_scaling=LoadScaling(share=1.0)))
+
+
 #: by the name in the table
 PARTS: Mapping[str, Part] = {
     "nominal gain, thesis's state, no compensation": Part(make=nominal_controller, estimator="onboard"),
@@ -121,6 +130,10 @@ PARTS: Mapping[str, Part] = {
     "precise, no observer, partial": Part(make=partial(precise, compensation="partial", observer=None)),
     "precise, no observer, adaptive": Part(make=lambda robot: adaptive(precise(robot, observer=None))),
     "precise, adaptive": Part(make=lambda robot: adaptive(precise(robot))),
+    "precise, no observer; friction follows the load": Part(
+        make=partial(precise, observer=None), loaded=True
+    ),
+    "precise, no observer, load scaling; friction follows the load": Part(make=load_scaled, loaded=True),
 }
 
 
@@ -128,7 +141,10 @@ def run(job: tuple[Robot, str, str, int]) -> Run:
     """Run a part on the nominal twin: robot with the friction known, names of part and reference, seed."""
     robot, name, reference, seed = job
     part = PARTS[name]
-    twin = Twin(ALTEN, estimator=named_estimator(part.estimator, ALTEN, sample_time=0.005))
+    scenario = Scenario.nominal(ALTEN)
+    if part.loaded:
+        scenario = replace(scenario, load_dependence=LoadDependence(share=1.0))
+    twin = Twin(ALTEN, scenario, estimator=named_estimator(part.estimator, ALTEN, sample_time=0.005))
     wanted, duration = REFERENCES[reference]
     log = simulate(twin, part.make(robot), wanted, duration=duration, initial_state=start(seed), seed=seed)
     return judged(log, holds=reference == "hold")
@@ -166,7 +182,8 @@ def campaign(seeds: Sequence[int] = SEEDS) -> Section:
         "largest peak over the seeds, mean RMS. The cycle is the hold's strongest periodic motion faster than 0.5 Hz, "
         "its amplitude, largest over the seeds. Roughness: RMS change of torque from sample to sample [N m], both. The "
         "Kalman filter's state is fed back where the thesis's is not named; rows after `precise` change one thing; the "
-        "dither is a square wave of 50 Hz on every torque.",
+        "dither is a square wave of 50 Hz on every torque. In the last two rows all dry friction of the drivelines follows the "
+        "force between wheel and ball.",
         columns=[
             "controller",
             "square: peak",

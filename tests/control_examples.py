@@ -10,6 +10,7 @@ from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.lean_bound import LeanBound
+from ballbot.control.load_scaling import LoadScaling
 from ballbot.control.notch import Notch
 from ballbot.control.precise import precise_controller
 from ballbot.control.prediction import DelayPrediction
@@ -59,6 +60,7 @@ def everything(robot: Robot) -> Controller:
             observer=DisturbanceObserver(balance=balance, frequency=3.0),
             driveline_adaptation=DrivelineAdaptation(balance=balance),
             floor_adaptation=FloorAdaptation(time=5.0),
+            load_scaling=LoadScaling(share=0.6),
             lean_bound=LeanBound(lean=0.6, turn=2.0),
             notch=Notch(frequency=33.0, width=0.5, depth=0.2),
             prediction=DelayPrediction.of(robot, delay=0.004, sample_time=precise.sample_time),

@@ -14,6 +14,7 @@ from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.feed_forward import FeedForward
 from ballbot.control.integral import IntegralAction
+from ballbot.control.load_scaling import LoadScaling
 from ballbot.control.nominal import design_gain
 from ballbot.control.parts import Parts
 from ballbot.control.precise import design_integral_gain, precise_controller
@@ -275,6 +276,36 @@ def test_adaptation_tells_the_floor_from_the_drivelines():
         assert controller.friction_scales[3] == pytest.approx(floor, abs=0.15)
 
 
+def compensated_at_rest(robot: Robot, scaling: LoadScaling | None, lean: float) -> np.ndarray:
+    """Return what compensation adds for a robot that leans at rest while its wheels are pushed (n,)."""
+    gain = np.zeros((robot.wheel_count, 10))
+    gain[:, 4] = 0.5  # a heading off by 1 rad pushes every wheel alike
+    parts = Parts(load_scaling=scaling, standstill=Standstill(feed=1.0))
+    with_friction, without = (
+        Controller(robot, gain, compensation=kind, parts=own)
+        for kind, own in (("full", parts), ("none", Parts()))
+    )
+    state = leaning(lean)
+    state[4] = -1.0
+    return with_friction.update(0.0, state, np.zeros(10)) - without.update(0.0, state, np.zeros(10))
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.1, -0.2])
+def test_compensation_follows_the_load_on_each_wheel(lean):
+    robot = alten(FRICTION)
+    plain = compensated_at_rest(robot, None, lean)
+    found = compensated_at_rest(robot, LoadScaling(share=0.7), lean) / plain
+    # three wheels carry the weight, turned by the lean and by psi = -1, along their contacts' directions
+    tilt, azimuths = robot.wheels.tilt, np.asarray(robot.wheels.azimuths)
+    contacts = np.array(
+        [np.cos(azimuths) * np.sin(tilt), np.sin(azimuths) * np.sin(tilt), np.full(3, np.cos(tilt))]
+    )
+    c, s = np.cos(1.0), np.sin(1.0)
+    up = np.array([-s * np.sin(lean), c * np.sin(lean), np.cos(lean)])  # R^T e_z for R = Rx(lean) Rz(-1)
+    loads = np.linalg.solve(contacts, up) / np.linalg.solve(contacts, [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(found, 1.0 + 0.7 * (loads - 1.0), rtol=1e-9)
+
+
 def test_lanes_remember_each_its_own():
     robot = alten(FRICTION)
     controllers = [
@@ -312,6 +343,11 @@ def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
         (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), highest=0.9), "1 must lie between"),
         (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), lowest=1.1), "1 must lie between"),
         (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), noise=0.0), "noise of a driveline adaptation"),
+        (lambda: LoadScaling(share=1.2), "share of a load scaling is 1.2; it must be from 0 to 1"),
+        (
+            lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(load_scaling=LoadScaling(share=1.0))),
+            "A load scaling needs",
+        ),
         (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs a shaping"),
         (
             lambda: Controller(

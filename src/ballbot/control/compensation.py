@@ -126,11 +126,14 @@ def rolling_torque(row, place, force):
 
 
 @inlined
-def wheel_friction(F, row, place, relative, own) -> tuple[float, float, float]:
-    """Return a wheel's friction, the share compensated where the law's torque is `own`, and the wheel's speed."""
+def wheel_friction(F, row, place, relative, own, dry) -> tuple[float, float, float]:
+    """Return a wheel's friction, the share compensated where the law's torque is `own`, and the wheel's speed.
+
+    Its c and s are multiplied by `dry`.
+    """
     axle = (row[place], row[place + 1], row[place + 2])
     speed = dot(axle, relative)
-    wheel = Wheel(axle, row[place + 3], row[place + 4], row[place + 5], F.inv_vs, F.delta)
+    wheel = Wheel(axle, row[place + 3], dry * row[place + 4], dry * row[place + 5], F.inv_vs, F.delta)
     ramp = _ramp(speed * F.steepness)
     given = F.feed * (1.0 - abs(ramp)) * (wheel.c + wheel.s) * _ramp(own * F.feed_steepness)
     friction = wheel.b * speed + dry_friction(wheel, speed) * ramp + given

@@ -95,10 +95,10 @@ class Controller:
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
         parts.check(robot.wheel_count, self.sample_time)
-        if parts.driveline_adaptation is not None and compensation == "none":
-            raise InputError(
-                "A driveline adaptation needs a compensation, 'full' or 'partial', that it can scale."
-            )
+        scales_it = {"driveline adaptation": parts.driveline_adaptation, "load scaling": parts.load_scaling}
+        for name, part in scales_it.items():
+            if part is not None and compensation == "none":
+                raise InputError(f"A {name} needs a compensation, 'full' or 'partial', that it can scale.")
         self.parts = parts
         self._memory = np.zeros(MEMORY)
 

@@ -4,8 +4,8 @@
 
 r_s is the reference, or what `ballbot.control.reference_shaping` and `.feed_forward` make of it; x is the state, or by
 `.prediction` the one in which u will act; `.lean_bound` may bound r_s - x. The other parts are those of `.integral`
-with `.floor_adaptation`, `.compensation` with `.driveline_adaptation`, and `.disturbance_observer`; all of it may pass
-a `.notch`. S(psi) turns the pairs (x y), (theta phi) of the error and their
+with `.floor_adaptation`, `.compensation` with `.driveline_adaptation` and `.load_scaling`, and
+`.disturbance_observer`; all of it may pass a `.notch`. S(psi) turns the pairs (x y), (theta phi) of the error and their
 rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn with the body (design section 8). A
 law is one row of numbers, so that every robot in a batch can have one of its own, and what it remembers is another.
 """
@@ -60,6 +60,7 @@ from ballbot.control.integral import (
     pack_integral,
 )
 from ballbot.control.lean_bound import BOUND_SIZE, asks_much, bounded, pack_bound
+from ballbot.control.load_scaling import LOAD_PER_WHEEL, LOAD_SIZE, dry_share, pack_load, specific_force
 from ballbot.control.notch import NOTCH_MEMORY, NOTCH_SIZE, notched, pack_notch
 from ballbot.control.past import (
     BEYOND,
@@ -116,14 +117,16 @@ _RATE = _ADAPTATION + ADAPTATION_SIZE  # samples a second
 _BOUND = _RATE + 1
 _NOTCH = _BOUND + BOUND_SIZE
 _FLOOR = _NOTCH + NOTCH_SIZE
-_PREDICTION = _FLOOR + FLOOR_SIZE
+_LOAD = _FLOOR + FLOOR_SIZE
+_PREDICTION = _LOAD + LOAD_SIZE
 _WHEELS = _PREDICTION + PREDICTION_SIZE
 # places in a wheel's part: gain (10), then each part's own
 _OWN_FRICTION = 10
 _OWN_FLAT = _OWN_FRICTION + FRICTION_PER_WHEEL
 _OWN_INTEGRAL = _OWN_FLAT + FLAT_PER_WHEEL
 _OWN_BALANCE = _OWN_INTEGRAL + INTEGRAL_PER_WHEEL
-_OWN_PREDICTION = _OWN_BALANCE + BALANCE_PER_WHEEL
+_OWN_LOAD = _OWN_BALANCE + BALANCE_PER_WHEEL
+_OWN_PREDICTION = _OWN_LOAD + LOAD_PER_WHEEL
 _PER_WHEEL = _OWN_PREDICTION + PREDICTION_PER_WHEEL
 # places in the memory: shaping, integrals, what floor adaptation remembers, rates, torque given back, what driveline
 # adaptation and each wheel's notch remember, the past, and the state predicted
@@ -153,15 +156,16 @@ def pack_law(controller: Controller) -> NDArray[np.float64]:
     shaping = pack_shaping(parts.shaping, controller.sample_time, delay=delay)
     observer, adaptation = parts.observer, parts.driveline_adaptation
     judge = observer or adaptation
+    load, own_load = pack_load(controller)
     prediction, own_prediction = pack_prediction(parts.prediction, n)
     balance = pack_balance(judge and judge.balance, n)
-    own = [controller.gain, own_friction, own_flat, own_integral, balance, own_prediction]
+    own = [controller.gain, own_friction, own_flat, own_integral, balance, own_load, own_prediction]
     shared = [controller.torque_limit, *friction, *shaping, *flat, *integral]
     shared += pack_observer(observer, controller.sample_time)
     shared += pack_adaptation(adaptation, controller.sample_time)
     shared += [1.0 / controller.sample_time, *pack_bound(controller)]
     shared += pack_notch(parts.notch, controller.sample_time)
-    shared += [*pack_floor(parts.floor_adaptation, controller.sample_time), *prediction]
+    shared += [*pack_floor(parts.floor_adaptation, controller.sample_time), *load, *prediction]
     return np.concatenate([shared, np.column_stack(own).ravel()])
 
 
@@ -268,7 +272,7 @@ def _drive(row, memory, a, wanted, e, torques):
 
 
 @inlined
-def _compensate(F, row, memory, a, state, e, torques):
+def _compensate(F, row, memory, a, state, wanted, e, torques):
     """Add the friction's compensation to the law's torques, and keep what adaptation judges."""
     d_x, d_y = a.cos_psi * e[5] - a.sin_psi * e[6], a.sin_psi * e[5] + a.cos_psi * e[6]
     d_t, d_p = a.cos_psi * e[7] - a.sin_psi * e[8], a.sin_psi * e[7] + a.cos_psi * e[8]
@@ -285,9 +289,13 @@ def _compensate(F, row, memory, a, state, e, torques):
         place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
         agreement += torques[i] * rolling_torque(row, place, force)
     rolls = F.full + (F.partial if agreement > 0.0 else 0.0)
+    pressing, dry = specific_force(row, _LOAD, a, wanted), 1.0
     for i in range(len(torques)):
         place = _WHEELS + _PER_WHEEL * i + _OWN_FRICTION
-        friction, share, speed = wheel_friction(F, row, place, relative, torques[i])
+        if row[_LOAD] > 0.0:
+            own = place - _OWN_FRICTION + _OWN_LOAD
+            dry = dry_share(row, _LOAD, own, memory, _PAST, pressing, len(torques))
+        friction, share, speed = wheel_friction(F, row, place, relative, torques[i], dry)
         added = share * (1.0 + memory[_SCALES + i]) * friction + rolls * rolling_torque(row, place, force)
         torques[i] += added
         memory[past(_PAST, 0, COMPENSATED, i)] = added
@@ -380,7 +388,7 @@ def control_law(row, memory, measured, reference, torques):
         e = bounded(row, _BOUND, e)
     _drive(row, memory, a, wanted, e, torques)
     if F.full + F.partial > 0.0:
-        _compensate(F, row, memory, a, state, e, torques)
+        _compensate(F, row, memory, a, state, wanted, e, torques)
     beyond = _give_back(row, memory, torques)
     if row[_INTEGRAL] > 0.0:
         e_x, e_y = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1]

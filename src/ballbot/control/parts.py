@@ -10,6 +10,7 @@ from ballbot.control.feed_forward import FeedForward
 from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.integral import IntegralAction
 from ballbot.control.lean_bound import LeanBound
+from ballbot.control.load_scaling import LoadScaling
 from ballbot.control.notch import Notch
 from ballbot.control.prediction import DelayPrediction
 from ballbot.control.reference_shaping import ReferenceShaping
@@ -40,6 +41,7 @@ class Parts:
     floor_adaptation: FloorAdaptation | None = (
         None  #: follows what the floor takes; with an integral action only
     )
+    load_scaling: LoadScaling | None = None  #: lets the compensation follow the load on the wheels
     lean_bound: LeanBound | None = None  #: keeps errors of place and speed from asking for too much
     notch: Notch | None = None  #: takes a resonance's band out of the torques
     prediction: DelayPrediction | None = None  #: of the state in which late torques will act

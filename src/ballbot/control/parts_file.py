@@ -19,6 +19,7 @@ from ballbot.control.feed_forward import FeedForward
 from ballbot.control.floor_adaptation import FloorAdaptation
 from ballbot.control.integral import IntegralAction
 from ballbot.control.lean_bound import LeanBound
+from ballbot.control.load_scaling import LoadScaling
 from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
 from ballbot.control.prediction import DelayPrediction
@@ -95,6 +96,12 @@ class FloorAdaptationTable(Table):
     full_speed: PositiveFloat = FloorAdaptation.full_speed
 
 
+class LoadScalingTable(Table):
+    """[load_scaling]: see `LoadScaling`."""
+
+    share: _Share
+
+
 class LeanBoundTable(Table):
     """[lean_bound]: see `LeanBound`."""
 
@@ -125,6 +132,7 @@ class PartsTable(Table):
     disturbance_observer: ObserverTable | None = None
     driveline_adaptation: DrivelineAdaptationTable | None = None
     floor_adaptation: FloorAdaptationTable | None = None
+    load_scaling: LoadScalingTable | None = None
     lean_bound: LeanBoundTable | None = None
     notch: NotchTable | None = None
     prediction: PredictionTable | None = None
@@ -155,6 +163,7 @@ def parts_of(table: PartsTable, robot: Robot, sample_time: float) -> Parts:
         if drivelines and balance
         else None,
         floor_adaptation=FloorAdaptation(**floor.model_dump()) if floor else None,
+        load_scaling=LoadScaling(**table.load_scaling.model_dump()) if table.load_scaling else None,
         lean_bound=LeanBound(**table.lean_bound.model_dump()) if table.lean_bound else None,
         notch=Notch(**table.notch.model_dump()) if table.notch else None,
         prediction=DelayPrediction.of(robot, delay=table.prediction.delay, sample_time=sample_time)
@@ -176,6 +185,7 @@ def parts_text(parts: Parts) -> str:
         "disturbance_observer": (parts.observer, _OBSERVER),
         "driveline_adaptation": (parts.driveline_adaptation, _DRIVELINE_ADAPTATION),
         "floor_adaptation": (parts.floor_adaptation, _FLOOR_ADAPTATION),
+        "load_scaling": (parts.load_scaling, _LOAD_SCALING),
         "lean_bound": (parts.lean_bound, _LEAN_BOUND),
         "notch": (parts.notch, _NOTCH),
         "prediction": (parts.prediction, _PREDICTION),
@@ -217,6 +227,7 @@ _FLOOR_ADAPTATION = (
     "# that stays, a slope's, followed over `slope_time` [s]; it is at most `highest` [m s], and whole from\n"
     "# `full_speed` [m/s] asked for."
 )
+_LOAD_SCALING = "Of each wheel's dry friction, `share` follows the force between wheel and ball."
 _LEAN_BOUND = (
     "Errors of place and speed ask for no more lean than `lean` [rad], those of the heading for no more than `turn`\n"
     "# [rad]."
