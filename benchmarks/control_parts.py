@@ -182,8 +182,8 @@ def campaign(seeds: Sequence[int] = SEEDS) -> Section:
         "largest peak over the seeds, mean RMS. The cycle is the hold's strongest periodic motion faster than 0.5 Hz, "
         "its amplitude, largest over the seeds. Roughness: RMS change of torque from sample to sample [N m], both. The "
         "Kalman filter's state is fed back where the thesis's is not named; rows after `precise` change one thing; the "
-        "dither is a square wave of 50 Hz on every torque. In the last two rows all dry friction of the drivelines follows the "
-        "force between wheel and ball.",
+        "dither is a square wave of 50 Hz on every torque. In the last two rows all of the drivelines' dry friction "
+        "follows the force between wheel and ball.",
         columns=[
             "controller",
             "square: peak",

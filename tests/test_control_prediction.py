@@ -8,12 +8,15 @@ from control_examples import FRICTION, alten, four_wheeled, leaning
 from scipy.linalg import expm, solve_discrete_are
 
 from ballbot import Controller, InputError, Model, Robot
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
 from ballbot.control.lqr import held
 from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
 from ballbot.control.parts import Parts
 from ballbot.control.precise import precise_controller
 from ballbot.control.prediction import DelayPrediction
 from ballbot.control.references import circle, hold
+from ballbot.robot.file import write_robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 
@@ -170,3 +173,31 @@ def test_a_moving_reference_is_followed_without_the_delays_lag():
 def test_a_wrong_prediction_is_told(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
+
+
+def test_design_writes_what_it_is_asked_for(tmp_path, capsys):
+    path = tmp_path / "robot.toml"
+    write_robot(alten(FRICTION), path)
+    options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]
+    assert main(["design", str(path), *options]) == 0
+    assert "adaptation may scale that up to 150 %" in capsys.readouterr().out
+    parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
+    assert parts.prediction is not None
+    assert parts.prediction.delay == 0.016
+    assert parts.floor_adaptation is not None
+    assert parts.driveline_adaptation is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--delay", "0"], "The delay to predict over is 0 s; it must be positive"),
+        (["--delay", "0.3"], "it can be at most 0.1 s"),
+        (["--adaptive"], "--adaptive has nothing to follow"),
+        (["--robust", "--adaptive"], "leave out --kind"),
+    ],
+)
+def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):
+    assert main(["design", "alten", *options, "--out", str(tmp_path / "out")]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

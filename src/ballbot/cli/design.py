@@ -214,6 +214,8 @@ def _margin(margin: Margin) -> str:
         f"compensated at most of each wheel's friction and of the rolling friction: {shares}\n"
         f"given back at most of what friction takes from a wheel that swings by {amplitudes} rad/s: {returned}"
     )
+    if margin.adapted:
+        told += f"\nadaptation may scale that up to {100.0 * margin.adapted:.0f} % of each wheel's friction"
     return f"{told}\nWARNING: {margin.sentence}; this feeds the motion energy" if margin.pumps else told
 
 

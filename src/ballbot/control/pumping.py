@@ -90,6 +90,7 @@ class Margin:
             "swings": [
                 {"amplitude": one.amplitude, "given": list(one.given), "taken": list(one.taken)} for one in self.swings
             ],
+            "largest_share_adapted": self.adapted or None,
             "pumps": self.pumps,
         }  # fmt: skip
 
