@@ -8,7 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.law import ALLOWED, MEMORY, control_law, drag, pack_law, scales
+from ballbot.control.law import ALLOWED, control_law
+from ballbot.control.law_row import MEMORY, drag, pack_law, scales
 from ballbot.control.parts import Parts
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
@@ -104,7 +105,7 @@ class Controller:
 
     @cached_property
     def packed(self) -> NDArray[np.float64]:
-        """The controller's numbers as compiled code reads them; see `ballbot.control.law.pack_law`."""
+        """The controller's numbers as compiled code reads them; see `ballbot.control.law_row.pack_law`."""
         return pack_law(self)
 
     def with_compensation(self, compensation: Compensation) -> Controller:

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import MEMORY, control_law
+from ballbot.control.law import control_law
+from ballbot.control.law_row import MEMORY
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
