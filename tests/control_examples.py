@@ -66,3 +66,20 @@ def everything(robot: Robot) -> Controller:
             prediction=DelayPrediction.of(robot, delay=0.004, sample_time=precise.sample_time),
         )
     )
+
+
+class MisjudgedLean:
+    """A controller whose AHRS leans."""
+
+    def __init__(self, controller: Controller, *, degrees: float) -> None:
+        self.controller, self.sample_time, self._off = controller, controller.sample_time, np.radians(degrees)
+
+    def reset(self) -> None:
+        self.controller.reset()
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        wrong = state.copy()
+        wrong[2] += self._off
+        return self.controller.update(t, wrong, reference)

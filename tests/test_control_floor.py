@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from control_examples import FRICTION, alten, four_wheeled, leaning
+from control_examples import FRICTION, MisjudgedLean, alten, four_wheeled, leaning
 
 from ballbot import Controller, InputError, Model, Robot, simulate
 from ballbot.control.floor_adaptation import FloorAdaptation
@@ -57,27 +57,13 @@ def test_its_drag_stays_within_its_bound():
     assert controller.drag == 0.0
 
 
-class Misjudging:
-    """A controller whose AHRS leans by half a degree: a slope, whose push does not turn with the motion."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._controller, self.sample_time, self.robot = controller, controller.sample_time, controller.robot
-
-    def reset(self) -> None:
-        self._controller.reset()
-
-    def update(self, t: float, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        wrong = state.copy()
-        wrong[2] += np.radians(0.5)
-        return self._controller.update(t, wrong, reference)
-
-
 def test_a_slope_is_told_from_the_floor():
+    """A lean that is misjudged asks for what a slope asks for, which does not turn with the motion."""
     robot = alten(FRICTION)
     carpet, found = on_carpet(robot), {}
     for name, plant, tilted in (("smooth", robot, False), ("tilted", robot, True), ("rough", carpet, False)):
         controller = adaptive(robot)
-        used = Misjudging(controller) if tilted else controller
+        used = MisjudgedLean(controller, degrees=0.5) if tilted else controller
         simulate(Model(plant), used, square(period=32.0), duration=64.0)
         found[name] = controller.drag
     # the slope asks for half as much again as carpet does

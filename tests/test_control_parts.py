@@ -5,7 +5,7 @@ from math import factorial
 
 import numpy as np
 import pytest
-from control_examples import FRICTION, alten, everything, four_wheeled, leaning
+from control_examples import FRICTION, MisjudgedLean, alten, everything, four_wheeled, leaning
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -120,29 +120,12 @@ def test_feed_forward_makes_a_robot_without_friction_do_the_shaped_motion(robot:
     assert 0.05 < leaned < 0.12  # 0.139 rad s^2/m times 0.63 m/s^2 of y
 
 
-class MisjudgedLean:
-    """A controller whose AHRS leans by a degree; what it was asked last, and what it gave."""
-
-    sample_time = SAMPLE
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-
-    def reset(self) -> None:
-        self.controller.reset()
-
-    def update(self, t: float, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        wrong = state.copy()
-        wrong[2] += np.radians(1.0)
-        return self.controller.update(t, wrong, reference)
-
-
 def test_integral_action_takes_away_an_error_that_stays():
     robot = alten()
     design = design_integral_gain(robot)
     left = {}
     for name, part in (("without", None), ("with", IntegralAction(gain=design.integral_gain, memory=1e6))):
-        controller = MisjudgedLean(Controller(robot, design.gain, parts=Parts(integral=part)))
+        controller = MisjudgedLean(Controller(robot, design.gain, parts=Parts(integral=part)), degrees=1.0)
         log = simulate(Model(robot), controller, hold(psi=1.0), duration=25.0)
         left[name] = float(np.hypot(log["x"][-1], log["y"][-1]))
     assert left["without"] > 0.04  # a degree times the gain's lean over its place, 3.5 m/rad
