@@ -63,7 +63,7 @@ def everything(robot: Robot) -> Controller:
             load_scaling=LoadScaling(share=0.6),
             lean_bound=LeanBound(lean=0.6, turn=2.0),
             notch=Notch(frequency=33.0, width=0.5, depth=0.2),
-            prediction=DelayPrediction.of(robot, delay=0.004, sample_time=precise.sample_time),
+            prediction=DelayPrediction.of(robot, delay=0.012, sample_time=precise.sample_time),
         )
     )
 

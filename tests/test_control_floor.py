@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from control_examples import FRICTION, MisjudgedLean, alten, four_wheeled, leaning
+from control_examples import FRICTION, MisjudgedLean, alten, four_wheeled
 
 from ballbot import Controller, InputError, Model, Robot, simulate
 from ballbot.control.floor_adaptation import FloorAdaptation
+from ballbot.control.integral import IntegralAction
 from ballbot.control.nominal import design_gain
 from ballbot.control.parts import Parts
 from ballbot.control.precise import precise_controller
-from ballbot.control.references import Reference, circle, hold, square
+from ballbot.control.references import Reference, change_pose, circle, square
 
 
 def adaptive(robot: Robot, floor: FloorAdaptation | None = None) -> Controller:
@@ -41,11 +42,21 @@ def test_most_of_what_carpet_costs_on_a_circle_is_taken_away(robot: Robot):
     assert abs(cost["adaptive"]) < 0.25 * cost["fixed"]
 
 
-def test_a_robot_that_stands_or_is_held_learns_nothing():
+def test_a_robot_that_stands_learns_nothing_of_the_floor():
     robot = alten(FRICTION)
-    controller = adaptive(robot)
-    simulate(Model(robot), controller, hold(x=0.0), duration=5.0, initial_state=leaning(0.03))
-    assert controller.drag == 0.0
+    controller, way = adaptive(robot), change_pose(x=1.0, y=0.0, psi=0.0, at=1.0, ramp=5.0)
+    state, drags = np.zeros(10), []
+    for k in range(4000):  # it goes there, 5 mm behind, stands for 6 s and is then thought to lean
+        t = k * 0.005
+        state[:2] = way(t)[:2]
+        state[0] -= 0.005
+        state[5] = 0.2 if 1.0 < t < 6.0 else 0.0
+        state[2] = 0.01 if t > 12.0 else 0.0
+        controller.update(t, state, way(t))
+        drags.append(controller.drag)
+    assert abs(drags[1200]) > 1e-3
+    # the shaped motion is below a tenth of the speed from which on the drag is whole after some 5 s
+    assert drags[-1] == drags[2400]
 
 
 def test_its_drag_stays_within_its_bound():
@@ -94,6 +105,10 @@ def test_what_is_given_does_not_jump_as_it_is_carried_over():
         (lambda: FloorAdaptation(time=0.0), "time of a floor adaptation is 0; it must be positive"),
         (lambda: FloorAdaptation(highest=np.inf), "highest of a floor adaptation"),
         (lambda: Parts(floor_adaptation=FloorAdaptation()), "needs an integral action"),
+        (
+            lambda: Parts(floor_adaptation=FloorAdaptation(), integral=IntegralAction(gain=np.zeros((3, 3)))),
+            "and a shaping",
+        ),
     ],
 )
 def test_a_wrong_floor_adaptation_is_told(make, sentence):

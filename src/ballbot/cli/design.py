@@ -166,12 +166,12 @@ def _with_parts(
         Where a part is not possible, or an adaptation has nothing to follow.
     """
     if adapts:
-        if controller.parts.integral is None and controller.compensation == "none":
+        plain, controller = controller, with_adaptations(controller)
+        if controller.parts == plain.parts:
             raise InputError(
                 "--adaptive has nothing to follow: the nominal kind without compensation carries no friction; "
                 "add --kind precise or --compensation full."
             )
-        controller = with_adaptations(controller)
     parts = controller.parts
     if notch is not None:
         parts = replace(parts, notch=Notch(frequency=notch))

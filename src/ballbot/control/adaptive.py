@@ -11,17 +11,17 @@ from ballbot.control.torque_balance import TorqueBalance
 
 
 def adaptive(controller: Controller) -> Controller:
-    """Return a copy with those adaptations that it can have, as they are made.
+    """Return a copy with those adaptations that it can have; one that it has stays as it is.
 
     Parameters
     ----------
     controller : Controller
-        With an integral action it follows the floor, with a compensation the drivelines; without either it is
-        returned as it is.
+        With integral action and shaped references it follows the floor, with a compensation the drivelines.
     """
-    floor = FloorAdaptation() if controller.parts.integral is not None else None
-    compensates = controller.compensation != "none"
-    drivelines = DrivelineAdaptation(balance=TorqueBalance.of(controller.robot)) if compensates else None
-    return controller.with_parts(
-        replace(controller.parts, floor_adaptation=floor, driveline_adaptation=drivelines)
-    )
+    parts = controller.parts
+    floor, drivelines = parts.floor_adaptation, parts.driveline_adaptation
+    if floor is None and parts.integral is not None and parts.shaping is not None:
+        floor = FloorAdaptation()
+    if drivelines is None and controller.compensation != "none":
+        drivelines = DrivelineAdaptation(balance=TorqueBalance.of(controller.robot))
+    return controller.with_parts(replace(parts, floor_adaptation=floor, driveline_adaptation=drivelines))

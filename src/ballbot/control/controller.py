@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.law import ALLOWED, control_law
-from ballbot.control.law_row import MEMORY, drag, pack_law, scales
+from ballbot.control.law_row import MEMORY, drag, given_back, pack_law, scales
 from ballbot.control.parts import Parts
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
@@ -37,7 +37,7 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
 class Controller:
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 
-    Its settings are not changed once made; what shaping and integral action remember is forgotten by `reset`.
+    Its settings are not changed once made; what it remembers is forgotten by `reset`.
 
     Parameters
     ----------
@@ -181,6 +181,11 @@ class Controller:
         to differ, which scales nothing (n + 1,).
         """
         return scales(self._memory, len(self.gain))
+
+    @property
+    def given_back(self) -> NDArray[np.float64]:
+        """The torque of each wheel that the disturbance observer gives back now (n,) [N m]."""
+        return given_back(self._memory, len(self.gain))
 
     @property
     def drag(self) -> float:

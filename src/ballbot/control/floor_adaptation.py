@@ -7,12 +7,14 @@ for a part b that stays and a drag kappa along the motion asked for,
     G = b + kappa d + noise        d = v_r/|v_r|, a ramp below the speed from which it counts as motion
 
 b and kappa are random walks, which a Kalman filter tells apart: at rest G shows b alone, and what comes with a motion
-is kappa. What is given is I + kappa d in the integral's place, I = G - kappa d, so that nothing jumps as kappa
-changes, and a motion that turns or ends takes its drag with it. For each axis, phi being (1, 0, d_x) or (0, 1, d_y),
+is kappa. What is given is I + kappa d in the integral's place, I = G - kappa d, so that nothing jumps as kappa changes
+(within the integral's limit), and a motion that turns or ends takes its drag with it. For each axis, phi being
+(1, 0, d_x) or (0, 1, d_y),
 
     p = P phi     (b, kappa) += p (G_i - phi.(b, kappa)) / (R + phi.p)     P -= p p^T / (R + phi.p)
 
-and before it P_jj += Q_j, never above where it began. kappa stays within its bound; it rests while nothing is asked to
+and before it P_jj += Q_j, never above where it began: what a slope takes at the start is learnt as quickly as what the
+floor does, and later slowly. kappa stays within its bound; it rests while nothing is asked to
 move, and all rest while a torque or the lean is at its limit. Times are those after which a small change has been
 followed to 63 %: in units of a second's noise R = 1/h, Q = h/T^2 and P begins at 1/T. (kappa also takes what else
 turns with the motion: what the wheels' compensation leaves, and what feedback of the lean makes of it.)
@@ -38,7 +40,7 @@ class FloorAdaptation:
     """
 
     time: float = 3.0  #: over which kappa follows, of motion [s]
-    slope_time: float = 10.0  #: over which b follows [s]
+    slope_time: float = 20.0  #: over which b follows, once it is known [s]
     highest: float = 0.15  #: bound of |kappa|, in the place of so much of the error's integral [m s]
     full_speed: float = 0.02  #: asked for, from which on the drag is given whole [m/s]
 
@@ -48,6 +50,9 @@ class FloorAdaptation:
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{field.name} of a floor adaptation is {value:g}; it must be positive.")
 
+
+#: |d|^2 below which nothing is asked to move: a shaped motion never ends altogether
+_MOVES = 1e-2
 
 #: numbers that `pack_floor` returns
 FLOOR_SIZE = 7
@@ -64,7 +69,7 @@ def pack_floor(floor: FloorAdaptation | None, sample_time: float) -> list[float]
     return [
         1.0 / sample_time,
         sample_time / floor.slope_time**2,
-        1.0 / floor.slope_time,
+        1.0 / floor.time,
         sample_time / floor.time**2,
         1.0 / floor.time,
         floor.highest,
@@ -86,22 +91,22 @@ def tell_apart(row, place, memory, drag, sums, d_x, d_y):
     kappa, b_x, b_y = memory[drag], memory[drag + 1], memory[drag + 2]
     start_b, start_k = row[place + _SLOPE + 1], row[place + _DRAG + 1]
     G_x, G_y = memory[sums] + kappa * d_x, memory[sums + 1] + kappa * d_y
-    moves = row[place + _DRAG] if d_x * d_x + d_y * d_y > 0.0 else 0.0
+    moves = d_x * d_x + d_y * d_y > _MOVES
     xx = start_b + min(0.0, memory[drag + 3] + row[place + _SLOPE])
     yy = start_b + min(0.0, memory[drag + 4] + row[place + _SLOPE])
-    kk = start_k + min(0.0, memory[drag + 5] + moves)
+    kk = start_k + min(0.0, memory[drag + 5] + (row[place + _DRAG] if moves else 0.0))
     xy, xk, yk = memory[drag + 6], memory[drag + 7], memory[drag + 8]
     for axis in range(2):
         if axis == 0:
-            miss, turn = G_x - b_x - kappa * d_x, d_x
+            miss = G_x - b_x - kappa * d_x
             p_x, p_y, p_k = xx + xk * d_x, xy + yk * d_x, xk + kk * d_x
             size = row[place + _NOISE] + p_x + d_x * p_k
         else:
-            miss, turn = G_y - b_y - kappa * d_y, d_y
+            miss = G_y - b_y - kappa * d_y
             p_x, p_y, p_k = xy + xk * d_y, yy + yk * d_y, yk + kk * d_y
             size = row[place + _NOISE] + p_y + d_y * p_k
         b_x, b_y = b_x + p_x * miss / size, b_y + p_y * miss / size
-        kappa += p_k * miss / size if turn != 0.0 else 0.0
+        kappa += p_k * miss / size if moves else 0.0
         xx, yy, kk = xx - p_x * p_x / size, yy - p_y * p_y / size, kk - p_k * p_k / size
         xy, xk, yk = xy - p_x * p_y / size, xk - p_x * p_k / size, yk - p_y * p_k / size
     kappa = max(-row[place + _HIGHEST], min(row[place + _HIGHEST], kappa))

@@ -216,8 +216,9 @@ def _give_back(row, memory, torques):
         beyond = beyond or abs(torques[i]) > limit
         torques[i] = _limited(torques[i], limit)
         memory[past(at.PAST, 0, GIVEN, i)] = torques[i]
-        taken = memory[past(at.PAST, 0, COMPENSATED, i)] + memory[at.BACK + i]
-        memory[past(at.PAST, 0, EFFECTIVE, i)] = torques[i] - taken
+        effective = torques[i] - memory[past(at.PAST, 0, COMPENSATED, i)] - memory[at.BACK + i]
+        known = effective == effective  # a measurement that was no number is not remembered
+        memory[past(at.PAST, 0, EFFECTIVE, i)] = effective if known else 0.0
     for i in range(len(torques)):
         memory[past(at.PAST, 0, BEYOND, i)] = 1.0 if beyond else 0.0
     return beyond
@@ -263,6 +264,8 @@ def control_law(row, memory, measured, reference, torques):
     if row[at.OBSERVER] + row[at.ADAPTATION] > 0.0:
         _look_back(row, memory, a, measured, len(torques))
     state = _when_it_acts(row, memory, a, measured, len(torques))
+    if row[at.PREDICTION] > 0.0:
+        a = attitude((state[2], state[3], state[4]))
     wanted = _wanted(row, memory, state, reference)
     e = _heading_error(load_flat(row, at.FLAT), a, state, wanted)
     much = False  # more than the bound lets be asked for

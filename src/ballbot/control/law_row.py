@@ -101,3 +101,8 @@ def scales(memory: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]
 def drag(memory: NDArray[np.float64]) -> float:
     """Return the part of the integral [m s] that turns with the motion."""
     return float(memory[DRAG])
+
+
+def given_back(memory: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]:
+    """Return the torque of each wheel that the disturbance observer gives back (n,) [N m]."""
+    return memory[BACK : BACK + wheel_count].copy()

@@ -39,7 +39,7 @@ class Parts:
         None  #: lets the compensation follow the wheels' friction
     )
     floor_adaptation: FloorAdaptation | None = (
-        None  #: follows what the floor takes; with an integral action only
+        None  #: follows what the floor takes; with shaping and integral action only
     )
     load_scaling: LoadScaling | None = None  #: lets the compensation follow the load on the wheels
     lean_bound: LeanBound | None = None  #: keeps errors of place and speed from asking for too much
@@ -52,9 +52,10 @@ class Parts:
                 "A feed-forward needs a shaping: only a smooth reference says what its motion takes."
             )
 
-        if self.floor_adaptation is not None and self.integral is None:
+        if self.floor_adaptation is not None and (self.integral is None or self.shaping is None):
             raise InputError(
-                "A floor adaptation needs an integral action, from which it learns what the floor takes."
+                "A floor adaptation needs an integral action, from which it learns what the floor takes, and a "
+                "shaping: only a smooth reference says where its motion goes."
             )
 
     def check(self, wheel_count: int, sample_time: float) -> None:

@@ -9,7 +9,7 @@ from ballbot.mechanics.compiled import called, inlined
 MOST_PAST = 22
 
 #: what is remembered for each wheel and update: torque given, what compensation added, the torque without what friction
-#: is thought to take, friction that adaptation judges and its rolling part, whether the torque was at its limit
+#: is thought to take, friction that adaptation judges and its rolling part, whether any wheel's torque was at its limit
 GIVEN, COMPENSATED, EFFECTIVE, JUDGED, JUDGED_ROLLING, BEYOND = range(6)
 _KINDS = 6
 _ONE = _KINDS * MOST_WHEELS

@@ -9,7 +9,8 @@ the state that the robot will then be in,
 with G_j what the torque of j updates ago still does until t_k + tau, held from its own t_(k-j) + tau on for a
 sample time: exact for any tau. (For whole samples it is the gain that the Riccati equation of the state with the
 torques under way gives.) A and B are those of the exact model without friction in the heading frame, and v the
-torques without what compensation and observer add, which friction takes.
+torques without what compensation and observer add, which friction takes. It is linear: what friction beyond that and a
+turn of the robot do meanwhile is not foreseen.
 """
 
 from __future__ import annotations
@@ -62,8 +63,9 @@ class DelayPrediction:
         time = robot.sensors.sample_time if sample_time is None else sample_time
         if not (math.isfinite(delay) and delay > 0.0):
             raise InputError(f"The delay to predict over is {delay:g} s; it must be positive.")
-        samples = delay / time
-        count = math.ceil(samples - _ROUNDING)
+        if not (math.isfinite(time) and time > 0.0):
+            raise InputError(f"The sample time to predict with is {time:g} s; it must be positive.")
+        count = max(1, math.ceil(delay / time - _ROUNDING))
         if count > _MOST:
             raise InputError(
                 f"The delay to predict over is {delay:g} s; with a sample time of {time:g} s it can be at most "

@@ -10,8 +10,9 @@ within the limit of speed is no jump, and one whose velocity changes within the 
 
     p* = p + (4/w + tau) r' + (6/w^2 + 4 tau/w + tau^2/2) r''
 
-then takes away what the lags, and a delay tau that is predicted over, cost (r' and r'' where there is no jump and no
-kink): at constant acceleration all of it. With
+then takes away what the lags, and a delay tau that is predicted over, cost: at constant acceleration all of it. r''
+counts in full within the limit of acceleration, ever less up to twice as much, and late by `_BEND_LAG`: the digits of
+a reference that was rounded are no bends. With
 p* held over a sample of h, d_i = s_i - p* and g = w h, the lags are stepped exactly:
 
     d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
@@ -46,7 +47,7 @@ class ReferenceShaping:
     speed_limit: float = 0.5  #: of a jump's way over the floor [m/s]
     yaw_frequency: float = 3.0  #: w of each of the four lags of psi [rad/s]
     yaw_rate_limit: float = 1.0  #: of a turn [rad/s]
-    acceleration_limit: float = 0.2  #: above which a change of r' is a kink [m/s^2]
+    acceleration_limit: float = 0.2  #: beyond which a change of r' is ever more of a kink [m/s^2]
     yaw_acceleration_limit: float = 0.4  #: the same of a turn [rad/s^2]
 
     def __post_init__(self) -> None:
@@ -54,6 +55,10 @@ class ReferenceShaping:
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"{field.name} of a reference shaping is {value:g}; it must be positive.")
+
+
+#: lag of the bends [s]
+_BEND_LAG = 0.05
 
 
 class Lags(NamedTuple):
@@ -75,6 +80,7 @@ class Shaping(NamedTuple):
     turning_kink: float  #: the same of psi [rad]
     rate: float  #: samples a second [1/s]
     delay: float  #: that is predicted over [s]
+    late: float  #: part of the way that a bend's lag goes in a sample
 
 
 class Smooth(NamedTuple):
@@ -88,10 +94,10 @@ class Smooth(NamedTuple):
 
 
 #: numbers that `pack_shaping` returns
-SHAPING_SIZE = 10
+SHAPING_SIZE = 11
 #: numbers that it remembers: four lags, p and the last r for each of x, y and psi; whether it has started; the last
-#: change of r
-SHAPING_MEMORY = 22
+#: change of r, and of that the change that counts
+SHAPING_MEMORY = 25
 
 
 def pack_shaping(shaping: ReferenceShaping | None, sample_time: float, *, delay: float = 0.0) -> list[float]:
@@ -109,6 +115,7 @@ def pack_shaping(shaping: ReferenceShaping | None, sample_time: float, *, delay:
         shaping.yaw_acceleration_limit * sample_time**2,
         1.0 / sample_time,
         delay,
+        -math.expm1(-sample_time / _BEND_LAG),
     ]
 
 
@@ -144,22 +151,26 @@ def load_shaping(row, place):
         row[place + 7],
         rate,
         row[place + 9],
+        row[place + 10],
     )
 
 
 @inlined
 def shaped(S, memory, state, reference):
-    """Return the shaped x, y and psi as three `Smooth`, and step the memory (22,) on; they start at the pose."""
+    """Return the shaped x, y and psi as three `Smooth`, and step the memory (25,) on; they start at the pose."""
     if memory[18] == 0.0:
         _start(memory, state, reference)
     x, y, psi = reference[0], reference[1], reference[4]
     d_x, d_y, d_psi = x - memory[15], y - memory[16], psi - memory[17]
     n_x, n_y, n_psi = d_x - memory[19], d_y - memory[20], d_psi - memory[21]
     moves, turns = d_x * d_x + d_y * d_y <= S.speed * S.speed, abs(d_psi) <= S.turn
-    bends, veers = n_x * n_x + n_y * n_y <= S.kink * S.kink, abs(n_psi) <= S.turning_kink
-    lead_x = _lead(S, S.place, d_x, n_x, moves, bends)
-    lead_y = _lead(S, S.place, d_y, n_y, moves, bends)
-    lead_psi = _lead(S, S.heading, d_psi, n_psi, turns, veers)
+    bends, veers = _share((n_x * n_x + n_y * n_y) ** 0.5 / S.kink), _share(abs(n_psi) / S.turning_kink)
+    memory[22] += S.late * (bends * n_x - memory[22])
+    memory[23] += S.late * (bends * n_y - memory[23])
+    memory[24] += S.late * (veers * n_psi - memory[24])
+    lead_x = _lead(S, S.place, d_x, memory[22], moves)
+    lead_y = _lead(S, S.place, d_y, memory[23], moves)
+    lead_psi = _lead(S, S.heading, d_psi, memory[24], turns)
     _follow(S, memory, x, y, psi)
     memory[19], memory[20], memory[21] = d_x, d_y, d_psi
     return (
@@ -180,12 +191,18 @@ def _start(memory, state, reference):
 
 
 @inlined
-def _lead(S, lags, change, bend, moves, bends):
+def _share(size):
+    """Return how much of a bend counts, whose size is over the limit's."""
+    return max(0.0, min(1.0, 2.0 - size))
+
+
+@inlined
+def _lead(S, lags, change, bend, moves):
     """Return how far p* is ahead of p for the reference's change in a sample, and that change's own, if any counts."""
     w, tau, rate = lags.frequency, S.delay, S.rate
     lead = (4.0 / w + tau) * rate * change
     curve = (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau) * rate * rate * bend
-    return (lead + (curve if bends else 0.0)) if moves else 0.0
+    return lead + curve if moves else 0.0
 
 
 @inlined

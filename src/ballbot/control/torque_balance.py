@@ -51,7 +51,7 @@ BALANCE_MEMORY = 6
 
 
 def pack_balance(balance: TorqueBalance | None, wheel_count: int) -> NDArray[np.float64]:
-    """Return each wheel's numbers (n, 7); zero where there is none."""
+    """Return each wheel's numbers (n, 9); zero where there is none."""
     if balance is None:
         return np.zeros((wheel_count, BALANCE_PER_WHEEL))
     return np.column_stack([balance.by_acceleration, balance.by_lean, balance.by_force])
