@@ -281,34 +281,47 @@ def test_adaptation_tells_the_floor_from_the_drivelines():
         assert controller.friction_scales[3] == pytest.approx(floor, abs=0.15)
 
 
-def compensated_at_rest(robot: Robot, scaling: LoadScaling | None, lean: float) -> np.ndarray:
-    """Return what compensation adds for a robot that leans at rest while its wheels are pushed (n,)."""
+def compensated_at_rest(
+    robot: Robot, scaling: LoadScaling | None, lean: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what compensation adds at two updates (2, n) for a robot that leans at rest, and the torques without."""
     gain = np.zeros((robot.wheel_count, 10))
-    gain[:, 4] = 0.5  # a heading off by 1 rad pushes every wheel alike
+    gain[:, 4] = 0.5 + 0.1 * np.arange(robot.wheel_count)  # a heading off by 1 rad pushes every wheel
     parts = Parts(load_scaling=scaling, standstill=Standstill(feed=1.0))
-    with_friction, without = (
+    controllers = (
         Controller(robot, gain, compensation=kind, parts=own)
         for kind, own in (("full", parts), ("none", Parts()))
     )
     state = leaning(lean)
     state[4] = -1.0
-    return with_friction.update(0.0, state, np.zeros(10)) - without.update(0.0, state, np.zeros(10))
+    added, alone = (np.array([one.update(0.0, state, np.zeros(10)) for _ in range(2)]) for one in controllers)
+    return added - alone, alone[0]
 
 
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
 @pytest.mark.parametrize("lean", [0.0, 0.1, -0.2])
-def test_compensation_follows_the_load_on_each_wheel(lean):
-    robot = alten(FRICTION)
-    plain = compensated_at_rest(robot, None, lean)
-    found = compensated_at_rest(robot, LoadScaling(share=0.7), lean) / plain
-    # three wheels carry the weight, turned by the lean and by psi = -1, along their contacts' directions
+def test_compensation_follows_the_load_on_each_wheel(robot, lean):
+    plain, torques = compensated_at_rest(robot, None, lean)
+    scaled, _ = compensated_at_rest(robot, LoadScaling(share=0.7), lean)
+    # wheels carry the weight, turned by the lean and by psi = -1, along their contacts' directions, and at the second
+    # update what their torques push along the ball besides: of four wheels' loads those of the least squares
     tilt, azimuths = robot.wheels.tilt, np.asarray(robot.wheels.azimuths)
+    level = np.zeros_like(azimuths)
     contacts = np.array(
-        [np.cos(azimuths) * np.sin(tilt), np.sin(azimuths) * np.sin(tilt), np.full(3, np.cos(tilt))]
+        [np.cos(azimuths) * np.sin(tilt), np.sin(azimuths) * np.sin(tilt), level + np.cos(tilt)]
     )
+    along = np.array([-np.sin(azimuths), np.cos(azimuths), level])
     c, s = np.cos(1.0), np.sin(1.0)
-    up = np.array([-s * np.sin(lean), c * np.sin(lean), np.cos(lean)])  # R^T e_z for R = Rx(lean) Rz(-1)
-    loads = np.linalg.solve(contacts, up) / np.linalg.solve(contacts, [0.0, 0.0, 1.0])
-    np.testing.assert_allclose(found, 1.0 + 0.7 * (loads - 1.0), rtol=1e-9)
+    weight = robot.body.mass * robot.gravity
+    up = weight * np.array(
+        [-s * np.sin(lean), c * np.sin(lean), np.cos(lean)]
+    )  # R^T e_z for R = Rx(lean) Rz(-1)
+    pushed = along @ torques / robot.wheels.radius
+    at_rest = np.linalg.pinv(contacts) @ [0.0, 0.0, weight]
+    for update, force in enumerate((up, up + pushed)):
+        loads = np.linalg.pinv(contacts) @ force / at_rest
+        wanted = 1.0 + 0.7 * (np.clip(loads, 0.0, 3.0) - 1.0)
+        np.testing.assert_allclose(scaled[update] / plain[update], wanted, rtol=1e-9)
 
 
 def test_lanes_remember_each_its_own():

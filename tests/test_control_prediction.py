@@ -227,7 +227,7 @@ def test_design_writes_what_it_is_asked_for(tmp_path, capsys):
     write_robot(alten(FRICTION), path)
     options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]
     assert main(["design", str(path), *options]) == 0
-    assert "adaptation may scale that up to 150 %" in capsys.readouterr().out
+    assert "adaptation and load may scale that up to 150 %" in capsys.readouterr().out
     parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.016

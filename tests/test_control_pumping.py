@@ -11,6 +11,7 @@ from ballbot import Controller, InputError, Model, simulate
 from ballbot.cli.main import main
 from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.file import read_controller, write_controller
+from ballbot.control.load_scaling import LoadScaling
 from ballbot.control.nominal import design_gain, nominal_controller
 from ballbot.control.parts import Parts
 from ballbot.control.precise import precise_controller
@@ -104,6 +105,9 @@ def test_an_adaptation_at_its_bounds_is_told():
     controller = compensating(0.5, Parts(driveline_adaptation=adaptation))
     assert compensation_margin(controller, FRICTION).adapted == pytest.approx(0.7)
     assert compensation_margin(compensating(0.5), FRICTION).adapted == 0.0
+    both = Parts(driveline_adaptation=adaptation, load_scaling=LoadScaling(share=0.5))
+    # a load is believed up to three times that at rest: 1 + 0.5 (3 - 1)
+    assert compensation_margin(compensating(0.5, both), FRICTION).adapted == pytest.approx(1.4)
 
 
 def test_design_refuses_what_pumps_without_a_flag_and_says_how_near_it_is(tmp_path, capsys):

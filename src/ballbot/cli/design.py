@@ -215,7 +215,7 @@ def _margin(margin: Margin) -> str:
         f"given back at most of what friction takes from a wheel that swings by {amplitudes} rad/s: {returned}"
     )
     if margin.adapted:
-        told += f"\nadaptation may scale that up to {100.0 * margin.adapted:.0f} % of each wheel's friction"
+        told += f"\nadaptation and load may scale that up to {100.0 * margin.adapted:.0f} % of each wheel's friction"
     return f"{told}\nWARNING: {margin.sentence}; this feeds the motion energy" if margin.pumps else told
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ballbot.control.controller import Controller
 
 #: the largest N_i/N_0i that is believed
-_HIGHEST = 3.0
+HIGHEST_LOAD = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,4 +77,4 @@ def dry_share(row, place, own, memory, first, force, n):
     load = dot((row[own], row[own + 1], row[own + 2]), force)
     for j in range(n):
         load += row[own + 3 + j] * memory[past(first, 0, EFFECTIVE, j)]
-    return 1.0 + row[place] * (max(0.0, min(_HIGHEST, load)) - 1.0)
+    return 1.0 + row[place] * (max(0.0, min(HIGHEST_LOAD, load)) - 1.0)

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from ballbot.control.cautious_friction import cautious_friction, stated_covariance
 from ballbot.control.controller import Controller
+from ballbot.control.load_scaling import HIGHEST_LOAD
+from ballbot.control.parts import Parts
 from ballbot.errors import InputError
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction, Robot
@@ -56,7 +58,7 @@ class Margin:
     speeds: tuple[float, ...]  #: that speed [rad/s]
     rolling: float  #: share of the rolling friction
     swings: tuple[Swing, ...]  #: at `AMPLITUDES`
-    adapted: float  #: the largest share that a driveline adaptation at its bounds may bring; 0 without one
+    adapted: float  #: the largest share that driveline adaptation and load scaling may bring; 0 without them
 
     @property
     def largest(self) -> float:
@@ -108,7 +110,7 @@ def compensation_margin(controller: Controller, friction: Friction) -> Margin:
     given, taken = compensation_curve(controller, _SPEEDS), _curve(friction, _SPEEDS)
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
-    adaptation, on = controller.parts.driveline_adaptation, controller.compensation != "none"
+    on = controller.compensation != "none"
     rolling = _share(controller.robot.friction.rolling if on else 0.0, friction.rolling)
     shares = ratio[worst, np.arange(n)]
     return Margin(
@@ -116,8 +118,17 @@ def compensation_margin(controller: Controller, friction: Friction) -> Margin:
         speeds=tuple(_SPEEDS[worst].tolist()),
         rolling=rolling,
         swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
-        adapted=float(shares.max()) * adaptation.highest if adaptation else 0.0,
+        adapted=float(shares.max()) * _scaled(controller.parts),
     )
+
+
+def _scaled(parts: Parts) -> float:
+    """Return by how much adaptation and load scaling may multiply the compensation, 0 where there is neither."""
+    adaptation, load = parts.driveline_adaptation, parts.load_scaling
+    if adaptation is None and load is None:
+        return 0.0
+    loaded = 1.0 + load.share * (HIGHEST_LOAD - 1.0) if load is not None else 1.0
+    return loaded * (adaptation.highest if adaptation is not None else 1.0)
 
 
 def compensation_curve(controller: Controller, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
