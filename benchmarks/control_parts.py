@@ -35,7 +35,7 @@ from ballbot.twin.faults import LoadDependence
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
-SEEDS = tuple(range(200, 204))
+SEEDS = tuple(range(200, 203))
 REFERENCES = {"square": (square(side=0.5, period=32.0), 32.0), "hold": (hold(), 60.0)}
 ALTEN = Robot.load("alten")
 
