@@ -238,8 +238,10 @@ def _change_cells(
 
 
 def ratio(values: Sequence[float], others: Sequence[float]) -> str:
-    """Return the geometric mean of values over others, seed by seed, with its 95 % interval."""
+    """Return the geometric mean of values over others, seed by seed, with its 95 % interval from three on."""
     found = mean_with_interval(np.log(np.divide(values, others)))
+    if len(values) < 3:
+        return f"{np.exp(found.mean):.2f}"  # an interval of two tells nothing
     return f"{np.exp(found.mean):.2f} ({np.exp(found.low):.2f} to {np.exp(found.high):.2f})"
 
 

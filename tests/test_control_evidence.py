@@ -95,7 +95,8 @@ def test_the_table_of_changes_holds_each_run_against_the_same_on_its_own_floor()
     key: Job = ("precise", True, "square", "carpet", 2)
     (row, *_) = change_rows(runs | {key: Run(true=np.nan, seen=np.nan, drag=0.0, scales=())}, seeds)
     assert row[1:] == [*wanted, "1 of 12"]  # of the other two the mean is the same
-    assert ratio([1.0, 4.0], [2.0, 2.0]).startswith("1.00 (")
+    assert ratio([1.0, 4.0], [2.0, 2.0]) == "1.00"
+    assert ratio([1.0, 4.0, 2.0], [2.0, 2.0, 2.0]).startswith("1.00 (")
 
 
 def test_the_table_of_drivelines_holds_adaptive_against_fixed_seed_by_seed():
@@ -107,4 +108,4 @@ def test_the_table_of_drivelines_holds_adaptive_against_fixed_seed_by_seed():
     }
     rows = warm_rows(runs, (1, 2))
     assert len(rows) == 2 * 3
-    assert all(row[2:] == ["12.0", "9.0", "0.75 (0.75 to 0.75)", "1.00", "0 and 0"] for row in rows)
+    assert all(row[2:] == ["12.0", "9.0", "0.75", "1.00", "0 and 0"] for row in rows)
