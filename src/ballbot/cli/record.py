@@ -18,6 +18,7 @@ from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, r
 from ballbot.files import check_folder
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed
+from ballbot.simulation.run import sample_count
 from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment
 
@@ -76,9 +77,10 @@ def record(
         The folder to write into.
     """
     described = Robot.load(robot)
-    # refused before anything is run
+    # refused before anything is run or made
     reference_of(reference)
     check_seed(seed)
+    all_seeds = None if seeds is None else parse_seeds(seeds)
     job = Job(
         robot=described,
         scenario=Scenario.load(scenario, described),
@@ -96,11 +98,12 @@ def record(
     console = standard_output()
     if controller:
         warn_of_pumping({str(controller): job.controller}, described, console)
+    sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
-    if seeds is None:
+    if all_seeds is None:
         _one(job, seed, out, console)
     else:
-        _many(job, parse_seeds(seeds), out, console)
+        _many(job, all_seeds, out, console)
 
 
 def _one(job: Job, seed: int, out: Path, console: Console) -> None:
