@@ -159,21 +159,22 @@ def _compensate(F, row, memory, a, state, wanted, e, torques):
         place = at.WHEELS + at.PER_WHEEL * i + at.OWN_FRICTION
         agreement += torques[i] * rolling_torque(row, place, force)
     rolls = F.full + (F.partial if agreement > 0.0 else 0.0)
-    pressing, dry = specific_force(row, at.LOAD, a, wanted), 1.0
+    dry = 1.0  # what the load makes of a wheel's dry friction
     for i in range(len(torques)):
-        place = at.WHEELS + at.PER_WHEEL * i + at.OWN_FRICTION
+        wheel = at.WHEELS + at.PER_WHEEL * i
+        place = wheel + at.OWN_FRICTION
         if row[at.LOAD] > 0.0:
-            own = place - at.OWN_FRICTION + at.OWN_LOAD
-            dry = dry_share(row, at.LOAD, own, memory, at.PAST, pressing, len(torques))
+            pressing = specific_force(row, at.LOAD, a, wanted)
+            dry = dry_share(row, at.LOAD, wheel + at.OWN_LOAD, memory, at.PAST, pressing, len(torques))
         friction, share, speed = wheel_friction(F, row, place, relative, torques[i], dry)
         added = share * (1.0 + memory[at.SCALES + i]) * friction + rolls * rolling_torque(row, place, force)
         torques[i] += added
         memory[past(at.PAST, 0, COMPENSATED, i)] = added
         if row[at.ADAPTATION] > 0.0:
             told = abs(speed) * F.steepness > 1.0 and tells(row, at.ADAPTATION, speed)
-            balance = place - at.OWN_FRICTION + at.OWN_BALANCE
+            carried = lost_to_force(row, wheel + at.OWN_BALANCE, force)
             memory[past(at.PAST, 0, JUDGED, i)] = friction if told else 0.0
-            memory[past(at.PAST, 0, JUDGED_ROLLING, i)] = lost_to_force(row, balance, force) if told else 0.0
+            memory[past(at.PAST, 0, JUDGED_ROLLING, i)] = carried if told else 0.0
 
 
 @inlined
