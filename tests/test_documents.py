@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,10 @@ def test_the_mapping_in_the_documents_is_one(tmp_path):
     (example,) = fenced("docs/logs.md", "toml")
     path = tmp_path / "mapping.toml"
     path.write_text(example, encoding="utf-8")
-    read_mapping(path)
+    told, mapping = tomllib.loads(example), read_mapping(path)
+    assert mapping.columns["t"].column == told["columns"]["t"]["from"]
+    assert mapping.columns["t"].factor == 1e-3  # "ms"
+    assert {"wheel1", "wheel2", "wheel3"} <= set(mapping.columns)
 
 
 def test_the_readme_lists_every_command_and_preset():
