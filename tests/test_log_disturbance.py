@@ -18,8 +18,8 @@ def test_hands_that_push_all_the_time_are_told():
     # hands that tilt the body by a degree or two at 1.5 Hz, while the wheels do what they did
     push = 0.03 * np.sin(2.0 * np.pi * 1.5 * log.t)
     found = check_disturbance(log.with_columns({"theta": log["theta"] + push}), small_robot())
-    assert [finding.kind for finding in found] == ["disturbance"]
-    assert "closed-loop" in found[0].sentence
+    assert [finding.code for finding in found] == ["disturbance"]
+    assert "closed-loop" in found[0].text
 
 
 @pytest.mark.parametrize("name", ["square_soft", "hold_soft"])

@@ -102,14 +102,14 @@ def test_a_mirror_image_by_the_imu_is_seen_and_told(tmp_path):
     proposal = proposed(tmp_path, Habits(pitch_sign=-1))
     assert proposal.lean_test is not None
     assert proposal.lean_test.placements[0].mirrored
-    assert any("mirror image" in finding.sentence for finding in findings_of(proposal))
+    assert any("mirror image" in finding.text for finding in findings_of(proposal))
 
 
 def test_without_heading_a_pulse_is_asked_for(tmp_path):
     habits = Habits(yaw=False)
     columns = columns_of(swaying_log(heading=0.0), habits)
     proposal = propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot())
-    assert any(finding.kind == "heading" for finding in findings_of(proposal))
+    assert any(finding.code == "heading" for finding in findings_of(proposal))
 
 
 def test_resets_restarts_and_garbage_are_seen(tmp_path):
@@ -120,7 +120,7 @@ def test_resets_restarts_and_garbage_are_seen(tmp_path):
     twice = {name: np.concatenate([values[:300], values]) for name, values in columns.items()}
     path = write_foreign(tmp_path / "run.txt", twice, habits, tail="1 2 3\nthe end\n")
     proposal = propose(path, small_robot())
-    kinds = [finding.kind for finding in findings_of(proposal)]
+    kinds = [finding.code for finding in findings_of(proposal)]
     assert {"reset", "time", "file"} <= set(kinds)
     assert proposal.rows == (301, 300 + len(columns["t_now"]))
     log = mapped(tmp_path, proposal)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ballbot.cli.log import check_log
+from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.log.findings import Finding
 from ballbot.log.proposal.findings import findings_of
 from ballbot.log.proposal.proposal import propose
 from ballbot.robot import Robot
@@ -43,7 +43,7 @@ def test_handedness_phase_and_timing(shared_data, robot, name):
     assert proposal.commands is not None
     assert proposal.commands.order == (1, 2, 3)
     assert 0.0065 < proposal.commands.delay < 0.0165
-    kinds = {finding.kind for finding in findings_of(proposal)}
+    kinds = {finding.code for finding in findings_of(proposal)}
     assert {"disturbance", "fall", "timing"} <= kinds
 
 
@@ -78,14 +78,14 @@ def test_the_free_wheel_sweep_is_known_for_one(shared_data, robot):
     assert proposal.wheel.unit == "counts"
     assert proposal.commands is not None
     assert set(proposal.commands.signs) == {1}
-    told = " ".join(finding.sentence for finding in findings_of(proposal))
+    told = " ".join(finding.text for finding in findings_of(proposal))
     assert "drivelines only" in told
     assert "Commands are logged 5 ms after the motors' answer; torque constant" in told
 
 
 def test_the_glitches_of_logged_speeds_are_seen(shared_data, robot):
     found = findings_of(propose(shared_data / "rob311" / "main_control_autotune_1.txt", robot))
-    assert [f for f in found if isinstance(f, Finding) and f.kind == "glitch"]
+    assert [f for f in found if isinstance(f, Finding) and f.code == "glitch"]
 
 
 def test_the_command_writes_a_log_that_identification_can_use(shared_data, tmp_path, capsys):

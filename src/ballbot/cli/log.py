@@ -13,9 +13,9 @@ from ballbot.cli.log_proposal import propose_mapping
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
+from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check
-from ballbot.log.findings import Finding
 from ballbot.log.formats import is_foreign
 from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
 from ballbot.log.summary import ColumnSummary, summarize
@@ -61,7 +61,7 @@ def check_log(
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
         more = f" (and {len(errors) - 1} more, above)" if len(errors) > 1 else ""
-        raise InputError(f"{file}: {errors[0].sentence}{more}")
+        raise InputError(f"{file}: {errors[0].text}{more}")
 
 
 def _show(
@@ -78,7 +78,7 @@ def _show(
     if wheels:
         console.print(_wheel_table(wheels, framed=console.is_terminal))
     for finding in findings:
-        line = Text.assemble((finding.severity, _STYLES[finding.severity]), f": {finding.sentence}")
+        line = Text.assemble((finding.severity, _STYLES[finding.severity]), f": {finding.text}")
         console.print(line, soft_wrap=True)
     if not findings:
         console.print("Nothing wrong was found.")

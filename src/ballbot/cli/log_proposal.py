@@ -33,7 +33,7 @@ def propose_mapping(file: Path, robot: Robot, *, out: Path | None) -> tuple[Find
     if proposal.lean_test:
         console.print(_placement_table(proposal, framed=console.is_terminal))
     for finding in findings:
-        console.print(Text(f"{finding.severity}: {finding.sentence}"), soft_wrap=True)
+        console.print(Text(f"{finding.severity}: {finding.text}"), soft_wrap=True)
     if out is None:
         console.print(Text("\n" + text), soft_wrap=True)
         return findings

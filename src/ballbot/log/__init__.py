@@ -1,7 +1,7 @@
 """The one time-series type that every experiment is, and reading and writing its file formats."""
 
+from ballbot.findings import Finding
 from ballbot.log.columns import STATE_NAMES
-from ballbot.log.findings import Finding
 from ballbot.log.log import Log
 from ballbot.log.mapping import LogMapping
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered
-from ballbot.log.findings import Finding
 from ballbot.log.log import Log
 
 DEGREES = float(np.degrees(1.0))
@@ -90,13 +90,22 @@ def check_lean(log: Log) -> list[Finding]:
             f"(t = {time:.6g} s)."
         )
         return [
-            Finding(severity="error", kind="degrees", sentence=sentence, columns=("theta", "phi"), time=time)
+            Finding(
+                severity="error",
+                code="degrees",
+                text=sentence,
+                where=Place(columns=("theta", "phi"), time=time),
+            )
         ]
     sentence = (
         f"The robot falls or is caught: its lean passes {LOST_LEAN:g} rad at t = {time:.6g} s (row "
         f"{first + 1}); only what is before that is balancing."
     )
-    return [Finding(severity="warning", kind="fall", sentence=sentence, columns=("theta", "phi"), time=time)]
+    return [
+        Finding(
+            severity="warning", code="fall", text=sentence, where=Place(columns=("theta", "phi"), time=time)
+        )
+    ]
 
 
 def check_wrap(log: Log) -> list[Finding]:
@@ -115,7 +124,10 @@ def check_wrap(log: Log) -> list[Finding]:
             )
             findings.append(
                 Finding(
-                    severity="warning", kind="wrap", sentence=sentence, columns=(name,), time=float(log.t[k])
+                    severity="warning",
+                    code="wrap",
+                    text=sentence,
+                    where=Place(columns=(name,), time=float(log.t[k])),
                 )
             )
     return findings
@@ -153,17 +165,23 @@ def _verdict(name: str, other: str, found: Agreement, *, what: str, reference: s
         sentence = (
             f"{name} and {other} have opposite signs (correlation {found.correlation:.2f}): flip one of them."
         )
-        findings.append(Finding(severity="error", kind="sign", sentence=sentence, columns=columns))
+        findings.append(Finding(severity="error", code="sign", text=sentence, where=Place(columns=columns)))
     length = name in ("x", "y")
     if not length and 0.75 < size / DEGREES < 1.33:
         sentence = f"{seen}: {name} is in degrees where radians belong."
-        findings.append(Finding(severity="error", kind="degrees", sentence=sentence, columns=columns))
+        findings.append(
+            Finding(severity="error", code="degrees", text=sentence, where=Place(columns=columns))
+        )
     elif not length and 0.75 < size * DEGREES < 1.33:
         sentence = f"{seen}: {other} is in degrees where radians belong."
-        findings.append(Finding(severity="error", kind="degrees", sentence=sentence, columns=columns))
+        findings.append(
+            Finding(severity="error", code="degrees", text=sentence, where=Place(columns=columns))
+        )
     elif not 1.0 / 1.5 < size < 1.5:
         sentence = f"{seen}: one of the two has a wrong scale, delay or much noise."
-        findings.append(Finding(severity="warning", kind="scale", sentence=sentence, columns=columns))
+        findings.append(
+            Finding(severity="warning", code="scale", text=sentence, where=Place(columns=columns))
+        )
     return findings
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
+from ballbot.findings import Finding, Place, by_severity
 from ballbot.log.angle_checks import check_gyro, check_lean, check_rates, check_wrap
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
 from ballbot.log.disturbance_check import check_disturbance
-from ballbot.log.findings import Finding
 from ballbot.log.kinematic_check import check_wheels
 from ballbot.log.log import Log
 from ballbot.log.spikes import check_spikes
@@ -21,8 +22,6 @@ from ballbot.log.value_checks import (
     check_stuck,
 )
 from ballbot.robot import Robot
-
-_ORDER = ("error", "warning", "note")
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
@@ -54,7 +53,24 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         *check_names(log),
         *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
     ]
-    return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.severity)))
+    return by_severity(findings)
+
+
+def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
+    """Return everything found in a robot's logs, errors first, each finding with the log that it is about.
+
+    Parameters
+    ----------
+    logs : mapping of str to Log
+        By the names that messages use.
+    robot : Robot
+        Whose logs they are.
+    """
+    return by_severity(
+        replace(finding, where=replace(finding.where, file=name))
+        for name, log in logs.items()
+        for finding in check(log, robot=robot)
+    )
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:
@@ -82,7 +98,7 @@ def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
         if missing:
             plural = "columns" if len(missing) > 1 else "column"
             sentence = f"Not enough for {use}: it lacks the {plural} {', '.join(missing)}."
-            findings.append(Finding(severity="note", kind="use", sentence=sentence, columns=missing))
+            findings.append(Finding(severity="note", code="use", text=sentence, where=Place(columns=missing)))
     return findings
 
 

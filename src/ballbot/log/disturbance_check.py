@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ballbot.findings import Finding
 from ballbot.log.columns import wheel_angle_names
-from ballbot.log.findings import Finding
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
@@ -52,4 +52,4 @@ def disturbance_findings(disturbance: float) -> list[Finding]:
         f"What moves the lean beside wheels and gravity is {disturbance:.1f} times gravity's part: the log serves for "
         "predictions of a fraction of a second, and cannot support a closed-loop or long open-loop verdict."
     )
-    return [Finding(severity="warning", kind="disturbance", sentence=sentence)]
+    return [Finding(severity="warning", code="disturbance", text=sentence)]

@@ -13,8 +13,8 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import STATE_NAMES, wheel_speed_names
-from ballbot.log.findings import Finding
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
@@ -97,21 +97,21 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
             "The wheels' order and signs cannot be checked: "
             "that takes the ten states, every wheel's speed, and motion."
         )
-        return [Finding(severity="note", kind="wheels", sentence=sentence)]
+        return [Finding(severity="note", code="wheels", text=sentence)]
     evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
     if min(found.correlations) < CLEAR_CORRELATION:
         sentence = (
             f"The wheels' speeds hardly follow the states (correlations {evidence}): "
             "another robot, much slip, or a delay."
         )
-        return [Finding(severity="warning", kind="wheels", sentence=sentence, columns=columns)]
+        return [Finding(severity="warning", code="wheels", text=sentence, where=Place(columns=columns))]
     if found.order != tuple(range(1, robot.wheel_count + 1)) or min(found.signs) < 0:
         signs = [found.signs[found.order.index(i)] for i in range(1, robot.wheel_count + 1)]
         sentence = (
             f"The wheels' columns are not this robot's: a mapping with [wheels] order = {list(found.order)} "
             f"and sign = {signs} would fit (correlations {evidence})."
         )
-        return [Finding(severity="error", kind="wheels", sentence=sentence, columns=columns)]
+        return [Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))]
     low, high = GAIN_RANGE
     if not all(low < gain < high for gain in found.gains):
         gains = ", ".join(f"{gain:.3f}" for gain in found.gains)
@@ -119,7 +119,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
             f"The wheels turn {gains} times what the states make of this robot: "
             "a radius, the tilt or a unit is wrong, or the ball slips or pivots."
         )
-        return [Finding(severity="warning", kind="wheels", sentence=sentence, columns=columns)]
+        return [Finding(severity="warning", code="wheels", text=sentence, where=Place(columns=columns))]
     return []
 
 

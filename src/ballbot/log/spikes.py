@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import KNOWN_NAMES, TRUE_PREFIX
-from ballbot.log.findings import Finding
 from ballbot.log.log import Log
 
 #: a spike stands off by so many times the range of the others, of which this share at either end does not count
@@ -72,7 +72,7 @@ def check_spikes(log: Log) -> list[Finding]:
             "value, which a mapping file can name."
         )
         findings.append(
-            Finding(severity="warning", kind="spike", sentence=sentence, columns=(name,), time=time)
+            Finding(severity="warning", code="spike", text=sentence, where=Place(columns=(name,), time=time))
         )
     return findings
 

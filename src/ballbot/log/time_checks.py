@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ballbot.log.findings import Finding
+from ballbot.findings import Finding, Place
 from ballbot.log.log import Log
 
 #: an interval this many times the usual longest one is a gap: one lost row of a regular log makes 2
@@ -16,7 +16,7 @@ def check_rows(log: Log) -> list[Finding]:
     if len(log) > 1:
         return []
     sentence = "The log has one row, and nothing moves in one row; every use takes many."
-    return [Finding(severity="error", kind="rows", sentence=sentence)]
+    return [Finding(severity="error", code="rows", text=sentence)]
 
 
 def check_gaps(log: Log) -> list[Finding]:
@@ -37,7 +37,12 @@ def check_gaps(log: Log) -> list[Finding]:
         f"windows must not span them."
     )
     return [
-        Finding(severity="warning", kind="gap", sentence=sentence, columns=("t",), time=float(log.t[first]))
+        Finding(
+            severity="warning",
+            code="gap",
+            text=sentence,
+            where=Place(columns=("t",), time=float(log.t[first])),
+        )
     ]
 
 
@@ -54,7 +59,7 @@ def check_jitter(log: Log) -> list[Finding]:
         f"The intervals between rows scatter by {100 * scatter:.0f} % about {log.sample_time:.4g} s "
         f"(from {typical.min():.4g} to {typical.max():.4g} s); rates from differences will be noisy."
     )
-    return [Finding(severity="warning", kind="jitter", sentence=sentence, columns=("t",))]
+    return [Finding(severity="warning", code="jitter", text=sentence, where=Place(columns=("t",)))]
 
 
 def check_missing_values(log: Log) -> list[Finding]:
@@ -71,6 +76,8 @@ def check_missing_values(log: Log) -> list[Finding]:
             f"or cut off."
         )
         findings.append(
-            Finding(severity="warning", kind="missing", sentence=sentence, columns=(name,), time=time)
+            Finding(
+                severity="warning", code="missing", text=sentence, where=Place(columns=(name,), time=time)
+            )
         )
     return findings

@@ -5,8 +5,8 @@ import difflib
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import KNOWN_NAMES, TRUE_PREFIX, wheel_speed_names
-from ballbot.log.findings import Finding
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
@@ -32,7 +32,7 @@ def check_names(log: Log) -> list[Finding]:
         near = difflib.get_close_matches(name, KNOWN_NAMES, n=1, cutoff=0.8)
         words.append(f"{name} (did you mean {near[0]}?)" if near else name)
     sentence = f"Columns that Ballbot gives no meaning and leaves alone: {', '.join(words)}."
-    return [Finding(severity="note", kind="unknown", sentence=sentence, columns=tuple(unknown))]
+    return [Finding(severity="note", code="unknown", text=sentence, where=Place(columns=tuple(unknown)))]
 
 
 def check_constant(log: Log) -> list[Finding]:
@@ -44,10 +44,14 @@ def check_constant(log: Log) -> list[Finding]:
             continue
         if name.startswith("ref_"):
             sentence = f"{name} is {values[0]:g} throughout: the reference holds still."
-            findings.append(Finding(severity="note", kind="constant", sentence=sentence, columns=(name,)))
+            findings.append(
+                Finding(severity="note", code="constant", text=sentence, where=Place(columns=(name,)))
+            )
         elif not name.startswith(TRUE_PREFIX):
             sentence = f"{name} is {values[0]:g} throughout, as if its sensor or cable were dead."
-            findings.append(Finding(severity="warning", kind="constant", sentence=sentence, columns=(name,)))
+            findings.append(
+                Finding(severity="warning", code="constant", text=sentence, where=Place(columns=(name,)))
+            )
     return findings
 
 
@@ -71,7 +75,7 @@ def check_stuck(log: Log) -> list[Finding]:
             "the sensor froze, messages were lost, or all was at rest."
         )
         findings.append(
-            Finding(severity="warning", kind="stuck", sentence=sentence, columns=(name,), time=time)
+            Finding(severity="warning", code="stuck", text=sentence, where=Place(columns=(name,), time=time))
         )
     return findings
 
@@ -101,10 +105,9 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
             findings.append(
                 Finding(
                     severity="warning",
-                    kind="saturation",
-                    sentence=sentence,
-                    columns=(name,),
-                    time=float(log.t[start]),
+                    code="saturation",
+                    text=sentence,
+                    where=Place(columns=(name,), time=float(log.t[start])),
                 )
             )
         # 1 %: rounding in the file
@@ -114,7 +117,7 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
                 f"the input is perhaps not a torque, or the robot file's limit is too low."
             )
             findings.append(
-                Finding(severity="warning", kind="torque_limit", sentence=sentence, columns=(name,))
+                Finding(severity="warning", code="torque-limit", text=sentence, where=Place(columns=(name,)))
             )
     return findings
 
@@ -136,7 +139,12 @@ def check_speed_limit(log: Log, robot: Robot) -> list[Finding]:
                 "the torque commanded is not what was there."
             )
             findings.append(
-                Finding(severity="warning", kind="speed_limit", sentence=sentence, columns=(name,), time=time)
+                Finding(
+                    severity="warning",
+                    code="speed-limit",
+                    text=sentence,
+                    where=Place(columns=(name,), time=time),
+                )
             )
     return findings
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.log.disturbance_check import disturbance_findings
-from ballbot.log.findings import Finding, Severity
 from ballbot.log.local_fit import local_fit
 from ballbot.log.proposal.episodes import fallen
 from ballbot.log.proposal.proposal import Proposal
@@ -37,11 +37,11 @@ def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
         *_commands(proposal),
         *(disturbance_findings(proposal.lean_test.disturbance) if proposal.lean_test else []),
     ]
-    return tuple(sorted(found, key=lambda finding: ("error", "warning", "note").index(finding.severity)))
+    return by_severity(found)
 
 
-def _finding(severity: Severity, kind: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
-    return Finding(severity=severity, kind=kind, sentence=sentence, columns=columns)
+def _finding(severity: Severity, code: str, sentence: str, columns: tuple[str, ...] = ()) -> Finding:
+    return Finding(severity=severity, code=code, text=sentence, where=Place(columns=columns))
 
 
 def _rows(proposal: Proposal) -> list[Finding]:
