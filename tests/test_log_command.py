@@ -42,7 +42,7 @@ def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
         check_log(tmp_path / "log.csv", out=tmp_path)
     assert "psi_dot" in capsys.readouterr().out
     results = json.loads((tmp_path / "results.json").read_text())
-    assert results["findings"][0]["kind"] == "degrees"
+    assert results["findings"][0]["code"] == "degrees"
 
 
 def test_a_column_without_any_value_is_still_valid_json(tmp_path):
