@@ -133,7 +133,7 @@ def validate_pair(
     parts = stretches(log, held_out)
     prediction = predict(models, log, parts)
     covariance = prediction.start_covariance
-    disturbed = next((found.sentence for found in check_disturbance(log, models.first.model.robot)), None)
+    disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
     recovered, closed, refusal = (
         (None, None, disturbed) if disturbed else _closed_loop(models, log, parts, controller, restart_every)
     )
