@@ -6,8 +6,10 @@ because a result from such input would be wrong; `--accept CODE` goes on, and th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from difflib import get_close_matches
+from types import MappingProxyType
 from typing import Literal
 
 from ballbot.errors import InputError
@@ -15,6 +17,41 @@ from ballbot.errors import InputError
 Severity = Literal["error", "warning", "note"]
 
 _ORDER = ("error", "warning", "note")
+
+#: every code with its meaning, in alphabetical order; docs/logs.md shows the same table
+CODES: Mapping[str, str] = MappingProxyType(
+    {
+        "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
+        "commands": "motor commands do not drive the wheels, or in another order or with other signs",
+        "constant": "a column never changes",
+        "degrees": "angles or rates are in degrees, or mixed with radians",
+        "disturbance": "something other than wheels and gravity moves the lean",
+        "drive": "what a foreign log shows of the delay from command to motor",
+        "fall": "the robot falls, or is not on its ball",
+        "file": "how a foreign file was read",
+        "gap": "rows are missing",
+        "glitch": "logged wheel speeds contradict the wheel angles",
+        "hands": "the robot is held or pushed",
+        "heading": "the heading turns too little to show the wheels' signs",
+        "jitter": "the time from row to row varies",
+        "missing": "values are missing (NaN)",
+        "reset": "an encoder was reset",
+        "rows": "too few rows",
+        "saturation": "torques stay at their limit",
+        "scale": "a rate, a gain or a unit is off by a factor",
+        "sign": "a rate has the opposite sign of its angle's change",
+        "speed-limit": "wheels turn faster than the motors can",
+        "spike": "single values jump out of their course",
+        "stuck": "a sensor repeats its value for long",
+        "time": "time does not increase throughout a foreign file",
+        "timing": "rows' times differ from the moments of sampling",
+        "torque-limit": "torques exceed the robot's limit",
+        "unknown": "columns that Ballbot does not know",
+        "use": "a use of logs for which this one lacks columns",
+        "wheels": "wheel angles or speeds contradict the states, or the wheels' places are uncertain",
+        "wrap": "an angle jumps by a full turn",
+    }
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +81,39 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.severity)))
 
 
-def stop_on_errors(findings: Sequence[Finding], *, accept: Collection[str] = ()) -> None:
+def as_options(codes: Sequence[str]) -> str:
+    """Return the options of a command line that accept these codes."""
+    return " ".join(f"--accept {code}" for code in codes)
+
+
+def as_argument(codes: Sequence[str]) -> str:
+    """Return the argument of a Python function that accepts these codes."""
+    return f"accept=[{', '.join(repr(code) for code in codes)}]"
+
+
+def check_codes(accept: Iterable[str]) -> tuple[str, ...]:
+    """Return codes to accept, each once.
+
+    Raises
+    ------
+    InputError
+        If one is not in `CODES`; the sentence names the nearest.
+    """
+    codes = tuple(dict.fromkeys(accept))
+    for code in codes:
+        if code not in CODES:
+            near = get_close_matches(code, CODES, n=3, cutoff=0.5)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"the codes are {', '.join(CODES)}."
+            raise InputError(f"There is no finding with the code {code!r} to accept; {hint}")
+    return codes
+
+
+def stop_on_errors(
+    findings: Sequence[Finding],
+    *,
+    accept: Collection[str] = (),
+    going_on: Callable[[Sequence[str]], str] = as_options,
+) -> None:
     """Raise InputError on the first error whose code is not accepted.
 
     Parameters
@@ -52,6 +121,8 @@ def stop_on_errors(findings: Sequence[Finding], *, accept: Collection[str] = ())
     findings : sequence of Finding
     accept : collection of str
         Codes of errors that the user knows of.
+    going_on : callable
+        Returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python.
 
     Raises
     ------
@@ -63,6 +134,14 @@ def stop_on_errors(findings: Sequence[Finding], *, accept: Collection[str] = ())
         return
     first = errors[0]
     file = f"{first.where.file}: " if first.where.file else ""
-    options = " ".join(f"--accept {code}" for code in dict.fromkeys(finding.code for finding in errors))
+    codes = list(dict.fromkeys(finding.code for finding in errors))
     more = f" ({len(errors) - 1} more, in `ballbot check-log`)" if len(errors) > 1 else ""
-    raise InputError(f"{file}{first.text}{more} To go on all the same: {options}.")
+    raise InputError(f"{file}{first.text}{more} To go on all the same: {going_on(codes)}.")
+
+
+def finding_results(findings: Iterable[Finding], *, accept: Collection[str] = ()) -> list[dict[str, object]]:
+    """Return what results.json holds of findings; an error that the user accepted is marked so."""
+    return [
+        asdict(finding) | {"accepted": finding.severity == "error" and finding.code in accept}
+        for finding in findings
+    ]
