@@ -50,6 +50,7 @@ CAMPAIGNS = {
     "identified_friction": "benchmarks.identified_friction",
     "spin": "benchmarks.spin",
     "validation_bbr": "benchmarks.validation_bbr",
+    "false_alarms": "benchmarks.false_alarms",
 }
 
 _HEAD = """# Evidence
