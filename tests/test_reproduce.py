@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from symbolic_oracle import random_state
 
 from ballbot.cli.main import main
 from ballbot.control.nominal import design_gain
@@ -36,7 +37,14 @@ from ballbot.experiments.reproduce import (
 )
 from ballbot.experiments.reproduce.bench import Bench, linear_run
 from ballbot.experiments.reproduce.measures import above
-from ballbot.experiments.reproduce.mistakes import MISTAKES, algebra, conclusions, mechanics, numbers
+from ballbot.experiments.reproduce.mistakes import (
+    MISTAKES,
+    algebra,
+    conclusions,
+    equations,
+    mechanics,
+    numbers,
+)
 from ballbot.experiments.reproduce.recordings import Logs, Recording, record_all
 from ballbot.experiments.reproduce.registry import ITEMS
 from ballbot.report.provenance import provenance
@@ -118,7 +126,7 @@ def test_appendix_iii_comes_out_of_a_filmed_swing(bench: Bench) -> None:
 
 
 def test_mistakes_are_numbered_as_in_the_list() -> None:
-    assert len(MISTAKES) == 15
+    assert len(MISTAKES) == 19
 
 
 @pytest.mark.parametrize(
@@ -137,6 +145,12 @@ def test_mistakes_are_numbered_as_in_the_list() -> None:
         (mechanics.friction_on_absolute_spin, 8, 2, 0.173 / 0.11),
         (algebra.seam_curve, 10, 2, 0.0),
         (numbers.ball_inertia, 11, 0, 2.0 / 3.0 * 3.0 * 0.11**2),
+        (equations.nonholonomic_rates, 16, 2, 0.0),
+        (equations.locked_wheels_twice, 17, 0, 1.5),  # 3 wheels of 1 g m^2, sin^2(45 degrees) each
+        (equations.locked_wheels_twice, 17, 1, 100.0 * 1.5e-3 / 0.193),
+        (equations.undefined_inverses, 18, 0, 2.0),
+        (equations.undefined_inverses, 18, 1, 2.0),
+        (conclusions.reference_and_stability, 19, 4, 1.0),
     ],
 )
 def test_mistakes_are_shown_by_their_numbers(
@@ -146,6 +160,25 @@ def test_mistakes_are_shown_by_their_numbers(
     assert mistake.number == number
     assert mistake.proven
     assert mistake.shown_by[place].value == pytest.approx(value, rel=1e-4, abs=1e-12)
+
+
+@settings(max_examples=20, deadline=None)  # the first derives both by SymPy
+@given(st.integers(0, 2**32 - 1))
+def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
+    """(II.34) as printed less (II.34) with d'Alembert's principle first, derived by SymPy at any state."""
+    pytest.importorskip("sympy")
+    from ballbot.mechanics.symbolic import corrections_of
+    from ballbot.mechanics.symbolic import equations as derived
+
+    robot, printed = Robot.load("alten"), corrections_of("thesis")
+    q, q_dot, _ = random_state(np.random.default_rng(seed), 3)
+    first, second = (
+        derived(robot, replace(printed, nonholonomic_wheels=mended)).bias(q, q_dot)
+        for mended in (False, True)
+    )
+    force = equations.nonholonomic_force(robot, q, q_dot)
+    # central differences at 1e-5: truncation and rounding are 1e-10 of numbers up to 0.1
+    np.testing.assert_allclose(force, first - second, rtol=0.0, atol=1e-9)
 
 
 def test_clamp_of_the_thesis_winds_up(bench: Bench) -> None:

@@ -3,7 +3,8 @@
 algebra.py      printed equations that cannot be: 1 to 3, 10
 mechanics.py    physics of the model: 4 to 8
 numbers.py      limits, parameters and error measures: 9, 11, 12, 15
-conclusions.py  what is read from residuals, and the gain away from psi = 0: 13, 14
+conclusions.py  what is read from residuals, the gain away from psi = 0, and A r = 0: 13, 14, 19
+equations.py    Lagrange's equation, wheels counted twice, inverses that are none: 16 to 18
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable
 
 from ballbot.experiments.reproduce.bench import Bench
 from ballbot.experiments.reproduce.item import Mistake
-from ballbot.experiments.reproduce.mistakes import algebra, conclusions, mechanics, numbers
+from ballbot.experiments.reproduce.mistakes import algebra, conclusions, equations, mechanics, numbers
 
 #: in the order of the list
 MISTAKES: tuple[Callable[[Bench], Mistake], ...] = (
@@ -31,4 +32,8 @@ MISTAKES: tuple[Callable[[Bench], Mistake], ...] = (
     conclusions.residual_pairs,
     conclusions.gain_at_other_headings,
     numbers.error_over_count,
+    equations.nonholonomic_rates,
+    equations.locked_wheels_twice,
+    equations.undefined_inverses,
+    conclusions.reference_and_stability,
 )

@@ -1,4 +1,4 @@
-"""What is read from the residuals (4.2), and the gain of psi = 0 at other headings (5.2)."""
+"""What is read from the residuals (4.2), the gain of psi = 0 at other headings (5.2), and A r = 0 (5.1)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from ballbot.validation.residuals.correlation import Correlations
 LEANING_PAIRS = (("x_dot", "phi_dot"), ("y_dot", "theta_dot"))
 #: that the thesis names beside (6, 9): (7, 9)
 NAMED_PAIRS = (("y_dot", "phi_dot"),)
+#: a lean that is asked for, which no point of rest has [rad], and until when the loop has settled [s]
+_ASKED_LEAN, _SETTLING = float(np.radians(2.0)), 60.0
 
 
 def clear_correlation(found: Correlations) -> float:
@@ -119,6 +121,66 @@ def gain_at_other_headings(bench: Bench) -> Mistake:
                 value=float(np.degrees(np.abs(turned.states[:, 2:4]).max())),
                 unit="deg",
                 highest=10.0,
+            ),
+        ),
+    )
+
+
+def reference_and_stability(bench: Bench) -> Mistake:
+    """Section 5.1 asks A r = 0 of a reference for the sake of stability."""
+    robot, gain = bench.robot, bench.design.gain
+    linear = Model(robot).linearize()
+    reference = np.zeros(10)
+    reference[3] = _ASKED_LEAN
+    F, G = held(linear.A, linear.B, robot.sensors.sample_time)
+    largest = float(np.abs(np.linalg.eigvals(F - G @ gain)).max())
+    # where x_dot = A x + B K (r - x) is zero
+    rest = np.linalg.solve(linear.A - linear.B @ gain, -linear.B @ gain @ reference)
+    run = simulate(
+        Model(robot),
+        FixedFrame(gain, robot.sensors.sample_time),
+        lambda _: reference,
+        duration=_SETTLING,
+    )
+    last = run.states[-1] if not run.ended else np.full(10, np.nan)
+    return Mistake(
+        number=19,
+        where="section 5.1, (5.3)",
+        thesis="A r = 0 is needed for (5.3) to be stable.",
+        right="A r is a constant input to (5.3): it moves the point of rest, e = (A - B K)^-1 A r, and nothing "
+        "else. The eigenvalues of A - B K hold no r.",
+        shown_by=(
+            Check(
+                claim="a reference with A r other than 0 is asked for",
+                quantity=f"largest entry of A r, phi = {np.degrees(_ASKED_LEAN):g} degrees, its size",
+                value=float(np.abs(linear.A @ reference).max()),
+                lowest=0.1,
+            ),
+            Check(
+                claim="the loop is stable whatever r is",
+                quantity="largest eigenvalue of the sampled loop, its size",
+                value=largest,
+                highest=1.0,
+            ),
+            Check(
+                claim="the nonlinear model comes to rest under it",
+                quantity=f"largest rate after {_SETTLING:g} s, of all ten states' rates",
+                value=float(np.abs(last[5:]).max()),
+                highest=1e-4,
+            ),
+            Check(
+                claim="away from where it is asked to be",
+                quantity="x at rest",
+                value=float(last[0]),
+                unit="m",
+                lowest=0.01,
+            ),
+            Check(
+                claim="as (5.3) says",
+                quantity="the same over that of (5.3)",
+                value=float(last[0] / rest[0]),
+                lowest=0.99,
+                highest=1.01,
             ),
         ),
     )
