@@ -213,8 +213,8 @@ def _check_body(body: Body) -> None:
     if body.inertia_about == "ball_center" and _fault_of(central):
         raise InputError(
             f"body.inertia less m l^2 = {body.mass * body.center_of_mass**2:.3g} kg m^2 leaves the principal "
-            f"moments {_listed(central)} kg m^2 about the centre of mass, which no body has; it looks as if "
-            'the inertia were about the centre of mass (about = "center_of_mass").'
+            f"moments {_listed(central)} kg m^2 about the centre of mass, which no body has; it looks as if the "
+            'inertia were about the centre of mass (about = "center_of_mass"), or the mass or height too large.'
         )
 
 
@@ -253,9 +253,17 @@ def _check_wheels(wheels: Wheels) -> None:
             )
     strengths = np.linalg.svd(_axles(wheels), compute_uv=False)
     if strengths[-1] < _WEAKEST_AXIS:
+        places = ", ".join(f"{math.degrees(one):.4g}" for one in wheels.azimuths)
+        # 0, 2.09 and 4.19 written as degrees
+        radians = 0.0 < max(map(math.degrees, map(abs, wheels.azimuths))) <= 2.0 * math.pi
+        hint = (
+            f"did you mean azimuths of [{places}] rad?"
+            if radians
+            else "spread the azimuths, and keep the tilt away from 0 and 90 deg."
+        )
         raise InputError(
-            f"wheels.tilt of {math.degrees(wheels.tilt):.3g} deg with azimuths so placed cannot give three "
-            "independent torques; spread the azimuths, and keep the tilt away from 0 and 90 deg."
+            f"wheels.tilt of {math.degrees(wheels.tilt):.3g} deg with azimuths of [{places}] deg cannot give three "
+            f"independent torques; {hint}"
         )
     if wheels.rollers.radius >= wheels.radius:
         raise InputError(

@@ -1,0 +1,161 @@
+"""Robots whose numbers do not go together are found out, and the slip of units that explains it is named."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.robot import Robot
+from ballbot.robot.plausibility import robot_findings
+
+ALTEN = Robot.load("alten")
+
+
+def with_values(**changes: object) -> Robot:
+    """Return alten with values changed, each named as in body__mass."""
+    parts: dict[str, dict[str, object]] = {}
+    for name, value in changes.items():
+        part, _, key = name.partition("__")
+        parts.setdefault(part, {})[key] = value
+    return ALTEN.replace(**{part: replace(getattr(ALTEN, part), **one) for part, one in parts.items()})
+
+
+@pytest.mark.parametrize("preset", Robot.presets())
+def test_presets_have_no_errors(preset: str) -> None:
+    found = robot_findings(Robot.load(preset))
+    # rob311's published wheel inertia is too large for its mass, as its file says
+    assert [one.severity for one in found] == (["warning"] if preset == "rob311" else [])
+
+
+DEGREE = math.radians(1.0)
+WRONG: dict[str, tuple[dict[str, object], str, str]] = {
+    "body in g": ({"body__mass": 0.017076}, "robot-body", "Did you mean body.mass 17.08 kg?"),
+    "tilt in rad": ({"wheels__tilt": 0.785 * DEGREE}, "robot-wheels", "Did you mean wheels.tilt 44.98 deg?"),
+    "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "10000 motor turns for a wheel turn"),
+    "gear ratio inverse": ({"drive__gear_ratio": 1 / 27.6}, "robot-drive", "its inverse, 27.6?"),
+    "centre of mass in mm": (
+        {"body__center_of_mass": 0.000393},
+        "robot-body",
+        "Did you mean body.center_of_mass 0.393 m?",
+    ),
+    "centre of mass in the ball": ({"body__center_of_mass": 0.1}, "robot-body", "would lie inside the ball"),
+    "inertia ten times": ({"body__inertia": (43.7, 43.7, 1.93, 0, 0, 0)}, "robot-body", "do not go together"),
+    "torque limit in mN m": (
+        {"drive__torque_limit": 0.006},
+        "robot-balance",
+        "Did you mean drive.torque_limit 6 N m?",
+    ),
+    "rotor in kg cm^2": (
+        {"drive__motor_inertia": 0.0242},
+        "robot-drive",
+        "Did you mean drive.motor_inertia 2.42e-06 kg m^2?",
+    ),
+    "wheel inertia": ({"wheels__inertia": 0.1}, "robot-wheels", "with all their mass at the rim"),
+    "wheels cut": (
+        {"wheels__radius": 0.1, "wheels__tilt": 15 * DEGREE},
+        "robot-wheels",
+        "cut into each other",
+    ),
+    "wheel diameter in cm": ({"wheels__radius": 0.63}, "robot-wheels", "Did you mean wheels.radius 0.063 m?"),
+    "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "does not balance it"),
+    "sample time in us": (
+        {"sensors__sample_time": 5e-6},
+        "robot-sensors",
+        "Did you mean sensors.sample_time 0.005 s?",
+    ),
+    "supply in mV": (
+        {"drive__supply_voltage": 0.024},
+        "robot-drive",
+        "Did you mean drive.supply_voltage 24 V?",
+    ),
+    "friction in mN m": (
+        {"friction__coulomb": (110.0, 90.0, 120.0)},
+        "robot-friction",
+        "Did you mean friction.coulomb [0.11, 0.09, 0.12] N m?",
+    ),
+    "one wheel's friction in mN m": (
+        {"friction__coulomb": (0.1, 90.0, 0.1)},
+        "robot-friction",
+        "Did you mean friction.coulomb [0.1, 0.09, 0.1] N m?",
+    ),
+    "floor of sand": ({"friction__rolling": 0.7}, "robot-friction", "brakes as a slope of 35 deg"),
+    "balloon": (
+        {"ball__mass": 0.003, "ball__inertia": 0.003 * 0.0121 * 0.6},
+        "robot-ball",
+        "density of 0.538 kg/m^3",
+    ),
+}
+
+
+@pytest.mark.parametrize(("changes", "code", "says"), WRONG.values(), ids=WRONG)
+def test_wrong_robots_get_an_error_that_names_the_cause(
+    changes: dict[str, object], code: str, says: str
+) -> None:
+    errors = [one for one in robot_findings(with_values(**changes)) if one.severity == "error"]
+    texts = [one.text for one in errors if one.code == code]
+    assert texts
+    assert any(says in text for text in texts), texts
+
+
+UNUSUAL: dict[str, tuple[dict[str, object], str]] = {
+    "noise in degrees": ({"sensors__gyro_noise": 0.11}, "did you mean 0.11 deg/s?"),
+    "torque limit": ({"drive__torque_limit": 0.6}, "a lean of 1.1 deg, too little to balance"),
+    "axes in another order": (
+        {"body__inertia": (0.193, 4.37, 4.37, 0, 0, 0), "body__inertia_about": "center_of_mass"},
+        "whether xx, yy and zz are in their order",
+    ),
+    "play of 10 degrees": ({"drive__backlash": 10 * DEGREE}, "gearboxes have 0.05 to 3 deg"),
+}
+
+
+@pytest.mark.parametrize(("changes", "says"), UNUSUAL.values(), ids=UNUSUAL)
+def test_unusual_robots_get_a_warning(changes: dict[str, object], says: str) -> None:
+    assert any(
+        says in one.text and one.severity == "warning" for one in robot_findings(with_values(**changes))
+    )
+
+
+def test_a_standard_deviation_as_large_as_its_value_is_found() -> None:
+    open_mass = ALTEN.replace(standard_deviations={"body.mass": 20.0, "friction.viscous": (1.0, 1.0, 1.0)})
+    assert ["body.mass" in one.text for one in robot_findings(open_mass)] == [True]
+
+
+@given(size=st.floats(0.4, 2.5), density=st.floats(0.6, 1.6))
+def test_a_robot_that_is_built_larger_or_smaller_is_believed(size: float, density: float) -> None:
+    """Lengths by a factor, masses by its cube and the density's: such a robot can be built."""
+    mass, inertia = density * size**3, density * size**5
+    scaled: dict[str, Callable[[Robot], object]] = {
+        "ball": lambda r: replace(
+            r.ball, radius=size * r.ball.radius, mass=mass * r.ball.mass, inertia=inertia * r.ball.inertia
+        ),
+        "body": lambda r: replace(
+            r.body,
+            mass=mass * r.body.mass,
+            center_of_mass=size * r.body.center_of_mass,
+            inertia=tuple(inertia * one for one in r.body.inertia),
+        ),
+        "wheels": lambda r: replace(
+            r.wheels,
+            radius=size * r.wheels.radius,
+            inertia=inertia * r.wheels.inertia,
+            rollers=replace(
+                r.wheels.rollers,
+                radius=size * r.wheels.rollers.radius,
+                row_spacing=size * r.wheels.rollers.row_spacing,
+            ),
+        ),
+        # torques to hold the same lean
+        "drive": lambda r: replace(r.drive, torque_limit=mass * size * r.drive.torque_limit),
+    }
+    robot = ALTEN.replace(**{part: make(ALTEN) for part, make in scaled.items()})  # type: ignore[arg-type]
+    assert not [one for one in robot_findings(robot) if one.severity == "error"]
+
+
+def test_azimuths_in_radians_are_recognised() -> None:
+    azimuths = tuple(one * DEGREE for one in (0.0, 2.094, 4.189))
+    with pytest.raises(InputError, match=r"did you mean azimuths of \[0, 2\.094, 4\.189\] rad\?"):
+        with_values(wheels__azimuths=azimuths)
