@@ -249,6 +249,6 @@ def test_refuses_what_it_cannot_do() -> None:
         twin.reset(np.full(10, np.nan), seed=1)
     with pytest.raises(InputError, match="nominal"):
         Scenario.named("nominall", ALTEN)
-    heavy = ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=0.02))
+    heavy = ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=1.0))
     with pytest.raises(InputError, match=r"wheels\.inertia"):
         Twin(heavy)

@@ -16,6 +16,8 @@ from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine
 from ballbot.twin.kinematics import attitude_of, body_rate, quaternion_of
+from ballbot.twin.parts import split_robot, wheel_parts
+from ballbot.twin.robot_check import twin_findings
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +49,32 @@ def test_locked_twin_has_the_robot_s_mass_and_inertia(alten: Robot, scenario: st
     np.testing.assert_allclose(
         np.diag(mass_matrix(engine))[ball : ball + 6], [3.0, 3.0, 3.0, 0.0242, 0.0242, 0.0242], rtol=1e-12
     )
+
+
+def test_wheels_are_lighter_than_discs_if_the_body_is_too_light_for_them() -> None:
+    """The published body of rob311 weighs less than three discs of its wheels' inertia would."""
+    robot = Robot.load("rob311")
+    wheel, rest = split_robot(robot, robot.wheels.rollers, wheel_of=wheel_parts)
+    assert wheel.mass < 2.0 * robot.wheels.inertia / robot.wheels.radius**2
+    assert rest.mass + 3.0 * wheel.mass == pytest.approx(robot.body.mass)
+    assert wheel.inertia()[2, 2] == pytest.approx(robot.wheels.inertia)
+    engine = Engine(twin_mjcf(robot, Scenario.nominal(robot)))
+    body = engine.first_velocity("body")
+    block = mass_matrix(engine)[body + 3 : body + 6, body + 3 : body + 6]
+    # sums of some sixty parts, rounding only
+    np.testing.assert_allclose(block, robot.body.inertia_about_ball_center(), atol=1e-12)
+
+
+@pytest.mark.parametrize("preset", Robot.presets())
+def test_record_takes_every_preset(preset: str) -> None:
+    assert twin_findings(Robot.load(preset)) == ()
+
+
+def test_what_record_would_refuse_is_found(alten: Robot) -> None:
+    wheels = replace(alten.wheels, rollers=replace(alten.wheels.rollers, rows=3))
+    (found,) = twin_findings(alten.replace(wheels=wheels))
+    assert (found.code, found.severity) == ("robot-twin", "warning")
+    assert "one or two rows of rollers, not 3" in found.text
 
 
 def test_wheel_and_rotor_have_the_robot_s_inertias(alten: Robot) -> None:

@@ -44,6 +44,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "robot-friction": "the friction in the robot's file holds its motors",
         "robot-gravity": "the robot's gravity is not the Earth's",
         "robot-sensors": "the robot's sample time, encoders or noise are unusual",
+        "robot-twin": "the twin cannot simulate the robot",
         "robot-wheels": "the robot's wheels do not fit its ball or body",
         "rows": "too few rows",
         "saturation": "torques stay at their limit",

@@ -20,7 +20,7 @@ class Engine:
     Raises
     ------
     InputError
-        Where MuJoCo is not installed.
+        If MuJoCo is not installed, or refuses the document.
     """
 
     def __init__(self, document: str) -> None:
@@ -29,7 +29,11 @@ class Engine:
         except ImportError:
             raise InputError("the twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
         self._mujoco = mujoco
-        self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"MuJoCo cannot simulate this robot in this scenario: {reason}.") from None
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
         self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
         self.timestep = float(self.model.opt.timestep)

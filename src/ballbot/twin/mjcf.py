@@ -27,7 +27,7 @@ from ballbot.robot.robot import Robot
 from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf_wheels import add_shafts, add_wheel
 from ballbot.twin.numbers import text
-from ballbot.twin.parts import BodyParts, body_parts, point_wheel_parts, wheel_frames, wheel_parts
+from ballbot.twin.parts import BodyParts, point_wheel_parts, split_robot, wheel_frames, wheel_parts
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_checks import check_scenario
 from ballbot.twin.softness import add_soft_contacts
@@ -79,7 +79,7 @@ def floor_normal(scenario: Scenario) -> NDArray[np.float64]:
 
 def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Element:
     point = scenario.wheel_contact == "point"
-    wheel = (point_wheel_parts if point else wheel_parts)(robot, scenario.rollers)
+    wheel, rest = split_robot(robot, scenario.rollers, wheel_of=point_wheel_parts if point else wheel_parts)
     root = ET.Element("mujoco", model=f"{robot.name} {scenario.name}")
     _options(root, robot, scenario, mounting)
     world = ET.SubElement(root, "worldbody")
@@ -88,7 +88,7 @@ def _document(robot: Robot, scenario: Scenario, mounting: Mounting) -> ET.Elemen
         _floor(world, scenario)
     if mounting != "stand":
         _ball(world, robot, scenario, mounting)
-    body = _body(world, robot, body_parts(robot, wheel), mounting)
+    body = _body(world, robot, rest, mounting)
     if scenario.payload:
         _payload(body, scenario.payload)
     for i, frame in enumerate(wheel_frames(robot)):

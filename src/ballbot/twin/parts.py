@@ -5,11 +5,15 @@ its inertia about the axle j_w. The twin's parts are chosen so that, with all jo
 mass and J_0 are again the robot's, and each wheel has j_w about its axle. What the file leaves open is set
 here: a wheel weighs what a uniform disc of its radius and inertia would, and its rollers hold two fifths of
 j_w. A wheel that touches in a single point has one roller there, all but without mass, and j_w in its hub.
+
+Some published bodies are too light for such wheels, or have an inertia without them (`rob311`). Then the wheels weigh
+a half, a quarter ... of the disc, with j_w kept, until what remains is a body.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +24,7 @@ from ballbot.robot.robot import Robot, Rollers
 
 _ROLLER_SHARE = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
 _POINT_SHARE = 1e-3  # sideways its spin then weighs some 0.1 g
+_LIGHTEST = 1.0 / 64.0  # of the disc's mass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +60,14 @@ class WheelParts:
         return self.hub_mass + len(self.roller_angles) * self.roller_mass
 
 
+class WheelSplit(Protocol):
+    """Splits a wheel into hub and rollers."""
+
+    def __call__(self, robot: Robot, rollers: Rollers, *, mass_share: float) -> WheelParts:
+        """Return the parts of a wheel that weighs that share of a disc."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class BodyParts:
     """What remains of the body once the wheels are taken off it."""
@@ -74,14 +87,43 @@ def wheel_frames(robot: Robot) -> NDArray[np.float64]:
     return np.stack((-n, rolling_directions(robot.wheels), -axles(robot.wheels)), axis=-1)
 
 
-def point_wheel_parts(robot: Robot, rollers: Rollers) -> WheelParts:
+def split_robot(robot: Robot, rollers: Rollers, *, wheel_of: WheelSplit) -> tuple[WheelParts, BodyParts]:
+    """Split the robot's body into one wheel, all being alike, and what remains without the wheels.
+
+    Parameters
+    ----------
+    robot : Robot
+    rollers : Rollers
+    wheel_of : callable
+        `wheel_parts` or `point_wheel_parts`.
+
+    Raises
+    ------
+    InputError
+        If nothing physical remains, however light the wheels.
+    """
+    share, refusal = 1.0, InputError()
+    while share >= _LIGHTEST:
+        wheel = wheel_of(robot, rollers, mass_share=share)
+        try:
+            return wheel, body_parts(robot, wheel)
+        except InputError as error:
+            refusal = error if share == 1.0 else refusal
+        share *= 0.5
+    raise refusal
+
+
+def point_wheel_parts(robot: Robot, rollers: Rollers, *, mass_share: float = 1.0) -> WheelParts:
     """Split a wheel that has a single roller, a sphere, where it touches the ball."""
-    parts = wheel_parts(robot, replace(rollers, rows=1, per_row=1), roller_share=_POINT_SHARE)
+    single = replace(rollers, rows=1, per_row=1)
+    parts = wheel_parts(robot, single, roller_share=_POINT_SHARE, mass_share=mass_share)
     return replace(parts, roller_half_length=rollers.radius)
 
 
-def wheel_parts(robot: Robot, rollers: Rollers, *, roller_share: float = _ROLLER_SHARE) -> WheelParts:
-    """Split a wheel into hub and rollers.
+def wheel_parts(
+    robot: Robot, rollers: Rollers, *, roller_share: float = _ROLLER_SHARE, mass_share: float = 1.0
+) -> WheelParts:
+    """Split a wheel into hub and rollers, its mass a share of a disc's.
 
     The rollers are ellipsoids of half length sqrt(r_w r_roller): their middle then curves like the wheel's
     rim. A row lies `offset` off the wheel's middle plane, so it meets the ball below its own highest point,
@@ -93,9 +135,10 @@ def wheel_parts(robot: Robot, rollers: Rollers, *, roller_share: float = _ROLLER
     count = rollers.rows * rollers.per_row
     across = (rollers.radius**2 + half_length**2) / 5  # inertia over mass, ellipsoid
     along = 2 * rollers.radius**2 / 5
-    roller_mass = roller_share * inertia / (count * (ring**2 + across))
-    hub_mass = 2 * inertia / radius**2 - count * roller_mass
-    hub_axial = (1 - roller_share) * inertia
+    in_rollers = mass_share * roller_share
+    roller_mass = in_rollers * inertia / (count * (ring**2 + across))
+    hub_mass = mass_share * 2 * inertia / radius**2 - count * roller_mass
+    hub_axial = (1 - in_rollers) * inertia
 
     offset = (rollers.rows - 1) * rollers.row_spacing / 2
     pitch = 2 * np.pi / rollers.per_row
