@@ -90,7 +90,7 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
         (["{dead}", "--window", "0.05"], "The torques u are 0.1, 0.1, 0.1 N m in every row"),
         (["{idle}", "--window", "0.05"], "The torques u are zero in every window"),
         (["{row}"], "The log has one row"),
-        (["{log}", "{row}"], "Log 2 has one row"),
+        (["{log}", "{row}"], "row.csv: The log has one row"),
         (["{log}", "--sweep", "{log}"], "is no results.json of `ballbot identify-driveline`"),
         (["nowhere"], "nowhere cannot be read: No such file"),
     ],

@@ -21,6 +21,7 @@ _ORDER = ("error", "warning", "note")
 #: every code with its meaning, in alphabetical order; docs/logs.md shows the same table
 CODES: Mapping[str, str] = MappingProxyType(
     {
+        "alignment": "what motion capture shows of a log's sensors",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "commands": "motor commands do not drive the wheels, or in another order or with other signs",
         "constant": "a column never changes",
@@ -52,6 +53,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "sign": "a rate has the opposite sign of its angle's change",
         "speed-limit": "wheels turn faster than the motors can",
         "spike": "single values jump out of their course",
+        "spin": "what a video shows of the ball",
         "stuck": "a sensor repeats its value for long",
         "time": "time does not increase throughout a foreign file",
         "timing": "rows' times differ from the moments of sampling",
@@ -149,9 +151,6 @@ def stop_on_errors(
     raise InputError(f"{file}{first.text}{more} To go on all the same: {going_on(codes)}.")
 
 
-def finding_results(findings: Iterable[Finding], *, accept: Collection[str] = ()) -> list[dict[str, object]]:
-    """Return what results.json holds of findings; an error that the user accepted is marked so."""
-    return [
-        asdict(finding) | {"accepted": finding.severity == "error" and finding.code in accept}
-        for finding in findings
-    ]
+def finding_results(findings: Iterable[Finding]) -> list[dict[str, object]]:
+    """Return what results.json holds of findings, errors first; errors are there only if the user accepted them."""
+    return [asdict(finding) for finding in by_severity(findings)]

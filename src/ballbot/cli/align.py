@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
@@ -16,7 +17,9 @@ from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 
 
-def align(log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None) -> None:
+def align(
+    log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None, accept: Accept = None
+) -> None:
     """Set a log's sensors against motion capture of the same run, on any clock and in any frame.
 
     Finds the clock's offset and rate, both frames, the lever arm and jumps of the markers' frame, then errors and
@@ -37,9 +40,11 @@ def align(log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None) 
         A TOML file that says how a foreign log becomes Ballbot's.
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
+    findings = check_input(None, {log: run}, accept=accept)
     folder, console = check_folder(out), standard_output()
     words = ["ballbot", "align", str(log), str(mocap), "--out", str(out)]
     words += ["--mapping", str(mapping)] if mapping else []
+    words += accept_words(accept)
     made = provenance(command=shlex.join(words), files=[log, mocap, *([mapping] if mapping else [])], seed=0)
     with progress_bar(console, "aligning") as bar:
         bar.show(0.0, note=log.stem)
@@ -47,12 +52,13 @@ def align(log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None) 
             alignment = align_log(run, film)
         except InputError as error:
             raise InputError(f"{log} and {mocap}: {error}") from None
-    results = alignment_results(alignment)
+    results = alignment_results(alignment, log_findings=findings)
     page = alignment_report(
         alignment,
         title=f"{log.stem}: sensors against motion capture",
         lead=f"On {log.name} and {mocap.name}.",
         made=made,
+        log_findings=findings,
     )
     alignment.log.write(folder / "aligned.csv")
     write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.identify_tables import error_table, horizon_table, ladder_table, parameter_table
 from ballbot.cli.long_run import LongRun, long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output
@@ -37,6 +38,7 @@ from ballbot.identification.laws import LAWS, LawName
 from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.log import Log
 from ballbot.log.causal import causal_states
+from ballbot.log.checked import CheckedLogs
 from ballbot.log.odometry import with_position
 from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
@@ -59,6 +61,7 @@ def identify(
     sweep: Path | None = None,
     seed: int = 0,
     window: float = 0.25,
+    accept: Accept = None,
     resume: bool = False,
     cluster: str | None = None,
 ) -> None:
@@ -123,11 +126,13 @@ def identify(
         sweep=sweep,
         seed=seed,
         window=window,
+        accept=tuple(accept or ()),
     )
     described = Robot.load(robot)
     free_wheels = read_sweep(sweep, wheel_count=described.wheel_count) if sweep else None
     named, others = _logs(asked, described)
     within = read_bounds(bounds) if bounds else Bounds()
+    checked = _checked(asked, described, named, others)
     folder, console = check_folder(out), standard_output()
     others_given = {"bounds": within, "sweep": None if free_wheels is None else free_wheels.digest}
     belongs_to = identity(described, [one.log for one in named.values()], asked.options | others_given)
@@ -136,7 +141,7 @@ def identify(
             found, ladder = _find(
                 asked,
                 described,
-                [one.log for one in named.values()],
+                checked,
                 within,
                 free_wheels,
                 run=run,
@@ -167,6 +172,7 @@ class _Asked:
     sweep: Path | None
     seed: int
     window: float
+    accept: tuple[str, ...]
 
     @property
     def back_emf(self) -> float:
@@ -202,7 +208,8 @@ class _Asked:
         words += [word for path in self.mappings for word in ("--mapping", str(path))]
         words += ["--bounds", str(self.bounds)] if self.bounds else []
         words += ["--sweep", str(self.sweep)] if self.sweep else []
-        return [*words, "--seed", str(self.seed), "--window", str(self.window)]
+        words += ["--seed", str(self.seed), "--window", str(self.window)]
+        return [*words, *accept_words(self.accept)]
 
     @property
     def files(self) -> list[Path]:
@@ -248,10 +255,19 @@ def _logs(asked: _Asked, robot: Robot) -> tuple[dict[str, _Named], dict[str, _Na
     return fitted, {name: read(path) for name, path in others.items()}
 
 
+def _checked(
+    asked: _Asked, robot: Robot, named: Mapping[str, _Named], others: Mapping[str, _Named]
+) -> CheckedLogs:
+    """Check all logs together, as they are one robot's; return those to fit, with the findings of all."""
+    of_all = {one.path: one.log for one in (*named.values(), *others.values())}
+    findings = check_input(robot, of_all, accept=asked.accept)
+    return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
+
+
 def _find(
     asked: _Asked,
     robot: Robot,
-    logs: Sequence[Log],
+    logs: CheckedLogs,
     bounds: Bounds,
     sweep: SweepFriction | None,
     *,

@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.cli.findings import finding_line
 from ballbot.cli.log_proposal import propose_mapping
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
@@ -20,8 +21,6 @@ from ballbot.log.formats import is_foreign
 from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
 from ballbot.log.summary import ColumnSummary, summarize
 from ballbot.robot import Robot
-
-_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def check_log(
@@ -78,8 +77,7 @@ def _show(
     if wheels:
         console.print(_wheel_table(wheels, framed=console.is_terminal))
     for finding in findings:
-        line = Text.assemble((finding.severity, _STYLES[finding.severity]), f": {finding.text}")
-        console.print(line, soft_wrap=True)
+        console.print(finding_line(finding), soft_wrap=True)
     if not findings:
         console.print("Nothing wrong was found.")
 

@@ -15,9 +15,11 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.cli.findings import Accept, check_input
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.findings import Finding, finding_results
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.deviations import uncertain
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from ballbot.cli.reference_check import CheckedReference
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
+    from ballbot.log.checked import CheckedLogs
 
 #: the thesis's names of the matrices, with what each does
 _MATRICES = {
@@ -89,6 +92,7 @@ def check(
     swing_column: str | None = None,
     pivot_distance: float | None = None,
     pivot_deviation: float | None = None,
+    accept: Accept = None,
     out: Path | None = None,
 ) -> None:
     """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
@@ -129,7 +133,8 @@ def check(
     """
     hung = Robot.load(robot)
     swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation)
-    checked = _examine(hung, predict, swung, _followed(hung, reference, controller))
+    log = None if predict is None else _log(hung, predict, accept)
+    checked = _examine(hung, log, swung, _followed(hung, reference, controller))
     console = standard_output()
     for part in _report(checked, framed=console.is_terminal):
         console.print(part)
@@ -155,6 +160,7 @@ class _Checked:
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None where no value has a standard deviation
     band: PredictionBand | None
+    log_findings: tuple[Finding, ...]  #: of the log that is predicted
     swing: CheckedSwing | None
     following: CheckedReference | None
 
@@ -187,7 +193,7 @@ def _swung(
 
 
 def _examine(
-    robot: Robot, predict: Path | None, swing: CheckedSwing | None, following: CheckedReference | None
+    robot: Robot, log: CheckedLogs | None, swing: CheckedSwing | None, following: CheckedReference | None
 ) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
     from ballbot.experiments.pole_spread import pole_spread
@@ -199,7 +205,8 @@ def _examine(
     return _Checked(
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
-        band=None if predict is None else _band(robot, predict),
+        log_findings=() if log is None else log.findings,
+        band=None if log is None else _band(robot, log),
         swing=swing,
         following=following,
         derived=derived_quantities(robot),
@@ -208,11 +215,19 @@ def _examine(
     )
 
 
-def _band(robot: Robot, path: Path) -> PredictionBand:
-    from ballbot.experiments.prediction_band import prediction_band
+def _log(robot: Robot, path: Path, accept: list[str] | None) -> CheckedLogs:
     from ballbot.log import Log
+    from ballbot.log.checked import CheckedLogs
 
-    return prediction_band(robot, Log.read(path))
+    log = Log.read(path)
+    return CheckedLogs(logs={str(path): log}, findings=check_input(robot, {path: log}, accept=accept))
+
+
+def _band(robot: Robot, log: CheckedLogs) -> PredictionBand:
+    from ballbot.experiments.prediction_band import prediction_band
+
+    (one,) = log.logs.values()
+    return prediction_band(robot, one)
 
 
 def _results(checked: _Checked) -> dict[str, object]:
@@ -225,6 +240,7 @@ def _results(checked: _Checked) -> dict[str, object]:
         "unstable_pole": float(checked.poles[0].real),
         "standard_deviations": dict(checked.robot.standard_deviations),
         "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
+        "findings": finding_results(checked.log_findings),
         "prediction": checked.band.to_dict() if checked.band else None,
         "swing": checked.swing.to_dict() if checked.swing else None,
         "reference": checked.following.to_dict() if checked.following else None,

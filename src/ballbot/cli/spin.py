@@ -8,12 +8,13 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
+from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_bytes, write_text
 from ballbot.log import Log
 from ballbot.report.json_text import as_json
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.provenance import provenance
 from ballbot.report.spin_figures import difference_figure, velocity_figure
 from ballbot.report.spin_results import spin_results
 from ballbot.report.style import drawn
@@ -40,6 +41,7 @@ def spin(
     log: Path | None = None,
     robot: str | None = None,
     mapping: Path | None = None,
+    accept: Accept = None,
 ) -> None:
     """Measure the ball's angular velocity in a video of its seam, looked at from above on the upside-down robot.
 
@@ -88,6 +90,7 @@ def spin(
     )
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
+    findings = check_input(None, {log: run}, accept=accept) if log and run else ()
     film = open_video(video, frame_rate=frame_rate)
     folder, console = check_folder(out), standard_output()
     with progress_bar(console, "looking") as bar:
@@ -108,20 +111,19 @@ def spin(
     words += [
         word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
     ]
+    words += accept_words(accept)
     files = [path for path in (video, log, mapping) if path is not None]
     made = provenance(command=shlex.join(words), files=files, seed=0)
-    _write(folder, found, comparison, run, made)
+    results = spin_results(found, comparison, log_findings=findings) | {"provenance": made.to_dict()}
+    write_text(folder / "results.json", as_json(results))
+    _write(folder, found, comparison, run)
     for sentence in spin_findings(found, comparison):
         console.print(sentence, markup=False, soft_wrap=True)
     console.print(str(folder / "spin.csv"), markup=False, soft_wrap=True)
 
 
-def _write(
-    folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None, made: Provenance
-) -> None:
+def _write(folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None) -> None:
     found.log().write(folder / "spin.csv")
-    results = spin_results(found, comparison) | {"provenance": made.to_dict()}
-    write_text(folder / "results.json", as_json(results))
     write_text(folder / "velocity.svg", drawn(lambda: velocity_figure(found, comparison), name="velocity"))
     write_bytes(folder / "overlay.png", overlay(found))
     if run is None or comparison is None:

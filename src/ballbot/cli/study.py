@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
@@ -16,6 +17,7 @@ from ballbot.identification import read_bounds
 from ballbot.identification.back_emf import back_emf_of
 from ballbot.identification.checkpoint import identity
 from ballbot.log import Log
+from ballbot.log.checked import CheckedLogs
 from ballbot.log.odometry import with_position
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import write_study
@@ -33,6 +35,7 @@ def study(
     mapping: Path | None = None,
     bounds: Path | None = None,
     seed: int = 0,
+    accept: Accept = None,
     resume: bool = False,
     cluster: str | None = None,
 ) -> None:
@@ -66,27 +69,29 @@ def study(
     cluster
         The address of a Dask scheduler that spreads the identification, such as tcp://10.0.0.5:8786.
     """
-    described, folder = Robot.load(robot), check_folder(out)
+    described = Robot.load(robot)
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     within = read_bounds(bounds) if bounds else None
+    findings = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
+    folder = check_folder(out)
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
-    command = _command(
+    words = _words(
         robot, logs, out=out, plant=plant, leave_out=leave_out, mapping=mapping, bounds=bounds, seed=seed
     )
-    made = provenance(command=command, files=files, seed=seed)
+    words += accept_words(accept)
+    made = provenance(command=shlex.join(words), files=files, seed=seed)
     console = standard_output()
     back_emf = back_emf_of(mapping)
     left_out = names_listed(leave_out)
     options = {"bounds": within, "left_out": left_out, "back_emf": back_emf, "seed": seed, "plant": plant}
     belongs_to = identity(described, list(named.values()), options)
-    words = shlex.split(command)
     with (
         long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run,
         progress_bar(console, "reading") as bar,
     ):
         result = run_study(
             described,
-            named,
+            CheckedLogs(logs=named, findings=findings),
             plant=plant,
             bounds=within,
             left_out=left_out,
@@ -142,7 +147,7 @@ def _robot_file(robot: str) -> list[Path]:
     return [] if robot in Robot.presets() else [Path(robot)]
 
 
-def _command(
+def _words(
     robot: str,
     logs: Sequence[Path],
     *,
@@ -152,12 +157,12 @@ def _command(
     mapping: Path | None,
     bounds: Path | None,
     seed: int,
-) -> str:
-    """Return the command line that makes this study again."""
+) -> list[str]:
+    """Return the command line that makes this study again, without what it accepts."""
     words = ["ballbot", "study", robot, *map(str, logs), "--out", str(out)]
     words += ["--plant", plant] if plant != "model" else []
     words += ["--leave-out", leave_out] if leave_out else []
     words += ["--mapping", str(mapping)] if mapping else []
     words += ["--bounds", str(bounds)] if bounds else []
     words += ["--seed", str(seed)] if seed else []
-    return shlex.join(words)
+    return words

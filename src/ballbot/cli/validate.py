@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 from rich.table import Table
 
+from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import check_folder, write_text
+from ballbot.findings import finding_results
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.odometry import with_position
 from ballbot.mechanics.formulation import Formulation
@@ -46,6 +49,7 @@ def validate(
     controller: Path | None = None,
     mapping: Path | None = None,
     seed: int = 0,
+    accept: Accept = None,
 ) -> None:
     """Hold a robot's model, with its friction and without, or any two models, against logs they were not fitted to.
 
@@ -83,20 +87,23 @@ def validate(
     described = models.first.model.robot
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     driver = read_controller(controller, described) if controller else None
+    found = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
     folder = check_folder(out)
     words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]
     words += ["--against", against] if against else []
     words += ["--formulation", formulation] if formulation != "exact" else []
     words += ["--controller", str(controller)] if controller else []
     words += ["--mapping", str(mapping)] if mapping else []
+    words += accept_words(accept)
     files = [*logs, *(path for path in (controller, mapping) if path)]
     made = provenance(command=shlex.join(words), files=files, seed=seed)
 
     parts = _validate(models, named, driver, seed)
-    validation = join_validations(tuple(parts.values()))
+    validation = replace(join_validations(tuple(parts.values())), log_findings=found)
     results = validation_results(validation)
     results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
-    write_text(folder / "results.json", as_json({"validation": results, "provenance": made.to_dict()}))
+    whole = {"validation": results, "findings": finding_results(found), "provenance": made.to_dict()}
+    write_text(folder / "results.json", as_json(whole))
     first, second = models.names
     title = f"{described.name}: the model {first} and {second} against its logs"
     page = validation_report(

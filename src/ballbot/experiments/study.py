@@ -9,7 +9,7 @@ can be compared. The logs' own gain is recovered for the closed-loop validation,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal
@@ -25,17 +25,19 @@ from ballbot.errors import InputError
 from ballbot.experiments.compare import Comparison, start
 from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.experiments.score import Score, score
+from ballbot.findings import Finding
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.progress import Progress
 from ballbot.identification.spread import Spread
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checked import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate
-from ballbot.validation import Validation, join_validations, validate
+from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.windows import Interval
 
 PlantName = Literal["model", "twin"]
@@ -94,11 +96,17 @@ class Study:
     effort: Effort
     seed: int
 
+    @property
+    def log_findings(self) -> tuple[Finding, ...]:
+        """What the checks of the logs found, errors first."""
+        return self.found.log_findings
+
 
 def study(
     robot: Robot,
-    logs: Mapping[str, Log],
+    logs: Mapping[str, Log] | CheckedLogs,
     *,
+    accept: Collection[str] = (),
     plant: PlantName = "model",
     bounds: Bounds | None = None,
     left_out: Sequence[str] = (),
@@ -115,8 +123,11 @@ def study(
     ----------
     robot : Robot
         Its own friction is not used.
-    logs : mapping of str to Log
-        By a name to call each; with torques and states, and with the reference for the closed-loop validation.
+    logs : mapping of str to Log, or CheckedLogs
+        By a name to call each; with torques and states, and with the reference for the closed-loop validation. They
+        are checked first, unless they come as `CheckedLogs`.
+    accept : collection of str
+        Codes of errors found in the logs to go on in spite of; see `ballbot.findings.CODES`.
     plant : {"model", "twin"}
         What the compensations are compared on: the model with the friction found, or the nominal twin, whose friction
         is its own.
@@ -143,15 +154,17 @@ def study(
     Raises
     ------
     InputError
-        Where a log lacks a column or is not of this robot, or there is nothing to find in the logs.
+        If a log lacks a column or is not of this robot, its checks find an error whose code is not accepted, or
+        there is nothing to find in the logs.
     """
     effort, tell = effort or Effort(), progress or _nobody
+    checked = checked_logs(robot, logs, accept=accept)
     studied = tuple(
-        StudiedLog(name=name, log=log, held_out=held_out_stretches(log)) for name, log in logs.items()
+        StudiedLog(name=name, log=log, held_out=held_out_stretches(log)) for name, log in checked.logs.items()
     )
-    check_logs(robot, studied)
+    check_columns(robot, studied)
     make_plant = plant_factory(robot, plant)
-    found = _identify(robot, studied, bounds, left_out, back_emf, seed, effort, spread, recall, tell)
+    found = _identify(robot, studied, checked, bounds, left_out, back_emf, seed, effort, spread, recall, tell)
     by_log = _validate(found.robot, studied, seed, tell)
     sample_time = studied[0].log.sample_time
     design = design_gain(found.robot, sample_time=sample_time)
@@ -178,7 +191,7 @@ def study(
     )
 
 
-def check_logs(robot: Robot, logs: Sequence[StudiedLog]) -> None:
+def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
     """Refuse what a study cannot work with before it works for minutes.
 
     Raises
@@ -235,6 +248,7 @@ def _nobody(stage: str, share: float) -> None:
 def _identify(
     robot: Robot,
     logs: Sequence[StudiedLog],
+    checked: CheckedLogs,
     bounds: Bounds | None,
     left_out: Sequence[str],
     back_emf: float,
@@ -249,7 +263,7 @@ def _identify(
 
     return identify(
         robot,
-        [without(studied.log, studied.held_out) for studied in logs],
+        checked.with_logs({studied.name: without(studied.log, studied.held_out) for studied in logs}),
         bounds=bounds,
         left_out=left_out,
         back_emf=back_emf,
@@ -265,10 +279,10 @@ def _identify(
 def _validate(
     robot: Robot, logs: Sequence[StudiedLog], seed: int, tell: StudyProgress
 ) -> tuple[Validation, ...]:
-    validations = []
+    validations, models = [], ModelPair.by_friction(Model(robot))
     for number, studied in enumerate(logs):
         tell(f"validating on {studied.name}", _IDENTIFIED + (_VALIDATED - _IDENTIFIED) * number / len(logs))
-        validations.append(validate(robot, studied.log, held_out=studied.held_out, seed=seed))
+        validations.append(validate_pair(models, studied.log, held_out=studied.held_out, seed=seed))
     return tuple(validations)
 
 

@@ -7,12 +7,13 @@ polish, standard errors and held-out windows added.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding
 from ballbot.identification.assessment import assess
 from ballbot.identification.back_emf import standstill_torques
 from ballbot.identification.bounds import Bounds
@@ -53,6 +54,7 @@ from ballbot.identification.stages import (
 )
 from ballbot.identification.sweep import SweepFriction, Told, told_together
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checked import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.log.spikes import spiked_rows
 from ballbot.mechanics.parameters import Formulation
@@ -62,8 +64,9 @@ from ballbot.seeds import check_seed
 
 def identify(
     robot: Robot,
-    logs: Log | Sequence[Log],
+    logs: Log | Sequence[Log] | CheckedLogs,
     *,
+    accept: Collection[str] = (),
     free: Sequence[str] = ("friction",),
     law: LawName = "stribeck",
     bounds: Bounds | None = None,
@@ -90,9 +93,11 @@ def identify(
     ----------
     robot : Robot
         Its own friction is not used, but for parameters that the logs say nothing of, and where friction is not sought.
-    logs : Log or sequence of Log
+    logs : Log, sequence of Log, or CheckedLogs
         With the ten state columns and the torques u1 .. un, of one sample time. Windows with missing values, gaps
-        or a fallen robot are left out.
+        or a fallen robot are left out. The logs are checked first, unless they come as `CheckedLogs`.
+    accept : collection of str
+        Codes of errors found in the logs to go on in spite of; see `ballbot.findings.CODES`.
     free : sequence of str
         What is sought: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
     law : str
@@ -138,6 +143,7 @@ def identify(
     Raises
     ------
     InputError
+        If the checks of the logs find an error whose code is not accepted.
         Where the logs cannot give the parameters (a column missing, too few windows, no motion), or an option makes
         no sense.
     """
@@ -150,7 +156,8 @@ def identify(
         evolution_windows=evolution_windows,
         polish_steps=polish_steps,
     )
-    logs = [logs] if isinstance(logs, Log) else list(logs)
+    checked = checked_logs(robot, logs, accept=accept)
+    fitted = list(checked.logs.values())
     coordinates = sought(robot, free=free, law=law, bounds=bounds or Bounds())
     predictor = Predictor(
         robot=robot,
@@ -162,7 +169,7 @@ def identify(
     prepared = prepare(
         predictor,
         coordinates,
-        [standstill_torques(log, robot, back_emf) for log in logs],
+        [standstill_torques(log, robot, back_emf) for log in fitted],
         window=window,
         held_out=held_out,
         seed=seed,
@@ -179,7 +186,8 @@ def identify(
         prepared,
         evolved,
         estimate,
-        logs=logs,
+        logs=fitted,
+        findings=checked.findings,
         left_out=tuple(left_out),
         window=window,
         sweep=sweep,
@@ -209,6 +217,7 @@ def _result(
     estimate: Estimate,
     *,
     logs: Sequence[Log],
+    findings: tuple[Finding, ...],
     left_out: tuple[str, ...],
     window: float,
     sweep: SweepFriction | None,
@@ -252,6 +261,7 @@ def _result(
             *_remarks(prepared, estimate, told, held_out),
             *told.remarks,
         ),
+        log_findings=findings,
     )
 
 

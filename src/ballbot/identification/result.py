@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, finding_results
 from ballbot.identification.intervals import Interval
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import BY_NAME, Layout
@@ -108,6 +109,7 @@ class Identification:
     ]  #: best cost after each generation, on the windows drawn for the evolution
     polish_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
     warnings: tuple[str, ...]  #: sentences
+    log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
 
     @property
     def layout(self) -> Layout:
@@ -137,6 +139,7 @@ class Identification:
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
             "warnings": list(self.warnings),
+            "findings": finding_results(self.log_findings),
         }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.findings import Finding, finding_results
 from ballbot.report.alignment_figures import (
     orientation_error_figure,
     orientation_figure,
@@ -22,7 +24,9 @@ from ballbot.report.tables import digits, state_mark, with_symbols
 from ballbot.validation.alignment import Alignment, SensorErrors, alignment_findings
 
 
-def alignment_report(alignment: Alignment, *, title: str, lead: str, made: Provenance) -> str:
+def alignment_report(
+    alignment: Alignment, *, title: str, lead: str, made: Provenance, log_findings: Sequence[Finding]
+) -> str:
     """Return the page."""
     verdict, *others = (with_symbols(sentence) for sentence in alignment_findings(alignment))
     has_angles = alignment.sensors is not None
@@ -45,6 +49,7 @@ def alignment_report(alignment: Alignment, *, title: str, lead: str, made: Prove
         "errors": error_rows(alignment.sensors) if alignment.sensors is not None else [],
         "figures": figures,
         "made": made,
+        "log_findings": log_findings,
     }
     return render("alignment", values)
 
@@ -63,11 +68,15 @@ def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     return rows
 
 
-def alignment_results(alignment: Alignment) -> dict[str, object]:
+def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
+    found = [
+        Finding(code="alignment", severity="note", text=sentence)
+        for sentence in alignment_findings(alignment)
+    ]
     motion, lever, rival = alignment.motion, alignment.lever, alignment.rival_clock
     return {
-        "findings": alignment_findings(alignment),
+        "findings": finding_results([*log_findings, *found]),
         "clock": {
             "offset": motion.clock.offset,
             "offset_half_width": motion.offset_half_width,

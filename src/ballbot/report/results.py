@@ -20,6 +20,7 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
         "parameters": identification.pop("parameters"),
         "standard_errors": identification.pop("standard_errors"),
         "warnings": identification.pop("warnings"),
+        "findings": identification.pop("findings"),
         "identification": identification,
         "validation": validation,
         "controller": _controller(study),

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ballbot.findings import Finding, finding_results
 from ballbot.vision.comparison import WheelComparison
 from ballbot.vision.spin import Spin
 from ballbot.vision.words import spin_findings
 
 
-def spin_results(spin: Spin, comparison: WheelComparison | None) -> dict[str, object]:
+def spin_results(
+    spin: Spin, comparison: WheelComparison | None, *, log_findings: Sequence[Finding] = ()
+) -> dict[str, object]:
     """Return what results.json holds of a video's ball."""
+    found = [
+        Finding(code="spin", severity="note", text=sentence) for sentence in spin_findings(spin, comparison)
+    ]
     view, errors, colour = spin.view, spin.calibration.errors, spin.colour
     known = spin.known
     omega = spin.omega[known]
     return {
-        "findings": spin_findings(spin, comparison),
+        "findings": finding_results([*log_findings, *found]),
         "frames": len(spin.t),
         "duration": float(spin.t[-1] - spin.t[0]),
         "tracked_share": float(np.mean(spin.track.tracked)),

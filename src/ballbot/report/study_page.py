@@ -30,6 +30,7 @@ _CONTENTS = (
     ("validation", "Validation"),
     ("controller", "Controller"),
     ("compensation", "Compensation"),
+    ("log-checks", "Checks of the logs"),
     ("provenance", "Provenance"),
 )
 
@@ -42,6 +43,7 @@ def study_report(study: Study, made: Provenance) -> str:
         "summary": [(heading, with_symbols(words)) for heading, words in summary(study)],
         "contents": _CONTENTS,
         "made": made,
+        "log_findings": study.log_findings,
         "wheel_count": study.robot.wheel_count,
         "robot_words": robot_words(study.robot),
         "log_words": _log_words(study),

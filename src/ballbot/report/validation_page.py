@@ -39,6 +39,7 @@ def validation_report(
         "v": validation_values(validation, example_of=example_of)
         | {"findings": _of_models(validation, others)},
         "made": made,
+        "log_findings": validation.log_findings,
     }
     return render("validation", values)
 

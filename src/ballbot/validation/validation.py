@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,9 @@ import numpy as np
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
+from ballbot.findings import Finding, by_severity
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checked import checked_logs
 from ballbot.log.disturbance_check import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
@@ -43,12 +45,14 @@ class Validation:
     dither: Dither | None  #: None where the log lacks wheel speeds
     duration: float  #: of the stretches compared [s]
     sample_time: float  #: of the log [s]
+    log_findings: tuple[Finding, ...] = ()  #: of the checks of the log
 
 
 def validate(
     robot: Robot,
     log: Log,
     *,
+    accept: Collection[str] = (),
     controller: Feedback | None = None,
     held_out: Sequence[Interval] | None = None,
     formulation: Formulation = "exact",
@@ -63,6 +67,9 @@ def validate(
     robot : Robot
         With the friction to be judged; beside it goes the same robot without any.
     log : Log
+        Checked first.
+    accept : collection of str
+        Codes of errors found in the log to go on in spite of; see `ballbot.findings.CODES`.
     controller : Feedback, optional
     held_out : sequence of (start, end), optional
     formulation : {"exact", "thesis"}
@@ -75,10 +82,13 @@ def validate(
     Raises
     ------
     InputError
-        Where the robot has no friction, and as `validate_pair` does.
+        If the robot has no friction, the checks of the log find an error whose code is not accepted, and as
+        `validate_pair` does.
     """
-    return validate_pair(
-        ModelPair.by_friction(Model(robot, formulation=formulation)),
+    models = ModelPair.by_friction(Model(robot, formulation=formulation))
+    checked = checked_logs(robot, log, accept=accept)
+    validation = validate_pair(
+        models,
         log,
         controller=controller,
         held_out=held_out,
@@ -86,6 +96,7 @@ def validate(
         longest=longest,
         seed=seed,
     )
+    return replace(validation, log_findings=checked.findings)
 
 
 def validate_pair(
@@ -99,6 +110,8 @@ def validate_pair(
     seed: int = 0,
 ) -> Validation:
     """Hold any two models against a log in three ways: closed loop, open loop and prediction.
+
+    The log is not checked here; see `ballbot.log.checked.checked_logs`.
 
     Parameters
     ----------
@@ -178,6 +191,7 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
         recovered=next((part.recovered for part in parts if part.recovered), None),
         dither=next((part.dither for part in parts if part.dither), None),
         duration=sum(part.duration for part in parts),
+        log_findings=by_severity(finding for part in parts for finding in part.log_findings),
     )
 
 

@@ -17,6 +17,7 @@ from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.coordinates import Coordinates
 from ballbot.identification.identify import sought
 from ballbot.log import Log
+from ballbot.log.checked import CheckedLogs
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
@@ -93,7 +94,7 @@ def try_reference(
     asked = bounds or Bounds()
     found = identify(
         robot,
-        log.without_truth(),
+        CheckedLogs.simulated(log.without_truth()),
         law=law,
         bounds=asked,
         window=window,

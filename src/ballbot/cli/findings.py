@@ -1,0 +1,90 @@
+"""How commands show what checks found, stop on errors, and let `--accept CODE` go on."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.text import Text
+
+from ballbot.cli.output import standard_output
+from ballbot.findings import Finding, as_options, check_codes, stop_on_errors
+from ballbot.robot import Robot
+
+if TYPE_CHECKING:
+    from ballbot.log import Log
+
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+#: the option of every command that checks its input
+Accept = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--accept",
+        negative="",
+        help="The code of an error, such as torque-sign, to go on in spite of it; may be given more than once. "
+        "docs/logs.md lists the codes.",
+    ),
+]
+
+
+def check_input(
+    robot: Robot | None, logs: Mapping[Path, Log], *, accept: Sequence[str] | None
+) -> tuple[Finding, ...]:
+    """Check the logs of a command, print accepted errors and warnings, and return all findings.
+
+    Parameters
+    ----------
+    robot : Robot, optional
+        Whose logs they are.
+    logs : mapping of Path to Log
+        By their files.
+    accept : sequence of str, optional
+        What `--accept` gave.
+
+    Raises
+    ------
+    InputError
+        If a log has an error whose code is not accepted, or a code is unknown.
+    """
+    from ballbot.log.checked import checked_logs  # `ballbot check` starts without the checks of logs
+
+    named = {str(path): log for path, log in logs.items()}
+    findings = checked_logs(robot, named, accept=accept or (), going_on=as_options).findings
+    show_findings(findings)
+    return findings
+
+
+def stop_or_show(findings: Sequence[Finding], *, accept: Sequence[str] | None) -> None:
+    """Stop on an error that is not accepted; else print accepted errors and warnings.
+
+    Raises
+    ------
+    InputError
+        On such an error, or if a code is unknown.
+    """
+    stop_on_errors(findings, accept=check_codes(accept or ()))
+    show_findings(findings)
+
+
+def show_findings(findings: Collection[Finding], *, console: Console | None = None) -> None:
+    """Print errors, which the user has accepted, and warnings, a line each; notes stand in the report."""
+    console = console or standard_output()
+    for finding in findings:
+        if finding.severity != "note":
+            console.print(finding_line(finding, accepted=finding.severity == "error"), soft_wrap=True)
+
+
+def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
+    """Return a finding as a line: its severity, the file, the sentence and, of an error, its code."""
+    file = f"{finding.where.file}: " if finding.where.file else ""
+    word = f"{finding.severity}{' (accepted)' if accepted else ''}"
+    return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
+
+
+def accept_words(accept: Sequence[str] | None) -> list[str]:
+    """Return the words of a command line that accept these codes again."""
+    return [word for code in accept or () for word in ("--accept", code)]
