@@ -10,6 +10,8 @@ import pytest
 
 from ballbot.cli import main as program
 from ballbot.cli.main import COMMANDS, main
+from ballbot.log import STATE_NAMES
+from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 
 
@@ -78,6 +80,32 @@ def test_check_prints_and_writes_what_follows(tmp_path: Path, capsys: pytest.Cap
     assert results["derived"]["wheel_speed_limit"] == pytest.approx(27.59, abs=0.005)
     assert "T_vgb" in (tmp_path / "check.txt").read_text(encoding="utf-8")
     assert figure.read_text(encoding="utf-8").startswith("<?xml")
+    # what is the thesis's mistake says so where it is shown
+    for name in ("T_trw", "T_owr"):
+        assert name in results["mistaken_matrices"]
+        assert "MISTAKEN" in printed[: printed.index(f"{name} =")].rsplit("\n\n", 1)[1]
+    assert printed.count("MISTAKEN") == 2
+
+
+@pytest.mark.parametrize("command", ["check", "design"])
+def test_linear_model_is_written_exactly_and_the_thesis_s_is_marked(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "alten", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    linear = Model(Robot.load("alten")).linearize()
+    written = json.loads((tmp_path / "results.json").read_text())["linearization"]
+    assert written["state"] == [*STATE_NAMES]
+    assert written["state_units"] == ["m", "m", "rad", "rad", "rad", "m/s", "m/s", "rad/s", "rad/s", "rad/s"]
+    assert written["input"] == ["u1", "u2", "u3"]
+    assert written["input_unit"] == "N m"
+    for name, matrix in (("A", linear.A), ("B", linear.B)):
+        np.testing.assert_array_equal(written["exact"][name], matrix)  # every digit
+        assert f"{name} = [" in printed
+        assert not np.allclose(written["thesis"][name], matrix)
+    assert "mistakes 5, 6, 7" in written["thesis"]["mistake"]
+    assert "mistake" not in written["exact"]
+    assert "x = x [m], y [m], theta [rad]" in printed
 
 
 @pytest.mark.parametrize(

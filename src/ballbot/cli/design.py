@@ -26,7 +26,9 @@ from ballbot.control.prediction import DelayPrediction
 from ballbot.control.pumping import Margin, certain_friction, compensation_margin, refuse_pumping
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
+from ballbot.report.linearization import linearization_results, state_order
 from ballbot.robot import Friction, Robot
 from ballbot.robot.deviations import Propagated, propagate
 from ballbot.robot.scaled import scaled_friction
@@ -64,11 +66,11 @@ def design(
 
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
-    Writes controller.toml and results.json (gain and closed-loop poles). The precise kind is stiff and has integral
-    action, smooth references with feed-forward, a standstill and a disturbance observer; it is made for the Kalman
-    filter's state. Standard deviations in the robot's file are carried through to each entry of the gain; those of its
-    friction limit what is compensated to what is there with 95 % confidence. More than that would feed the motion
-    energy; how near the compensation comes to it is shown, and what exceeds it is refused.
+    Writes controller.toml and results.json (gain, closed-loop poles, A and B). The precise kind is stiff and has
+    integral action, smooth references with feed-forward, a standstill and a disturbance observer; it is made for the
+    Kalman filter's state. Standard deviations in the robot's file are carried through to each entry of the gain; those
+    of its friction limit what is compensated to what is there with 95 % confidence. More than that would feed the
+    motion energy; how near the compensation comes to it is shown, and what exceeds it is refused.
 
     Parameters
     ----------
@@ -131,7 +133,7 @@ def design(
     results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
     write_text(out / "results.json", as_json(results))
     console = standard_output()
-    _show(console, found, spread)
+    _show(console, controller.robot, found, spread)
     if certain is not described.friction:
         console.print(_certain(described.friction, certain), soft_wrap=True)
     if controller.compensation != "none":
@@ -190,8 +192,14 @@ def _controller(
     return Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation or "none")
 
 
-def _show(console: Console, found: LqrDesign | IntegralDesign, spread: Propagated) -> None:
-    """Print the gain, how well it is known, and the poles."""
+def _show(console: Console, robot: Robot, found: LqrDesign | IntegralDesign, spread: Propagated) -> None:
+    """Print A and B, the gain, how well it is known, and the poles."""
+    linear = _designed_on(robot).linearize()
+    console.print("x_dot = A x + B u about upright, exact model without friction", style="bold")
+    console.print(state_order(robot.wheel_count), markup=False, soft_wrap=True)
+    for name, matrix in (("A", linear.A), ("B", linear.B)):
+        console.print(matrix_text(name, matrix), markup=False, soft_wrap=True)
+    console.print("\nGain", style="bold")
     console.print(matrix_text("K", found.gain), markup=False, soft_wrap=True)
     if spread.parts:
         causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
@@ -203,6 +211,11 @@ def _show(console: Console, found: LqrDesign | IntegralDesign, spread: Propagate
         console.print(matrix_text("+-", spread.deviation), markup=False, soft_wrap=True)
     rows = [[f"{pole.real:.4f}", f"{pole.imag:.4f}"] for pole in found.poles]
     console.print(table("Closed-loop poles (rad/s)", ["real", "imaginary"], rows, framed=console.is_terminal))
+
+
+def _designed_on(robot: Robot) -> Model:
+    """Return the model that a gain is designed on: friction is the compensation's business."""
+    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
 
 
 def _margin(margin: Margin) -> str:
@@ -245,4 +258,5 @@ def _results(
         "gain_standard_deviation": spread.deviation.tolist() if spread.parts else None,
         "gain_variance_shares": dict(spread.largest(len(spread.parts))),
         "poles": [[pole.real, pole.imag] for pole in found.poles],
+        "linearization": linearization_results(_designed_on(controller.robot)),
     }

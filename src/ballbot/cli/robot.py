@@ -20,6 +20,7 @@ from ballbot.cli.output import as_text, matrix_text, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
+from ballbot.report.linearization import MISTAKEN_MATRICES, state_order
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.deviations import uncertain
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
     from ballbot.log.checked import CheckedLogs
+    from ballbot.mechanics.linear import LinearModel
 
 #: the thesis's names of the matrices, with what each does
 _MATRICES = {
@@ -97,8 +99,8 @@ def check(
 ) -> None:
     """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
 
-    Prints derived quantities, the thesis's transformation matrices, the poles of the exact model about
-    upright and a drawing to scale. Standard deviations in the file are carried through to the unstable pole.
+    Prints derived quantities, the thesis's transformation matrices, A, B and the poles of the exact model about
+    upright, and a drawing to scale. Standard deviations in the file are carried through to the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 
@@ -157,6 +159,8 @@ class _Checked:
     robot: Robot
     derived: list[Derived]
     matrices: dict[str, NDArray[np.float64]]
+    linear: LinearModel  #: the exact model about upright
+    linearization: dict[str, object]  #: the same for results.json, with the thesis's beside it
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None where no value has a standard deviation
     band: PredictionBand | None
@@ -199,9 +203,11 @@ def _examine(
     from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
     from ballbot.mechanics.model import Model
+    from ballbot.report.linearization import linearization_results
 
-    found = transforms(robot)
-    poles = np.asarray(Model(robot).linearize().poles(), dtype=np.complex128)
+    found, model = transforms(robot), Model(robot)
+    linear = model.linearize()
+    poles = np.asarray(linear.poles(), dtype=np.complex128)
     return _Checked(
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
@@ -211,6 +217,8 @@ def _examine(
         following=following,
         derived=derived_quantities(robot),
         matrices={name: getattr(found, name) for name in _MATRICES},
+        linear=linear,
+        linearization=linearization_results(model),
         poles=poles[np.argsort(-poles.real)],
     )
 
@@ -236,6 +244,10 @@ def _results(checked: _Checked) -> dict[str, object]:
         "parameters": {one.name: value_of(checked.robot, one) for one in PARAMETERS},
         "derived": {one.name: one.value for one in checked.derived},
         "matrices": {name: matrix.tolist() for name, matrix in checked.matrices.items()},
+        "mistaken_matrices": {
+            name: MISTAKEN_MATRICES[name] for name in checked.matrices if name in MISTAKEN_MATRICES
+        },
+        "linearization": checked.linearization,
         "poles": [[float(pole.real), float(pole.imag)] for pole in checked.poles],
         "unstable_pole": float(checked.poles[0].real),
         "standard_deviations": dict(checked.robot.standard_deviations),
@@ -260,8 +272,10 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
         Text("\nTransformation matrices", style="bold"),
     ]
     for name, meaning in _MATRICES.items():
-        parts += [Text(f"\n{meaning}"), Text(matrix_text(name, checked.matrices[name]))]
-    parts += [*_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
+        mistake = MISTAKEN_MATRICES.get(name)
+        heading = f"\n{meaning}" + (f"\nMISTAKEN: {mistake}" if mistake else "")
+        parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
+    parts += [*_linear_lines(checked), *_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
     if checked.band:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
     if checked.swing:
@@ -273,6 +287,15 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
 
 def _unit(one: Derived) -> str:
     return "" if one.unit == "1" else one.unit
+
+
+def _linear_lines(checked: _Checked) -> list[Text]:
+    return [
+        Text("\nLinear model x_dot = A x + B u about upright, exact model", style="bold"),
+        Text(state_order(checked.robot.wheel_count)),
+        Text(matrix_text("A", checked.linear.A)),
+        Text(matrix_text("B", checked.linear.B)),
+    ]
 
 
 def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:

@@ -19,11 +19,13 @@ from ballbot.experiments.robust_design.design import Effort, RobustDesign, robus
 from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.files import check_folder, write_text
 from ballbot.identification.checkpoint import identity
+from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
+from ballbot.report.linearization import linearization_results
 from ballbot.report.provenance import provenance
 from ballbot.report.robust_figures import robust_figure
 from ballbot.report.style import drawn
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 
 
 @Parameter(name="*")
@@ -104,6 +106,9 @@ def design_robustly(
             "compensation": compensation,
             "gain": found.controller.gain,
             "poles": [[pole.real, pole.imag] for pole in found.design.poles.tolist()],
+            "linearization": linearization_results(
+                Model(robot.replace(friction=Friction.none(robot.wheel_count)))
+            ),
             **found.to_dict(),
             "perturbed": asdict(spread),
             "provenance": made.to_dict(),
