@@ -4,7 +4,7 @@ What it knows that `OnboardState` does not:
 
 - a ball that does not pivot turns under the wheels as the body turns over it, so the encoders hold the heading
   while the AHRS's runs away, and the gyro's bias about the vertical shows;
-- the angular momentum about the floor's contact changes by gravity alone (`ballbot.estimation.momentum`), which
+- the angular momentum about the floor's contact changes by gravity alone (`ballbot.mechanics.contact_momentum`), which
   gives speed from lean and lean from speed, whatever friction and play the driveline has;
 - how sure it is of each state, so that a fix corrects each by as much as it should.
 
@@ -36,7 +36,7 @@ from ballbot.estimation.kalman_model import (
     sample,
 )
 from ballbot.estimation.linear_update import absorb
-from ballbot.estimation.momentum import contact_momentum
+from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.estimation.noise import FilterNoise
 from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
 from ballbot.mechanics.geometry import transforms

@@ -17,7 +17,7 @@
                   v = r_b (Omega_y, -Omega_x)    Omega_z = 0
     the AHRS      g + a,  psi + d
 
-C and Lambda are those of `ballbot.estimation.momentum`. All but place and heading is in frames that turn with the
+C and Lambda are those of `ballbot.mechanics.contact_momentum`. All but place and heading is in frames that turn with the
 robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
 world frame, each linearisation at another estimate would draw a little knowledge of the heading out of nothing
 (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3 to 6). This psi differs from the

@@ -74,7 +74,14 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:
-    return [*check_speed_limit(log, robot), *check_wheels(log, robot), *check_disturbance(log, robot)]
+    from ballbot.log.physics import physics_findings  # the equations of motion take a while to load
+
+    return [
+        *check_speed_limit(log, robot),
+        *check_wheels(log, robot),
+        *check_disturbance(log, robot),
+        *physics_findings(log, robot),
+    ]
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:

@@ -1,0 +1,263 @@
+"""Lean axes against the ball's acceleration, by the law of the momentum about the floor's contact.
+
+    d/dt (v + C w) = -Lambda g                    (`ballbot.mechanics.contact_momentum`)
+
+No torque and no driveline friction is in it: the robot accelerates towards its lean whatever the motors do. The law is
+evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then
+both terms get a free complex gain, whose size is a scale and whose angle is a turn about the vertical.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.log.physics.evidence import clarity, without
+from ballbot.log.physics.motion import Complex, Motion, as_complex, as_plane
+from ballbot.mechanics.contact_momentum import contact_momentum
+from ballbot.robot import Robot
+
+#: another reading must leave this many times less unexplained, and be clearer by this many standard errors
+CLEARLY_LESS, CLEARLY_BETTER = 1.8, 4.0
+#: readings within this of the best cannot be told apart
+AS_GOOD = 1.15
+#: share of the ball's acceleration that the best reading must explain before anything is concluded
+EXPLAINED = 0.5
+#: gains of gravity's term that are an error, beyond their standard error times `SURE`; correct logs have 0.9 to 1.1
+GAIN_RANGE = (0.87, 1.15)
+LARGEST_TURN = np.radians(12.0)
+SURE = 3.0
+#: relative standard error of gravity's gain from which nothing can be concluded
+KNOWN = 0.15
+#: gain of the rates over gravity's on a correct log: the filter and a gyro's noise take from the rates' term
+RATE_SHARE = (0.55, 1.2)
+#: ball speed under which the direction of rolling friction is not known [m/s]
+ROLLING = 0.005
+
+_LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How two columns may be meant: the logged first and second, exchanged or not, with signs."""
+
+    swapped: bool = False
+    signs: tuple[int, int] = (1, 1)  #: of the first and the second quantity, after the exchange
+
+    def words(self, names: tuple[str, str]) -> str:
+        """Return what is wrong with the columns of these names in words."""
+        first, second = names
+        parts = [f"{first} and {second} are swapped"] if self.swapped else []
+        if self.signs == (-1, -1):
+            parts.append(f"{first} and {second} have the opposite sign")
+        elif -1 in self.signs:
+            # the column that is at fault: after an exchange the first quantity is logged in the second column
+            at_fault = (self.signs[0] == -1) != self.swapped
+            parts.append(f"{first if at_fault else second} has the opposite sign")
+        return " and ".join(parts)
+
+    @property
+    def changes(self) -> int:
+        """Number of separate faults it takes."""
+        return self.swapped + (-1 in self.signs)
+
+
+AS_LOGGED = Reading()
+READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, True), (1, -1), (1, -1)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeanEvidence:
+    """What the law of the contact's momentum says of the lean columns of one log."""
+
+    angles: tuple[Reading, ...]  #: of theta and phi, the best explanations, simplest first
+    rates: tuple[Reading, ...]  #: of their rates, in the same order
+    clearness: float  #: of the best against the columns as logged, in standard errors
+    ratio: float  #: of what is left unexplained, as logged over best
+    explained: float  #: share of the ball's acceleration that the best reading with free gains explains
+    rate_gain: complex  #: of the term of the lean rates
+    gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
+    gravity_error: float  #: standard error of the latter
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether the log shows anything about the lean; wheels that slip or shake show accelerations of their own."""
+        return self.explained >= EXPLAINED and self.gravity_error < KNOWN * abs(self.gravity_gain)
+
+    @property
+    def misread(self) -> bool:
+        """Whether another reading of the columns is clearly the right one."""
+        return (
+            self.conclusive
+            and (self.angles[0], self.rates[0]) != (AS_LOGGED, AS_LOGGED)
+            and self.ratio > CLEARLY_LESS
+            and self.clearness > CLEARLY_BETTER
+        )
+
+
+def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
+    """Evaluate the law for every reading of the lean columns."""
+    terms, block = _terms(motion, robot), motion.block
+    gram = np.array([[np.bincount(block, weights=(a.conj() * b).real) for b in terms] for a in terms])
+    pairs = [(a, r) for a in READINGS for r in READINGS]
+    weights = np.array([_weights(angles, rates) for angles, rates in pairs])
+    left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
+    total = left.sum(axis=1)
+    best = int(np.argmin(total))
+    good = [k for k in range(len(pairs)) if total[k] <= AS_GOOD * total[best]]
+    good.sort(key=lambda k: (pairs[k][0].changes + pairs[k][1].changes, total[k]))
+    own = pairs.index((AS_LOGGED, AS_LOGGED))
+    rate_gain, gravity_gain, error, explained = _gains(terms, weights[good[0]], block)
+    return LeanEvidence(
+        angles=tuple(pairs[k][0] for k in good),
+        rates=tuple(pairs[k][1] for k in good),
+        clearness=clarity((left[own] - left[best]) / (left[own] + left[best])),
+        ratio=float(total[own] / total[best]),
+        explained=explained,
+        rate_gain=rate_gain,
+        gravity_gain=gravity_gain,
+        gravity_error=error,
+    )
+
+
+def lean_findings(found: LeanEvidence) -> list[Finding]:
+    """Return what is wrong with the lean columns: signs, exchange, scale, a turn of the IMU."""
+    if not found.conclusive:
+        return []
+    if found.misread:
+        return [_misread(found.angles, found.rates)]
+    size, turn = abs(found.gravity_gain), float(np.angle(found.gravity_gain))
+    low, high = GAIN_RANGE
+    sure = SURE * found.gravity_error
+    if size + sure < low or size - sure > high:
+        return [_scaled(size, found.rate_gain)]
+    if abs(turn) - sure / size > LARGEST_TURN:
+        degrees = np.degrees(turn)
+        sentence = (
+            f"The ball accelerates {abs(degrees):.0f} degrees to the {'left' if degrees > 0.0 else 'right'} of the "
+            "lean: the IMU is mounted turned about the vertical, or psi has another zero than x and y. Turn the lean "
+            "([attitude] turn in a mapping)."
+        )
+        return [Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=_LEAN))]
+    return []
+
+
+def _terms(motion: Motion, robot: Robot) -> list[Complex]:
+    """Return the law's terms (N,): acceleration; lever of each rate in either place; pull of each angle likewise."""
+    law = contact_momentum(robot)
+    v, turning = motion.velocity, 1j * motion.turning
+
+    def lever(w: Complex) -> Complex:
+        return as_complex(as_plane(w) @ law.lever[:, :2].T)
+
+    def pull(g: Complex) -> Complex:
+        return as_complex(as_plane(g) @ law.pull.T)
+
+    rates = [
+        lever(place * w.rate) + turning * lever(place * w.value)
+        for w in motion.lean_rate
+        for place in (1.0, 1j)
+    ]
+    # sin theta in theta's place is +j of g, in phi's place -1
+    angles = [pull(place * lean) for lean in motion.lean for place in (1j, -1.0)]
+    rolling = v.value / np.maximum(np.abs(v.value), ROLLING)
+    nuisance = np.column_stack(
+        [rolling, np.ones_like(rolling)]
+    )  # rolling friction, and a slope or a lean's zero
+    return [without(nuisance, term) for term in (v.rate + turning * v.value, *rates, *angles)]
+
+
+def _weights(angles: Reading, rates: Reading) -> NDArray[np.float64]:
+    """Return the factors (9,) of the terms whose sum is zero by the law."""
+    return np.concatenate(([1.0], _placed(rates), _placed(angles)))
+
+
+def _placed(reading: Reading) -> NDArray[np.float64]:
+    first, second = reading.signs
+    # [first column as first, as second; second column as first, as second]
+    return np.array([0, second, first, 0] if reading.swapped else [first, 0, 0, second], dtype=np.float64)
+
+
+def _gains(
+    terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArray[np.intp]
+) -> tuple[complex, complex, float, float]:
+    """Return the gains of rates and gravity, the latter's standard error, and the share that they explain."""
+    y = terms[0]
+    X = -np.column_stack(
+        [np.tensordot(weights[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9))]
+    )
+    gains = np.linalg.lstsq(X, y, rcond=None)[0]
+    residual = y - X @ gains
+    blocks = int(block[-1]) + 1
+    scores = np.array(
+        [np.bincount(block, weights=(x.conj() * residual).real) for x in X.T]
+        + [np.bincount(block, weights=(x.conj() * residual).imag) for x in X.T]
+    )
+    inverse = np.linalg.inv(X.conj().T @ X)
+    # a sandwich: scores of blocks are independent, rows within a block are not
+    spread = inverse @ (scores[:2] + 1j * scores[2:])
+    error = float(np.sqrt(np.sum(np.abs(spread[1]) ** 2) * blocks / (blocks - 1)))
+    explained = 1.0 - float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(y) ** 2))
+    return complex(gains[0]), complex(gains[1]), error, explained
+
+
+def _misread(angles: Sequence[Reading], rates: Sequence[Reading]) -> Finding:
+    """Return the finding that names every reading that explains the motion as well as the best."""
+    causes = [_cause(a, r) for a, r in zip(angles, rates, strict=True)]
+    simplest = [
+        c
+        for c, a, r in zip(causes, angles, rates, strict=True)
+        if a.changes + r.changes <= _fewest(angles, rates)
+    ]
+    columns = tuple(name for name in (*_LEAN, *_RATES) if any(name in _words(c) for c in simplest))
+    sentence = (
+        f"The lean does not fit the ball's acceleration: {', or '.join(simplest)}. Only so does the ball accelerate "
+        "towards the lean, as under every balancing robot (the same is seen if x_dot, y_dot and the wheels have that "
+        "mistake instead). Correct the columns or the mapping."
+    )
+    return Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=columns))
+
+
+def _fewest(angles: Sequence[Reading], rates: Sequence[Reading]) -> int:
+    return min(a.changes + r.changes for a, r in zip(angles, rates, strict=True))
+
+
+def _cause(angles: Reading, rates: Reading) -> str:
+    if angles == rates:
+        single = not angles.swapped and angles.signs != (-1, -1)
+        return f"{angles.words(_LEAN)}, with {'its rate' if single else 'their rates'}"
+    parts = [angles.words(_LEAN), rates.words(_RATES)]
+    return " and ".join(part for part in parts if part)
+
+
+def _words(sentence: str) -> set[str]:
+    return set(sentence.replace(",", " ").split())
+
+
+def _scaled(size: float, rate_gain: complex) -> Finding:
+    """Return the finding on a scale between lean and acceleration."""
+    share = abs(rate_gain) / size
+    degrees = np.degrees(1.0)
+    seen = f"The ball accelerates {size:.3g} times as much as the lean makes it"
+    of_lean = f"theta and phi are scaled by {1.0 / size:.3g}"
+    of_ball = (
+        "the ball's velocity is scaled (wheel radius, ball radius, gear ratio or encoder counts per turn)"
+    )
+    of_robot = "the height of the centre of mass is not the robot file's"
+    if 0.75 < size * degrees < 1.33:
+        cause = "theta and phi are in degrees where radians belong"
+    elif 0.75 < size / degrees < 1.33:
+        cause = "theta and phi were turned into radians twice"
+    elif RATE_SHARE[0] < share < RATE_SHARE[1]:
+        cause = f"{of_ball}, or {of_robot}, or {of_lean} with their rates"
+    else:
+        cause = f"{of_lean}, or {of_robot}, or {of_ball}"
+    columns = ("theta", "phi", "x_dot", "y_dot")
+    return Finding(
+        code="lean-scale", severity="error", text=f"{seen}: {cause}.", where=Place(columns=columns)
+    )

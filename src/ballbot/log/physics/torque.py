@@ -1,0 +1,309 @@
+"""Wheel torques against the torques that the motion needs: order, sign, scale, and torques that do not fit at all.
+
+The rows of the equations of motion that the lean does not enter, about upright and in the heading frame, give the
+torque that ball and wheels pass to each other,
+
+    r_b d/dt (M_vv v + M_vw w) = E^T tau,      M_w. (w_dot, v_dot) about the vertical = -tau_z,      tau = A^T n,
+
+and with it n, the torque that each wheel needs for the motion. A motor gives it and its own driveline's friction:
+
+    u_i = k n_i + f(wheel speed i)             f: dry, viscous, falling with speed; it never drives
+
+so k is one for the right robot, and wheel i's torque follows n_i and its own speed's sign. Every logged torque is
+fitted by every wheel's motion, with either sign: the order and signs that explain the log best are the right ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from ballbot.findings import Finding, Place
+from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.local_fit import local_fit
+from ballbot.log.log import Log
+from ballbot.log.physics.evidence import block_sums, clarity, without
+from ballbot.log.physics.motion import Motion, Rows, as_complex, as_plane
+from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+
+#: share of a torque's variance by which another wheel or sign must explain it better, and how clearly
+CLEAR_GAIN, CLEARLY_BETTER = 0.2, 3.0
+#: assignments whose share is within this of the best's cannot be told apart
+AS_GOOD = 0.03
+#: share of the torques that must be explained before anything is concluded
+EXPLAINED = 0.3
+#: share under which torques have nothing to do with the motion
+UNRELATED = 0.15
+#: k by regression of need on torque under which torques are too small, and of torque on need over which too large
+SCALE_RANGE = (0.8, 1.3)
+#: most of the second over the first with which they say anything
+BRACKET = 2.2
+#: variance of a torque over the largest one's under which its column is dead
+DEAD = 1e-8
+SURE = 3.0
+#: speed from which a wheel turns for certain [rad/s]
+TURNING = 0.1
+#: speed at which the falling part of friction has fallen to 37 % [rad/s]
+FALLING = 0.6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Driving:
+    """What each wheel's motor has to do with the motion, at the rows of `Motion`."""
+
+    torque: NDArray[np.float64]  #: (N, n) u as logged, filtered [N m]
+    needed: NDArray[np.float64]  #: (N, n) n, what the motion needs of each wheel [N m]
+    friction: NDArray[np.float64]  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
+    turning: NDArray[np.float64]  #: (N, n) share of the filter's time in which the wheel turned for certain
+    block: NDArray[np.intp]  #: (N,)
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Which wheel each logged torque drives, from 0, and with which sign."""
+
+    wheels: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    @property
+    def words(self) -> str:
+        """What is wrong with the torques, in words; empty if nothing."""
+        own = tuple(range(len(self.wheels)))
+        negated = [f"u{j + 1}" for j, sign in enumerate(self.signs) if sign < 0]
+        parts = []
+        if self.wheels != own:
+            moved = [j for j in own if self.wheels[j] != j]
+            if len(moved) == 2:
+                parts.append(f"u{moved[0] + 1} and u{moved[1] + 1} are swapped")
+            else:
+                order = ", ".join(f"u{j + 1} drives wheel {self.wheels[j] + 1}" for j in moved)
+                parts.append(f"the torques are in another order ({order})")
+        if len(negated) == len(own):
+            parts.append("all torques have the opposite sign")
+        elif negated:
+            parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
+        return " and ".join(parts)
+
+    @property
+    def changes(self) -> int:
+        """Number of separate faults it takes."""
+        moved = sum(wheel != j for j, wheel in enumerate(self.wheels))
+        negated = self.signs.count(-1)
+        return moved + (1 if negated == len(self.signs) else negated)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueEvidence:
+    """What the torques of one log have to do with its motion."""
+
+    assignments: tuple[Assignment, ...]  #: the best explanations, simplest first
+    explained: float  #: share of the torques' variance that the best explains
+    as_logged: float  #: share that is explained with the columns as they are
+    clearness: float  #: of the best against the columns as logged, in standard errors
+    differing: float  #: mean share gained on the torques that the best assigns otherwise
+    scale: tuple[float, float]  #: k by regression of torque on need, and of need on torque
+    scale_error: float  #: standard error of the first
+    turning: float  #: share of time in which wheels turned for certain
+
+
+def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
+    """Return what the torques of a log have to do with its motion; None without every wheel's torque."""
+    names = torque_names(robot.wheel_count)
+    if not set(names) <= set(log.names):
+        return None
+    torque = rows.filtered(
+        log, np.column_stack([log[name] for name in names]), late=0.5 * log.sample_time
+    ).value
+    speed = _wheel_speeds(log, robot)
+    sign = np.tanh(speed / TURNING)
+    parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
+    found = rows.filtered(log, np.hstack(parts)).value
+    n = robot.wheel_count
+    return Driving(
+        torque=torque,
+        needed=_needed(motion, robot) @ np.linalg.pinv(transforms(robot).T_owb),
+        friction=np.stack([found[:, k * n : (k + 1) * n] for k in range(3)], axis=-1),
+        turning=np.clip(found[:, 3 * n :], 0.0, 1.0),
+        block=motion.block,
+    )
+
+
+def torque_evidence(driving: Driving) -> TorqueEvidence:
+    """Fit every logged torque by every wheel's motion with either sign, and compare the assignments."""
+    n = driving.torque.shape[1]
+    left = _left_unexplained(driving)
+    share = 1.0 - left.sum(axis=-1)  # [torque, wheel, sign]
+    own = Assignment(tuple(range(n)), (1,) * n)
+    every = _assignments(share)
+    scores = {one: _mean(share, one) for one in every}
+    best = max(scores, key=lambda one: scores[one])
+    good = sorted(
+        (one for one in every if scores[one] >= scores[best] - AS_GOOD),
+        key=lambda one: (one.changes, -scores[one]),
+    )
+    chosen = good[0]
+    other = [j for j in range(n) if (chosen.wheels[j], chosen.signs[j]) != (j, 1)]
+    gain = np.array([left[j, j, 0] - left[j, chosen.wheels[j], _place(chosen.signs[j])] for j in other])
+    scale, error = _scale(driving, chosen)
+    return TorqueEvidence(
+        assignments=tuple(good),
+        explained=scores[chosen],
+        as_logged=scores[own],
+        clearness=clarity(_bounded(left, chosen, other)) if other else 0.0,
+        differing=float(gain.sum(axis=1).mean()) if other else 0.0,
+        scale=scale,
+        scale_error=error,
+        turning=float(driving.turning.mean()),
+    )
+
+
+def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return what is wrong with the torques: order, sign, scale, or that they do not belong to the motion."""
+    where = Place(columns=names)
+    best, (forward, reverse) = found.assignments[0], found.scale
+    coherent = 0.0 < reverse < BRACKET * forward
+    clear = found.differing > CLEAR_GAIN and found.clearness > CLEARLY_BETTER
+    if found.explained < UNRELATED or (found.as_logged < UNRELATED and not coherent):
+        sentence = (
+            "The torques have nothing to do with the motion: as logged they explain "
+            f"{100 * max(found.as_logged, 0.0):.0f} % of what the motion needs, and no other order or signs fit. They "
+            "are of another log, shifted in time, or not the motors' torques."
+        )
+        return [Finding(code="torque-unrelated", severity="error", text=sentence, where=where)]
+    if found.explained < EXPLAINED or not coherent:
+        return []
+    if best.changes and clear:
+        return [_misplaced(found, where)]
+    return _scale_findings(found, where)
+
+
+def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
+    """Return the finding that names every order and sign of the torques that fits as well as the best."""
+    best = found.assignments[0]
+    causes = [one.words for one in found.assignments if one.changes <= best.changes + 1][:4]
+    sentence = (
+        f"The torques do not fit the motion as logged: {', or '.join(causes)}. So they explain "
+        f"{100 * found.explained:.0f} % of what the motion needs, as logged {100 * max(found.as_logged, 0.0):.0f} %. "
+        "Correct the columns or the mapping."
+    )
+    if all(one.wheels == tuple(range(len(one.wheels))) for one in found.assignments):
+        return Finding(code="torque-sign", severity="error", text=sentence, where=where)
+    return Finding(code="torque-order", severity="error", text=sentence, where=where)
+
+
+def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
+    low, high = SCALE_RANGE
+    forward, reverse = found.scale
+    sure = SURE * found.scale_error
+    small, large = reverse + sure < low, forward - sure > high
+    if not small and not large:
+        return []
+    sentence = (
+        f"The torques are {forward if large else 0.5 * (forward + reverse):.2g} times what the motion needs of this "
+        "robot: u1, u2 .. are scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the "
+        f"robot is {'heavier' if large else 'lighter'} than its file says."
+    )
+    return [Finding(code="torque-scale", severity="error", text=sentence, where=where)]
+
+
+def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
+    """Return tau (N, 3) [N m], about the heading frame's axes, that the motion needs between ball and wheels."""
+    M, r_b = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius
+    (theta, phi), v = motion.lean_rate, motion.velocity
+    w, w_dot = as_plane(theta.value + 1j * phi.value), as_plane(theta.rate + 1j * phi.rate)
+    w, w_dot = np.column_stack([w, motion.turning]), np.column_stack([w_dot, motion.turning_rate])
+    momentum = as_complex(as_plane(v.value) @ M[:2, :2].T + w @ M[:2, 2:].T)
+    change = as_complex(as_plane(v.rate) @ M[:2, :2].T + w_dot @ M[:2, 2:].T)
+    force = change + 1j * motion.turning * momentum
+    about_vertical = w_dot @ M[4, 2:] + as_plane(v.rate) @ M[4, :2]
+    return np.column_stack([-r_b * force.imag, r_b * force.real, -about_vertical])
+
+
+def _wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
+    """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states if not logged."""
+    from ballbot.log.kinematic_check import wheel_speeds_of_states
+
+    names = wheel_speed_names(robot.wheel_count)
+    if set(names) <= set(log.names) and all(np.isfinite(log[name]).all() for name in names):
+        speeds = np.column_stack([log[name] for name in names])
+    else:
+        rates = ("x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
+        zero = np.zeros(len(log))
+        state = [zero, zero, *(log[name] for name in ("theta", "phi", "psi", *rates))]
+        speeds = wheel_speeds_of_states(np.column_stack(state), robot)
+    return local_fit(log.t, speeds, rows=max(2, round(0.015 / log.sample_time)))[0]
+
+
+def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
+    """Return the share (n, n, 2, B) of each torque's variance that each wheel with each sign leaves, by blocks."""
+    n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
+    left = np.ones((n, n, 2, blocks)) / blocks
+    dead = DEAD * float(np.square(driving.torque - driving.torque.mean(axis=0)).sum(axis=0).max())
+    for i in range(n):
+        columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
+        columns = columns - columns.mean(axis=0)
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+        for j in range(n):
+            u = driving.torque[:, j] - driving.torque[:, j].mean()
+            power = float(u @ u)
+            if power <= dead:
+                continue
+            for place, sign in enumerate((1.0, -1.0)):
+                # neither the motion's torque nor friction can be negative
+                factors, _ = nnls(columns / size, sign * u)
+                residual = sign * u - columns / size @ factors
+                left[j, i, place] = block_sums(residual**2, driving.block) / power
+    return left
+
+
+def _assignments(share: NDArray[np.float64]) -> list[Assignment]:
+    """Return every order, each torque with every sign that is not clearly the worse one, and the order as logged."""
+    n = len(share)
+    found = {Assignment(tuple(range(n)), (1,) * n), Assignment(tuple(range(n)), (-1,) * n)}
+    for order in permutations(range(n)):
+        better = [1 if share[j, order[j], 0] >= share[j, order[j], 1] else -1 for j in range(n)]
+        found.add(Assignment(order, tuple(better)))
+    return list(found)
+
+
+def _place(sign: int) -> int:
+    return 0 if sign > 0 else 1
+
+
+def _mean(share: NDArray[np.float64], one: Assignment) -> float:
+    return float(
+        np.mean([share[j, i, _place(s)] for j, (i, s) in enumerate(zip(one.wheels, one.signs, strict=True))])
+    )
+
+
+def _bounded(left: NDArray[np.float64], one: Assignment, torques: list[int]) -> NDArray[np.float64]:
+    """Return by blocks what an assignment gains on the columns as logged, from -1 to 1."""
+    own = sum(left[j, j, 0] for j in torques)
+    best = sum(left[j, one.wheels[j], _place(one.signs[j])] for j in torques)
+    return np.asarray((own - best) / np.maximum(own + best, 1e-30))
+
+
+def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], float]:
+    """Return k by regression of torque on need, and of need on torque, and the first's standard error.
+
+    Rows count by the share of time in which the wheel turned for certain: in sticking, friction takes what it takes.
+    """
+    xx, xy, yy = (np.zeros(int(driving.block[-1]) + 1) for _ in range(3))
+    for j, (i, sign) in enumerate(zip(one.wheels, one.signs, strict=True)):
+        weight = driving.turning[:, i] ** 4
+        columns = np.column_stack([driving.friction[:, i], np.ones(len(weight))]) * weight[:, None]
+        x = without(columns, driving.needed[:, i] * weight)
+        y = without(columns, sign * driving.torque[:, j] * weight)
+        for sums, product in ((xx, x * x), (xy, x * y), (yy, y * y)):
+            sums += block_sums(product, driving.block)
+    if not (xx.sum() > 0.0 and yy.sum() > 0.0 and xy.sum() > 0.0):
+        return (0.0, float("inf")), float("inf")
+    k = xy.sum() / xx.sum()
+    error = float(np.sqrt(np.sum((xy - k * xx) ** 2)) / xx.sum())
+    return (float(k), float(yy.sum() / xy.sum())), error

@@ -1,0 +1,98 @@
+"""Mistakes in lean and torque columns are named by the robot's own equations, and correct logs pass."""
+
+from __future__ import annotations
+
+import pytest
+from physics_examples import FRICTION, MISTAKES, balancing, scaled
+
+from ballbot.findings import Finding
+from ballbot.log import Log
+from ballbot.log.checks import check
+from ballbot.log.physics import physics_findings
+from ballbot.log.physics.lean import AS_LOGGED, READINGS, lean_evidence
+from ballbot.log.physics.motion import motion_of, usable_rows
+from ballbot.log.physics.torque import driving_of, torque_evidence
+from ballbot.robot import Robot
+
+
+def errors(log: Log, robot: Robot) -> list[Finding]:
+    return [finding for finding in physics_findings(log, robot) if finding.severity == "error"]
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_each_mistake_gets_its_one_error(mistake):
+    spoil, code, words = MISTAKES[mistake]
+    log, robot = balancing()
+    found = errors(spoil(log), robot)
+    assert [finding.code for finding in found] == [code]
+    assert words in found[0].text
+
+
+def test_correct_log_is_not_stopped():
+    log, robot = balancing()
+    assert errors(log, robot) == []
+
+
+def test_check_with_a_robot_includes_the_physics():
+    log, robot = balancing()
+    assert "torque-sign" in [finding.code for finding in check(scaled(log, -1.0, "u1"), robot=robot)]
+
+
+def test_gains_of_a_correct_log_are_one():
+    log, robot = balancing()
+    rows = usable_rows(log, robot)
+    assert rows
+    motion = motion_of(log, rows)
+    lean = lean_evidence(motion, robot)
+    # noise takes from the rates' term and leaves gravity's; 5 % is ten standard errors
+    assert abs(lean.gravity_gain) == pytest.approx(1.0, abs=0.05)
+    driving = driving_of(log, rows, motion, robot)
+    assert driving
+    torque = torque_evidence(driving)
+    forward, reverse = torque.scale
+    assert forward < 1.05
+    assert reverse > 0.95
+
+
+@pytest.mark.parametrize("name", ["theta", "x_dot", "psi"])
+def test_log_without_a_column_is_left_alone(name):
+    log, robot = balancing()
+    assert physics_findings(Log({n: log[n] for n in log if n != name}), robot) == []
+
+
+def test_log_without_torques_still_has_its_lean_checked():
+    log, robot = balancing()
+    states = Log({name: log[name] for name in log if name not in ("u1", "u2", "u3")})
+    assert errors(states, robot) == []
+    assert [f.code for f in errors(scaled(states, -1.0, "theta", "theta_dot"), robot)] == ["lean-axes"]
+
+
+def test_short_or_still_log_is_no_error():
+    log, robot = balancing()
+    assert physics_findings(log.select(slice(0, 400)), robot) == []
+    still = scaled(log, 1e-9, *(name for name in log if name != "t"))
+    assert errors(still, robot) == []
+
+
+@pytest.mark.parametrize("reading", READINGS, ids=[str(k) for k in range(len(READINGS))])
+def test_every_reading_has_words_of_its_own(reading):
+    words = [one.words(("theta", "phi")) for one in READINGS]
+    assert len(set(words)) == len(READINGS)
+    assert (reading.words(("theta", "phi")) == "") == (reading == AS_LOGGED)
+
+
+@pytest.mark.parametrize("name", ["square_soft", "hold_soft", "thesis_step_soft", "square_stiff"])
+def test_measured_logs_are_not_stopped(shared_data, name):
+    log = Log.read(shared_data / "bbr" / f"{name}.csv")
+    assert errors(log, Robot.load("alten")) == []
+
+
+def test_measured_log_with_negated_torques_is_stopped(shared_data):
+    log = Log.read(shared_data / "bbr" / "hold_soft.csv")
+    found = errors(scaled(log, -1.0, "u1", "u2", "u3"), Robot.load("alten"))
+    assert [finding.code for finding in found] == ["torque-sign"]
+
+
+def test_friction_in_the_robot_s_file_changes_nothing():
+    log, robot = balancing()
+    assert physics_findings(log, robot.replace(friction=FRICTION)) == physics_findings(log, robot)
