@@ -5,10 +5,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from numba import types
+import pytest
+from numba import config, types
 from numba.core.registry import cpu_target
 
-from ballbot.mechanics.compiled import called, compiled, inlined, shared
+from ballbot.errors import CompiledCodeNotKept
+from ballbot.mechanics.compiled import called, compiled, compiled_alone, inlined, shared
+from ballbot.mechanics.inner_code import warn_that_code_is_not_kept
 
 PROGRAM = """
 import sys
@@ -90,3 +93,46 @@ def test_a_shared_function_is_read_from_disk_by_the_next_that_needs_it(tmp_path:
     assert run("six_times") == [6.0 * 3.0, 0, 0]
     # read, it must have no machine code either: what its caller holds, and optimises, would not be run
     assert run("ten_times") == [10.0 * 3.0, 1, 0]
+
+
+def halve(x):
+    """Compiled anew by each test."""
+    return 0.5 * x
+
+
+@pytest.fixture
+def warned_anew():
+    warn_that_code_is_not_kept.cache_clear()
+    yield
+    warn_that_code_is_not_kept.cache_clear()
+
+
+@pytest.mark.usefixtures("warned_anew")
+def test_code_runs_without_any_folder_to_keep_it(tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(config, "CACHE_LOCATOR_CLASSES", "UserProvidedCacheLocator")
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "file" / "folder"))  # cannot be made
+    with pytest.warns(CompiledCodeNotKept, match="Set NUMBA_CACHE_DIR to a folder that can be written"):
+        assert compiled_alone(halve)(3.0) == 1.5
+
+
+@pytest.mark.usefixtures("warned_anew")
+@pytest.mark.parametrize("damaged", ["*.nbi", "*.nbc"])
+def test_damaged_code_on_disk_is_compiled_anew(tmp_path: Path, monkeypatch, damaged: str) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    assert compiled_alone(halve)(3.0) == 1.5
+    for file in tmp_path.rglob(damaged):
+        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    with pytest.warns(CompiledCodeNotKept):
+        assert compiled_alone(halve)(3.0) == 1.5
+
+
+@pytest.mark.usefixtures("warned_anew")
+def test_a_full_disk_leaves_code_unkept(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    halving = compiled_alone(halve)
+    for folder in tmp_path.iterdir():
+        folder.rmdir()
+        folder.touch()  # a file stands where the folder of code should be
+    with pytest.warns(CompiledCodeNotKept):
+        assert halving(3.0) == 1.5

@@ -3,3 +3,7 @@
 
 class InputError(ValueError):
     """Bad input: a file, an option or an argument. Its text is one sentence and is all that the user is shown."""
+
+
+class CompiledCodeNotKept(UserWarning):
+    """Numba has no folder for compiled code."""

@@ -10,6 +10,7 @@ import importlib
 import io
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -142,7 +143,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     tokens = list(sys.argv[1:] if argv is None else argv)
     _survive_narrow_encodings()
     try:
-        return _run(tokens)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            return _run(tokens)
     except InputError as error:
         return _refuse(str(error))
     except UnknownCommandError:
@@ -168,6 +171,11 @@ def _run(tokens: list[str]) -> int:
     build_app(tokens)(tokens, exit_on_error=False, print_error=False, result_action="return_value")
     sys.stdout.flush()
     return 0
+
+
+def _show_warning(message: Warning | str, *_: object) -> None:
+    """Print a warning as one line, without the place in our code that it comes from."""
+    print(f"ballbot: warning: {message}", file=sys.stderr)
 
 
 def _refuse(sentence: str) -> int:

@@ -12,9 +12,15 @@ from hashlib import sha256
 from pathlib import Path
 
 from numba import njit
+from numba.core.caching import FunctionCache
 from numba.extending import overload
 
-from ballbot.mechanics.inner_code import cache_of_inner_code, compiler_of_inner_code
+from ballbot.mechanics.inner_code import (
+    ForgivingCache,
+    cache_of_inner_code,
+    compiler_of_inner_code,
+    warn_that_code_is_not_kept,
+)
 
 FAST = {"reassoc", "contract", "arcp", "nsz", "afn"}
 
@@ -53,33 +59,44 @@ _PACKAGES = ("mechanics", "control", "estimation", "simulation", "identification
 
 def compiled(function: Callable) -> Callable:
     """Return a function that Python calls: brought to machine code, kept on disk, and run without Python's lock."""
-    dispatcher = njit(error_model="numpy", fastmath=FAST, nogil=True, cache=True)(function)
-    return _stale_with_sources(dispatcher, function)
+    dispatcher = njit(error_model="numpy", fastmath=FAST, nogil=True)(function)
+    return _kept(dispatcher, function, ForgivingCache)
+
+
+def compiled_alone(function: Callable) -> Callable:
+    """Return a function that Python calls and that inlines nothing of another file, in the order written."""
+    dispatcher = njit(error_model="numpy")(function)
+    return _kept(dispatcher, function, ForgivingCache)
 
 
 def shared(function: Callable) -> Callable:
     """Return a function that only compiled code calls, kept on disk for the next that Python calls."""
     dispatcher = njit(fastmath=FAST, **_INSIDE)(function)
-    dispatcher._cache = cache_of_inner_code(function)  # pyright: ignore[reportAttributeAccessIssue]
-    return _stale_with_sources(dispatcher, function)
+    return _kept(dispatcher, function, cache_of_inner_code)
 
 
-def _stale_with_sources(dispatcher: Callable, function: Callable) -> Callable:
-    """Return the dispatcher, its code on disk stale where any source of it has changed.
+def _kept(
+    dispatcher: Callable, function: Callable, make_cache: Callable[[Callable], FunctionCache]
+) -> Callable:
+    """Return the dispatcher, its code kept on disk if there is a folder for it, and stale if any source has changed.
 
     Numba's cache looks at the function's own file only, yet what is inlined comes from many: here a change
     in any compiled source of its package, or of one it may use, counts.
     """
-    package = (
-        function.__module__.split(".")[1] if function.__module__.startswith("ballbot.") else _PACKAGES[-1]
-    )
-    dispatcher._cache._cache_file._source_stamp = _sources_stamp(package)  # pyright: ignore[reportFunctionMemberAccess]
+    package = function.__module__.partition(".")[2].partition(".")[0]
+    try:
+        kept = make_cache(function)
+    except RuntimeError:  # Numba finds no folder that it may write to
+        warn_that_code_is_not_kept()
+        return dispatcher
+    kept._cache_file._source_stamp = _sources_stamp(package)  # pyright: ignore[reportAttributeAccessIssue]
+    dispatcher._cache = kept  # pyright: ignore[reportFunctionMemberAccess]
     return dispatcher
 
 
 @cache
 def _sources_stamp(package: str) -> str:
-    folders = _PACKAGES[: _PACKAGES.index(package) + 1]
+    folders = _PACKAGES[: _PACKAGES.index(package) + 1] if package in _PACKAGES else _PACKAGES
     files = [
         file for folder in folders for file in sorted((Path(__file__).parents[1] / folder).rglob("*.py"))
     ]

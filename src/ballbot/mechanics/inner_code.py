@@ -9,7 +9,9 @@ Numba documents that a function may have a compiler of its own (`pipeline_class`
 documented. With a Numba that has it no more, inner functions are compiled as Numba does, which takes twice as long.
 """
 
+import warnings
 from collections.abc import Callable
+from functools import cache
 
 import llvmlite.binding as llvm
 from llvmlite.binding import newpassmanagers
@@ -18,6 +20,8 @@ from numba.core.codegen import CPUCodegen, JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult
 from numba.core.cpu import CPUContext
 from numba.core.typing.context import Context
+
+from ballbot.errors import CompiledCodeNotKept
 
 _OVERRIDDEN_OR_CALLED = (
     (JITCodeLibrary, "_optimize_functions"),
@@ -39,7 +43,39 @@ def compiler_of_inner_code() -> type[Compiler]:
 
 def cache_of_inner_code(function: Callable) -> FunctionCache:
     """Return what keeps an inner function's code on disk."""
-    return InnerCache(function) if _NUMBA_IS_AS_EXPECTED else FunctionCache(function)
+    return InnerCache(function) if _NUMBA_IS_AS_EXPECTED else ForgivingCache(function)
+
+
+class ForgivingCache(FunctionCache):
+    """Numba's code on disk; without it the work goes on, if its folder is full, read-only or damaged."""
+
+    def load_overload(self, sig: object, target_context: CPUContext) -> CompileResult | None:
+        """Return the code kept for a signature; None if there is none or it cannot be read."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged pickle raises anything
+            self.disable()
+            warn_that_code_is_not_kept()
+            return None
+
+    def save_overload(self, sig: object, data: CompileResult) -> None:
+        """Keep the code of a signature, if that is possible."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:
+            self.disable()
+            warn_that_code_is_not_kept()
+
+
+@cache
+def warn_that_code_is_not_kept() -> None:
+    """Warn, once."""
+    warnings.warn(
+        "Compiled code cannot be kept on disk, so that every start compiles it anew. Set NUMBA_CACHE_DIR to a folder "
+        "that can be written and has no damaged files.",
+        CompiledCodeNotKept,
+        stacklevel=2,
+    )
 
 
 class InnerCompiler(Compiler):
@@ -122,7 +158,7 @@ class _InnerCacheImpl(CompileResultCacheImpl):
         return super().rebuild(_ContextOfInnerCode(target_context), payload)
 
 
-class InnerCache(FunctionCache):
+class InnerCache(ForgivingCache):
     """Inner code kept on disk."""
 
     _impl_class = _InnerCacheImpl

@@ -15,9 +15,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ballbot.mechanics.compiled import compiled_alone
 from ballbot.robot.robot import Robot
 from ballbot.twin.bristles import Bristles
 from ballbot.twin.engine import Engine
@@ -28,7 +28,7 @@ from ballbot.twin.scenario import Scenario
 _AT_REST = 1e-3  # [rad/s]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_alone
 def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> float:
     """Write c + s exp(-|w/v_s|^delta) of each wheel into `sizes` and return the largest |w|.
 

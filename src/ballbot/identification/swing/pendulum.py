@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ellipk
+
+from ballbot.mechanics.compiled import compiled_alone
 
 
 def period_growth(amplitude: float) -> float:
@@ -22,8 +23,7 @@ def period_growth(amplitude: float) -> float:
     return 2.0 / math.pi * float(ellipk(math.sin(0.5 * amplitude) ** 2))
 
 
-# nothing of another file is inlined here, so that Numba's own cache sees every change
-@njit(cache=True, error_model="numpy")
+@compiled_alone
 def follow_pendulum(
     stiffness: float,
     viscous: float,
@@ -72,7 +72,7 @@ def follow_pendulum(
         angles[k], rates[k] = angle, rate
 
 
-@njit(cache=True, error_model="numpy")
+@compiled_alone
 def _step(
     stiffness: float, viscous: float, force: float, angle: float, rate: float, h: float
 ) -> tuple[float, float]:
