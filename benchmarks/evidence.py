@@ -51,6 +51,7 @@ CAMPAIGNS = {
     "spin": "benchmarks.spin",
     "validation_bbr": "benchmarks.validation_bbr",
     "false_alarms": "benchmarks.false_alarms",
+    "exploration": "benchmarks.exploration",
 }
 
 _HEAD = """# Evidence

@@ -8,7 +8,6 @@ from axis_examples import LOOP, TRUTH, simulated_record
 from scipy.io import savemat
 
 from ballbot.cli.main import main
-from ballbot.cli.output import Bar
 from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord, identify_axis, ladder
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
@@ -55,12 +54,12 @@ def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
     other.write_bytes(mat_file.read_bytes())
     command = ["identify-axis", str(mat_file), str(other), "--out", str(tmp_path), *OPTIONS]
 
-    def interrupt(_bar: Bar, _share: float, *, doing: str) -> None:
+    def interrupt(_bar: object, _share: float, *, doing: str) -> None:
         if doing == "open loop, law stribeck":
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Bar, "show", interrupt)
+        patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
         assert main(command) == 130
     assert "go on where it stopped with: ballbot identify-axis" in capsys.readouterr().err
     # six laws on the ladder and two of the fits that follow; what is on file is not made again

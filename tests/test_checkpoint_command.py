@@ -7,7 +7,6 @@ import pytest
 from identification_examples import balancing_log, noisy
 
 from ballbot.cli.main import main
-from ballbot.cli.output import Bar
 
 #: few parameters are free, so that a run takes a second
 BOUNDS = """\
@@ -49,7 +48,7 @@ def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(Bar, "show", interrupt)
+        patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
         assert main(words(inputs)) == 130
     return capsys.readouterr().err
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections import deque
+from bisect import bisect_left
 from collections.abc import Callable
-from statistics import median
 from time import monotonic
 
-#: the pace is the median of so many last steps, so that a hiccup does not count
-_STEPS = 9
-#: and of those no shorter than this share of the longest: others were read from a checkpoint
-_SHORTEST = 0.1
+#: no estimate from less than this [s]: parallel work ends in bursts
+_SHORTEST = 1.0
 
 
 class Pace:
     """Watches a share grow from 0 to 1.
+
+    The estimate is the average over the later half of the time since the first step. The first step itself does
+    not count, because it compiles; steps read from a checkpoint or of another stage are forgotten as time goes by,
+    and steps that end together, on many threads, count as one.
 
     Parameters
     ----------
@@ -24,20 +25,31 @@ class Pace:
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
-        self._share, self._time = 0.0, clock()
-        self._steps: deque[float] = deque(maxlen=_STEPS)  # seconds for the whole, by each of the last steps
+        self._times: list[float] = []  # [s], when the share grew
+        self._shares: list[float] = []  # to what
 
     def seconds_left(self, share: float) -> float | None:
-        """Note that a share is done now, and return how long the rest takes [s]; None where that is not known yet."""
+        """Note that a share is done now, and return how long the rest takes [s]; None if that is not known yet."""
         now = self._clock()
-        if share > self._share:
-            self._steps.append((now - self._time) / (share - self._share))
-            self._share, self._time = share, now
-        if not self._steps:
+        if share > (self._shares[-1] if self._shares else 0.0):
+            self._times.append(now)
+            self._shares.append(share)
+        if len(self._times) < 2 or now - self._times[0] < _SHORTEST:
             return None
-        whole = median(step for step in self._steps if step >= _SHORTEST * max(self._steps))
-        # what has gone by since the last step is gone from the rest
-        return max(0.0, whole * (1.0 - self._share) - (now - self._time))
+        middle = 0.5 * (self._times[0] + now)
+        since, done = (
+            (middle, self._share_at(middle))
+            if middle < self._times[-1]
+            else (self._times[0], self._shares[0])
+        )
+        return (now - since) / (self._shares[-1] - done) * (1.0 - self._shares[-1])
+
+    def _share_at(self, time: float) -> float:
+        """Return the share at a time between the first and the last step, as if it grew evenly between steps."""
+        after = bisect_left(self._times, time)
+        earlier, later = self._times[after - 1], self._times[after]
+        part = (time - earlier) / (later - earlier)
+        return self._shares[after - 1] + part * (self._shares[after] - self._shares[after - 1])
 
 
 def as_clock(seconds: float) -> str:

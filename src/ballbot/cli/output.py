@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from threading import Timer
+from time import monotonic
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +21,8 @@ from rich.text import Text
 from ballbot.pace import Pace, as_clock
 
 _WIDTH = 100  #: columns where no terminal says how many there are
+_BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
+_BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
 def standard_output() -> Console:
@@ -25,23 +31,65 @@ def standard_output() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=_WIDTH)
 
 
-class Bar:
-    """A progress bar that is shown; made by `progress_bar`."""
-
-    def __init__(self, progress: Progress, task: TaskID) -> None:
-        """Move that task of rich's."""
-        self._progress, self._task, self._pace = progress, task, Pace()
+class Bar(Protocol):
+    """Shows how far work has come; made by `progress_bar`."""
 
     def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
         """Show that a share of the work, 0 to 1, is done, what is being done now, and a short note."""
-        seconds = self._pace.seconds_left(share)
-        left = "" if seconds is None else f"about {as_clock(seconds)} left"
+        ...
+
+
+class _DrawnBar:
+    """A bar that moves, on a terminal."""
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task, self._pace = progress, task, Pace()
+
+    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
+        left = _time_left(self._pace.seconds_left(share))
         self._progress.update(self._task, completed=share, description=doing, note=note, left=left)
+
+
+class _WrittenLines:
+    """Lines on standard error, for output that is piped or kept: one a stage, and one now and then in between.
+
+    Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
+    """
+
+    def __init__(self, doing: str) -> None:
+        self._doing, self._line, self._pace = doing, doing, Pace()
+        self._written_of = ""  # the stage of the last line
+        self._next = monotonic() + _BEFORE_LINES
+        self._first = Timer(_BEFORE_LINES, self._write)
+        self._first.daemon = True
+        self._first.start()
+
+    def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
+        left = _time_left(self._pace.seconds_left(share))
+        self._doing = doing or self._doing
+        self._line = ", ".join(part for part in (self._doing, f"{100.0 * share:.0f} %", note, left) if part)
+        stage_is_new = bool(self._written_of) and self._doing != self._written_of
+        if stage_is_new or monotonic() > self._next:
+            self._write()
+
+    def end(self) -> None:
+        """Write nothing more."""
+        self._first.cancel()
+
+    def _write(self) -> None:
+        self._first.cancel()
+        self._written_of = self._doing
+        self._next = monotonic() + _BETWEEN_LINES
+        print(f"ballbot: {self._line}", file=sys.stderr, flush=True)
+
+
+def _time_left(seconds: float | None) -> str:
+    return "" if seconds is None else f"about {as_clock(seconds)} left"
 
 
 @contextmanager
 def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
-    """Show a bar with the time gone by and the time left while the block runs, on a terminal only.
+    """Show a bar with the time gone by and the time left while the block runs; lines on standard error if piped.
 
     Parameters
     ----------
@@ -50,6 +98,13 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
     doing : str
         What is being done.
     """
+    if not console.is_terminal:
+        lines = _WrittenLines(doing)
+        try:
+            yield lines
+        finally:
+            lines.end()
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -58,8 +113,8 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as progress:
-        yield Bar(progress, progress.add_task(doing, total=1.0, note="", left=""))
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield _DrawnBar(progress, progress.add_task(doing, total=1.0, note="", left=""))
 
 
 def as_text(parts: Sequence[RenderableType]) -> str:
