@@ -55,15 +55,21 @@ def _sum_of_squares(numbers):
     return total
 
 
-@shared
 def _norm(numbers):
     return _sum_of_squares(numbers) ** 0.5
 
 
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch) -> None:
+    """Let Numba keep code where no earlier run has left any."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+
+
 def test_inner_functions_have_no_machine_code_and_no_call_to_what_is_inlined() -> None:
     numbers = types.UniTuple(types.float64, 2)
-    _norm.compile((numbers,))  # pyright: ignore[reportFunctionMemberAccess]
-    inner_functions: list[Any] = [_norm, _sum_of_squares, _squared]
+    norm_kept = shared(_norm)
+    norm_kept.compile((numbers,))  # pyright: ignore[reportFunctionMemberAccess]
+    inner_functions: list[Any] = [norm_kept, _sum_of_squares, _squared]
     (norm,), (sums,), (square,) = (function.overloads.values() for function in inner_functions)
     machine = cpu_target.target_context.codegen()._engine  # pyright: ignore[reportAttributeAccessIssue]
     for inner in (norm, sums, square):
@@ -74,9 +80,11 @@ def test_inner_functions_have_no_machine_code_and_no_call_to_what_is_inlined() -
 
 
 def test_python_gets_the_value_of_inner_functions() -> None:
+    norm = shared(_norm)
+
     @compiled
     def norm_of(x, y):
-        return _norm((x, y))
+        return norm((x, y))
 
     assert norm_of(3.0, 4.0) == 5.0
 
@@ -118,8 +126,7 @@ def test_code_runs_without_any_folder_to_keep_it(tmp_path: Path, monkeypatch) ->
 
 @pytest.mark.usefixtures("warned_anew")
 @pytest.mark.parametrize("damaged", ["*.nbi", "*.nbc"])
-def test_damaged_code_on_disk_is_compiled_anew(tmp_path: Path, monkeypatch, damaged: str) -> None:
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+def test_damaged_code_on_disk_is_compiled_anew(tmp_path: Path, damaged: str) -> None:
     assert compiled_alone(halve)(3.0) == 1.5
     for file in tmp_path.rglob(damaged):
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
@@ -128,8 +135,7 @@ def test_damaged_code_on_disk_is_compiled_anew(tmp_path: Path, monkeypatch, dama
 
 
 @pytest.mark.usefixtures("warned_anew")
-def test_a_full_disk_leaves_code_unkept(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+def test_a_full_disk_leaves_code_unkept(tmp_path: Path) -> None:
     halving = compiled_alone(halve)
     for folder in tmp_path.iterdir():
         folder.rmdir()
