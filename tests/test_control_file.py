@@ -77,12 +77,12 @@ ALL = controller_text(everything(alten(FRICTION)))
         (
             "sample_time = 0.005",
             "sample_time = -0.005",
-            "sample_time is -0.005; input should be greater than 0",
+            "sample_time is -0.005; it must be above 0",
         ),
         ("sample_time = 0.005", "sample_time = nan", "sample_time is nan"),
         ("sample_time = 0.005", "sample_time = 0.005\ngains = 3", "gains is not a key of a controller file"),
         ('compensation = "full"', 'compensation = "most"', "compensation is 'most'"),
-        ("gain = [\n  [", "gain = [\n  [1.0, ", r"gain\[1\] has 11 entries; it must have ten numbers"),
+        ("gain = [\n  [", "gain = [\n  [1.0, ", r"gain\[1\] has 11 entries; it must have at most 10"),
         (
             "gain = [\n",
             "gain = [\n  [0, 0, 0, 0, 0, 0, 0, 0, 0, 0],\n",
@@ -92,7 +92,7 @@ ALL = controller_text(everything(alten(FRICTION)))
         ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[1\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
-        ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; input should be greater than 0"),
+        ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be above 0"),
         ("feed = 0.4", "feed = 4", r"standstill.feed is 4"),
         ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
         ("highest = 1.5", "highest = 0.5", "1 must lie between"),

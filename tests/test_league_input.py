@@ -120,12 +120,12 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
     [
         ("", "holds no courses"),
         ("duration = 3.0", "duration holds no courses; write each below a line [duration.NAME]"),
-        ("[mine.one]\nduration = 3.0", "[mine.one]: reference is missing; add it."),
-        (COURSE.replace("9.0", "-9.0"), "duration is -9.0; input should be greater than 0"),
+        ("[mine.one]\nduration = 3.0", "[mine.one]: reference is missing; a course needs it."),
+        (COURSE.replace("9.0", "-9.0"), "duration is -9.0; it must be above 0."),
         (COURSE.replace("9.0", "nan"), "duration is nan"),
         (
             COURSE.replace("9.0", "1e9"),
-            "duration is 1000000000.0; input should be less than or equal to 86400",
+            "duration is 1000000000.0; it must be at most 86400.",
         ),
         (COURSE.replace("hold", "holt"), "there is no reference 'holt'; did you mean 'hold'?"),
         (
@@ -138,8 +138,11 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
             "reference.x is 'far'; it must be a number.",
         ),
         (COURSE.replace('"hold"', '"nowhere.csv"'), "nowhere.csv"),
-        (COURSE + "lenght = 3.0", "lenght is not a key of a course; it has about, reference, duration"),
-        (COURSE + "unlike = { mass = 0.0 }", "unlike.mass is 0.0; input should be greater than 0"),
+        (
+            COURSE + "lenght = 3.0",
+            "lenght is not a key of a course; the keys there are about, reference, duration",
+        ),
+        (COURSE + "unlike = { mass = 0.0 }", "unlike.mass is 0.0; it must be above 0"),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + '[mine.one.scenario]\npivoting = "much"', "pivoting is 'much'; it must be a number."),
         (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "there are two courses 'one'"),

@@ -163,8 +163,11 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ("t = ", "is not TOML"),
         ("", "columns is missing"),
         ('[columns]\ntheta = "a"\n', "lacks t, the time"),
-        ('[columns]\nt = "t"\n[filee]\n', "the key filee is not known; did you mean file?"),
-        ('[columns]\nt = { form = "t" }\n', "the key columns.t.form is not known; did you mean from?"),
+        ('[columns]\nt = "t"\n[filee]\n', "filee is not a key of a mapping file; did you mean 'file'?"),
+        (
+            '[columns]\nt = { form = "t" }\n',
+            "columns.t.form is not a key of a mapping file; did you mean 'from'?",
+        ),
         (
             '[columns]\nt = "t"\nthetadot = "a"\n',
             "thetadot, which is no column of a log; did you mean theta_dot?",
@@ -177,9 +180,15 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "'m' cannot become rad; those that can are rad",
         ),
         ('[columns]\nt = "t"\npsi = { from = "a", unit = "counts" }\n', "needs counts_per_turn"),
-        ('[columns]\nt = "t"\npsi = { from = "a", sign = 2 }\n', "columns.psi.sign: "),
-        ('[columns]\nt = "t"\npsi = { from = "a", scale = "b" }\n', "columns.psi.scale: "),
-        ('[columns]\nt = "t"\npsi = 3\n', "columns.psi: "),
+        (
+            '[columns]\nt = "t"\npsi = { from = "a", sign = 2 }\n',
+            "columns.psi.sign is 2; it must be 1 or -1.",
+        ),
+        (
+            '[columns]\nt = "t"\npsi = { from = "a", scale = "b" }\n',
+            "columns.psi.scale is 'b'; it must be a number.",
+        ),
+        ('[columns]\nt = "t"\npsi = 3\n', "columns.psi is 3; it must be a table"),
         ('[columns]\nt = "t"\ntheta_dot = { derivative_of = "theta" }\n', "is to be the derivative of theta"),
         ('[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\norder = [1, 1]\n', "order is [1, 1]"),
         (
@@ -196,13 +205,16 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "psi_dot has derivative_of and takes nothing beside it, but has sign",
         ),
         ('[columns]\nt = "t"\n[file]\nnames = ["t", "t"]\n', "[file] names holds a name twice"),
-        ('[columns]\nt = "t"\n[input]\nkind = "volt"\nfrom = ["a"]\n', "input: "),
+        (
+            '[columns]\nt = "t"\n[input]\nkind = "volt"\nfrom = ["a"]\n',
+            "input.kind is 'volt'; it must be",
+        ),
         (
             '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',
             "torque_constant is missing",
         ),
         ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and so needs names"),
-        ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator: "),
+        ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator is ':'; it must be 'comma'"),
     ],
 )
 def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):

@@ -129,7 +129,7 @@ def test_every_line_says_what_it_means() -> None:
         ("[[pushes]]\nwhen = 1", "pushes.when is not a key"),
         ("[compliance]\nfrequency = 1", "compliance.damping_ratio is missing"),
         ("backlash = 'a'", "backlash is 'a'; it must be a number"),
-        ("backlash = true", "backlash is True; it must be a number"),
+        ("backlash = true", "backlash is true; it must be a number"),
         ("backlash = nan", "finite number"),
         ("compliance = 3", "compliance is 3; it must be a table"),
         ("pushes = 3", "pushes is 3; it must be a list"),

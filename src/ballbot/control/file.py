@@ -16,15 +16,14 @@ from pydantic import (
     FiniteFloat,
     NonNegativeFloat,
     PositiveFloat,
-    ValidationError,
 )
-from pydantic_core import ErrorDetails
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.parts_file import PartsTable, Table, parts_of, parts_text
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.robot import Friction, Robot
+from ballbot.schema import validated
 
 _GainRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=10, max_length=10)]
 _WheelValues = Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=4)]
@@ -69,7 +68,9 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
     """
     path = Path(path)
     try:
-        table = ControllerTable.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        table = validated(
+            ControllerTable, tomllib.loads(path.read_text(encoding="utf-8")), of="a controller file"
+        )
         return _controller(table, robot)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
@@ -77,8 +78,6 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
         raise InputError(f"{path} is not a text file in UTF-8.") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not valid TOML: {error}.") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {_sentence(error.errors()[0])}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -152,24 +151,3 @@ def _controller(table: ControllerTable, robot: Robot) -> Controller:
         speed_band=table.speed_band,
         parts=parts_of(table, robot, table.sample_time),
     )
-
-
-def _sentence(error: ErrorDetails) -> str:
-    """Return what was wrong, where, and what would be right."""
-    place = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in error["loc"]).lstrip(
-        "."
-    )
-    match error["type"]:
-        case "missing":
-            return f"{place} is missing; a controller file needs it."
-        case "extra_forbidden":
-            return f"{place} is not a key of a controller file; remove it or correct its name."
-        case "too_short" | "too_long":
-            wanted = (
-                "ten numbers, one for each state"
-                if place.startswith("gain[")
-                else "one for each of 3 or 4 wheels"
-            )
-            return f"{place} has {len(error['input'])} entries; it must have {wanted}."
-        case _:
-            return f"{place} is {error['input']!r}; {error['msg'][0].lower()}{error['msg'][1:]}."

@@ -60,15 +60,11 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-from pydantic import ValidationError
-from pydantic_core import ErrorDetails
-
 from ballbot.errors import InputError
 from ballbot.log.columns import KNOWN_NAMES, unit_of
 from ballbot.log.drive_input import CurrentInput, DriveInput, DutyInput, TorqueInput
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing
 from ballbot.log.mapping_schema import (
-    KEYS,
     AttitudeTable,
     ColumnTable,
     CurrentTable,
@@ -82,6 +78,7 @@ from ballbot.log.mapping_schema import (
 )
 from ballbot.log.text_table import TextLayout
 from ballbot.log.units import factor_to
+from ballbot.schema import validated
 
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 
@@ -113,13 +110,11 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
         As `read_mapping`.
     """
     try:
-        return _mapping(MappingTable.model_validate(tomllib.loads(text)))
+        return _mapping(validated(MappingTable, tomllib.loads(text), of="a mapping file"))
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source} is not TOML: {error}.") from None
-    except ValidationError as error:
-        raise InputError(f"{source}: {_sentence(error.errors()[0])}.") from None
     except InputError as error:
-        raise InputError(f"{source}: {error}.") from None
+        raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
 
 
 def _mapping(table: MappingTable) -> LogMapping:
@@ -305,18 +300,3 @@ def _layout(table: FileTable) -> TextLayout:
         drop_damaged=table.damaged_rows == "drop",
         rows=table.rows,
     )
-
-
-def _sentence(error: ErrorDetails) -> str:
-    """Return one of pydantic's errors in words: the key, what is wrong, what is right."""
-    kinds = ("torque", "current", "pwm")
-    place = [str(part) for part in error["loc"] if part not in kinds]
-    key = ".".join(place)
-    if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(place[-1], KEYS, n=1)
-        return f"the key {key} is not known" + (f"; did you mean {near[0]}?" if near else "")
-    if error["type"] == "missing":
-        return f"{key} is missing"
-    what = error["msg"][0].lower() + error["msg"][1:]
-    given = "" if isinstance(error["input"], dict) else f" (it is {error['input']!r})"
-    return f"{key}: {what}{given}"

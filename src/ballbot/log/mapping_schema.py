@@ -140,19 +140,3 @@ class MappingTable(Table):
     attitude: AttitudeTable | None = None
     wheels: WheelsTable = WheelsTable()
     input: Annotated[TorqueTable | CurrentTable | DutyTable, Field(discriminator="kind")] | None = None
-
-
-TABLES = (
-    MappingTable,
-    FileTable,
-    TimeTable,
-    AttitudeTable,
-    ColumnTable,
-    WheelColumnsTable,
-    WheelsTable,
-    TorqueTable,
-    CurrentTable,
-    DutyTable,
-)
-#: every key that some table of a mapping file has
-KEYS = tuple({field.alias or name: None for table in TABLES for name, field in table.model_fields.items()})

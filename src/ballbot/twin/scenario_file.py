@@ -13,7 +13,6 @@ base has on. Units are SI. A file written by `write_scenario` says everything an
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
@@ -22,11 +21,9 @@ from pathlib import Path
 from types import NoneType
 from typing import get_args, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
-
 from ballbot.errors import InputError
 from ballbot.robot.robot import Robot
+from ballbot.schema import validated
 from ballbot.twin.bristles import LAW_NAMES, BristleLaw
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_checks import check_scenario
@@ -74,10 +71,7 @@ def scenario_of(changes: Mapping[str, object], robot: Robot, *, default_name: st
     InputError
         Where they misspell a key or describe no scenario of that robot.
     """
-    try:
-        return _scenario(dict(changes), robot, default_name=default_name)
-    except ValidationError as error:
-        raise InputError(_sentence(error.errors()[0])) from None
+    return _scenario(dict(changes), robot, default_name=default_name)
 
 
 def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Scenario:
@@ -88,8 +82,7 @@ def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Sc
     _refuse_unknown(tree, Scenario, "")
     laws = tree.pop("driveline_laws", None)
     values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **tree})
-    # strict JSON: lists become tuples, and no text becomes a number
-    scenario = TypeAdapter(Scenario).validate_json(json.dumps(values, default=str), strict=True)
+    scenario = validated(Scenario, values, of="a scenario file")
     scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else _laws(laws))
     check_scenario(scenario, robot)
     return scenario
@@ -154,25 +147,4 @@ def _law(table: dict[str, object]) -> BristleLaw:
             near = get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}."
             raise InputError(f"driveline_laws.{key} is not a number of the law {name!r}; {hint}")
-    return TypeAdapter(kind).validate_json(json.dumps(table, default=str), strict=True)
-
-
-def _sentence(error: ErrorDetails) -> str:
-    """Return what was wrong, where, and what would be right."""
-    place = ""
-    for part in error["loc"]:
-        place += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if place else part
-    match error["type"]:
-        case "missing":
-            return f"{place} is missing; add it."
-        case "dataclass_type":
-            wanted = f"it must be a table: write its keys below a line [{place}]"
-        case "float_type":
-            wanted = "it must be a number"
-        case "int_type" | "int_from_float":
-            wanted = "it must be a whole number"
-        case "tuple_type":
-            wanted = "it must be a list"
-        case _:
-            wanted = f"{error['msg'][0].lower()}{error['msg'][1:]}"
-    return f"{place} is {error['input']!r}; {wanted}."
+    return validated(kind, table, of=f"the law {name!r}")

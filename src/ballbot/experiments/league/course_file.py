@@ -15,15 +15,14 @@ from pydantic import (
     FiniteFloat,
     NonNegativeFloat,
     PositiveFloat,
-    ValidationError,
 )
-from pydantic_core import ErrorDetails
 
 from ballbot.control.reference_file import is_file
 from ballbot.errors import InputError
 from ballbot.experiments.league.course import Asked, Course, Unlike
 from ballbot.experiments.metrics import SETTLE
 from ballbot.robot import Robot
+from ballbot.schema import validated
 from ballbot.twin.scenario_file import scenario_of
 
 PlantName = Literal["model", "twin"]
@@ -143,7 +142,7 @@ def _course(
     name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
 ) -> Course:
     try:
-        said = CourseTable.model_validate(table)
+        said = validated(CourseTable, table, of="a course")
         asked = _asked(said.reference, beside)
         asked.reference()  # refused before anything is run
         if plant == "model":
@@ -152,8 +151,6 @@ def _course(
             scenario = None
         else:
             scenario = scenario_of(said.scenario, robot, default_name=name)
-    except ValidationError as error:
-        raise InputError(f"{place}: {_sentence(error.errors()[0])}") from None
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
     return Course(
@@ -177,15 +174,3 @@ def _asked(reference: str | Mapping[str, float | str], beside: Path) -> Asked:
         raise InputError(f"reference.{words[0]} is {options[words[0]]!r}; it must be a number.")
     numbers = tuple((key, float(value)) for key, value in options.items())
     return Asked(name=str(beside / name) if is_file(name) else name, options=numbers)
-
-
-def _sentence(error: ErrorDetails) -> str:
-    """Return what was wrong, where, and what would be right."""
-    place = ".".join(str(part) for part in error["loc"])
-    match error["type"]:
-        case "missing":
-            return f"{place} is missing; add it."
-        case "extra_forbidden":
-            return f"{place} is not a key of a course; it has {', '.join(CourseTable.model_fields)}."
-        case _:
-            return f"{place} is {error['input']!r}; {error['msg'][0].lower()}{error['msg'][1:]}."
