@@ -55,6 +55,33 @@ def test_new_refuses_a_name_that_is_no_file_name(capsys: pytest.CaptureFixture[s
     assert "--out" in refused(capsys, "new", "no/where")
 
 
+def test_check_refuses_a_robot_whose_numbers_do_not_go_together(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "light.toml", tmp_path / "out"
+    assert main(["new", "light", "--out", str(path)]) == 0
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("value = 17.076", "value = 0.017076"), encoding="utf-8")
+    sentence = refused(capsys, "check", str(path), "--out", str(out))
+    assert "Did you mean body.mass 17.08 kg?" in sentence
+    assert "--accept robot-body" in sentence
+    assert not out.exists()
+    codes = [word for code in ("ball", "body", "wheels") for word in ("--accept", f"robot-{code}")]
+    assert main(["check", str(path), "--out", str(out), *codes]) == 0
+    findings = json.loads((out / "results.json").read_text(encoding="utf-8"))["findings"]
+    assert {"robot-ball", "robot-body", "robot-wheels"} <= {one["code"] for one in findings}
+    assert "error (accepted)" in (out / "check.txt").read_text(encoding="utf-8")
+
+
+def test_check_says_what_record_would_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "rows.toml"
+    assert main(["new", "rows", "--out", str(path)]) == 0
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("rows = { value = 2", "rows = { value = 3"), encoding="utf-8")
+    assert main(["check", str(path)]) == 0
+    assert "`ballbot record` refuses it" in " ".join(capsys.readouterr().out.split())
+
+
 def test_check_prints_and_writes_what_follows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     figure = tmp_path / "alten.svg"
     assert main(["check", "alten", "--out", str(tmp_path), "--figure", str(figure)]) == 0

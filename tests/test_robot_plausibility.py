@@ -34,7 +34,11 @@ def test_presets_have_no_errors(preset: str) -> None:
 DEGREE = math.radians(1.0)
 WRONG: dict[str, tuple[dict[str, object], str, str]] = {
     "body in g": ({"body__mass": 0.017076}, "robot-body", "Did you mean body.mass 17.08 kg?"),
-    "tilt in rad": ({"wheels__tilt": 0.785 * DEGREE}, "robot-wheels", "Did you mean wheels.tilt 44.98 deg?"),
+    "tilt in rad": (
+        {"wheels__tilt": 0.785 * DEGREE},
+        "robot-wheels",
+        "Did you mean wheels.tilt 0.785 rad, that is 44.98 deg?",
+    ),
     "gear ratio": ({"drive__gear_ratio": 1e4}, "robot-drive", "10000 motor turns for a wheel turn"),
     "gear ratio inverse": ({"drive__gear_ratio": 1 / 27.6}, "robot-drive", "its inverse, 27.6?"),
     "centre of mass in mm": (

@@ -132,6 +132,7 @@ def stop_on_errors(
     *,
     accept: Collection[str] = (),
     going_on: Callable[[Sequence[str]], str] = as_options,
+    more: str = "in `ballbot check-log`",
 ) -> None:
     """Raise InputError on the first error whose code is not accepted.
 
@@ -142,6 +143,8 @@ def stop_on_errors(
         Codes of errors that the user knows of.
     going_on : callable
         Returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python.
+    more : str
+        Where the other errors can be read, if there are several.
 
     Raises
     ------
@@ -154,8 +157,8 @@ def stop_on_errors(
     first = errors[0]
     file = f"{first.where.file}: " if first.where.file else ""
     codes = list(dict.fromkeys(finding.code for finding in errors))
-    more = f" ({len(errors) - 1} more, in `ballbot check-log`)" if len(errors) > 1 else ""
-    raise InputError(f"{file}{first.text}{more} To go on all the same: {going_on(codes)}.")
+    others = f" ({len(errors) - 1} more, {more})" if len(errors) > 1 else ""
+    raise InputError(f"{file}{first.text}{others} To go on all the same: {going_on(codes)}.")
 
 
 def finding_results(findings: Iterable[Finding]) -> list[dict[str, object]]:

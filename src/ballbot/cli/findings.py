@@ -70,12 +70,23 @@ def stop_or_show(findings: Sequence[Finding], *, accept: Sequence[str] | None) -
     show_findings(findings)
 
 
-def show_findings(findings: Collection[Finding], *, console: Console | None = None) -> None:
-    """Print errors, which the user has accepted, and warnings, a line each; notes stand in the report."""
+def show_findings(
+    findings: Collection[Finding], *, accept: Collection[str] | None = None, console: Console | None = None
+) -> None:
+    """Print errors and warnings, a line each; notes stand in the report.
+
+    Parameters
+    ----------
+    findings : collection of Finding
+    accept : collection of str, optional
+        Codes of errors that the user has accepted; all of them if it is not given.
+    console : Console, optional
+    """
     console = console or standard_output()
     for finding in findings:
         if finding.severity != "note":
-            console.print(finding_line(finding, accepted=finding.severity == "error"), soft_wrap=True)
+            accepted = finding.severity == "error" and (accept is None or finding.code in accept)
+            console.print(finding_line(finding, accepted=accepted), soft_wrap=True)
 
 
 def finding_line(finding: Finding, *, accepted: bool = False) -> Text:

@@ -15,11 +15,11 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ballbot.cli.findings import Accept, check_input
+from ballbot.cli.findings import Accept, check_input, finding_line, show_findings
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity, check_codes, finding_results, stop_on_errors
 from ballbot.report.linearization import MISTAKEN_MATRICES, state_order
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
@@ -27,6 +27,7 @@ from ballbot.robot.deviations import uncertain
 from ballbot.robot.drawing import robot_drawing
 from ballbot.robot.file import write_robot
 from ballbot.robot.parameters import PARAMETERS, value_of
+from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
     from ballbot.cli.check_swing import CheckedSwing
@@ -134,9 +135,10 @@ def check(
         Folder for results.json and check.txt; with a swing, swing.svg too.
     """
     hung = Robot.load(robot)
+    findings = _robot_findings(hung, accept)
     swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation)
     log = None if predict is None else _log(hung, predict, accept)
-    checked = _examine(hung, log, swung, _followed(hung, reference, controller))
+    checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
     console = standard_output()
     for part in _report(checked, framed=console.is_terminal):
         console.print(part)
@@ -164,9 +166,24 @@ class _Checked:
     poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
     spread: PoleSpread | None  #: None where no value has a standard deviation
     band: PredictionBand | None
-    log_findings: tuple[Finding, ...]  #: of the log that is predicted
+    findings: tuple[Finding, ...]  #: of the robot, and of the log that is predicted
     swing: CheckedSwing | None
     following: CheckedReference | None
+
+
+def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ...]:
+    """Return what is unusual in the robot; print it all and stop if there is an error that is not accepted."""
+    from ballbot.twin.robot_check import twin_findings
+
+    codes = check_codes(accept or ())
+    findings = robot_findings(robot)
+    if all(one.severity != "error" or one.code in codes for one in findings):
+        findings = by_severity([*findings, *twin_findings(robot)])
+    refused = [one for one in findings if one.severity == "error" and one.code not in codes]
+    if refused:
+        show_findings(findings, accept=codes)
+        stop_on_errors(refused, more="above")
+    return findings
 
 
 def _followed(robot: Robot, reference: str | None, controller: Path | None) -> CheckedReference | None:
@@ -197,7 +214,11 @@ def _swung(
 
 
 def _examine(
-    robot: Robot, log: CheckedLogs | None, swing: CheckedSwing | None, following: CheckedReference | None
+    robot: Robot,
+    findings: tuple[Finding, ...],
+    log: CheckedLogs | None,
+    swing: CheckedSwing | None,
+    following: CheckedReference | None,
 ) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
     from ballbot.experiments.pole_spread import pole_spread
@@ -211,7 +232,7 @@ def _examine(
     return _Checked(
         robot=robot,
         spread=pole_spread(robot) if uncertain(robot) else None,
-        log_findings=() if log is None else log.findings,
+        findings=by_severity([*findings, *(log.findings if log else ())]),
         band=None if log is None else _band(robot, log),
         swing=swing,
         following=following,
@@ -252,7 +273,7 @@ def _results(checked: _Checked) -> dict[str, object]:
         "unstable_pole": float(checked.poles[0].real),
         "standard_deviations": dict(checked.robot.standard_deviations),
         "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
-        "findings": finding_results(checked.log_findings),
+        "findings": finding_results(checked.findings),
         "prediction": checked.band.to_dict() if checked.band else None,
         "swing": checked.swing.to_dict() if checked.swing else None,
         "reference": checked.following.to_dict() if checked.following else None,
@@ -267,6 +288,7 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
     parts: list[RenderableType] = [
         Text(f"{robot.name}: a robot with {robot.wheel_count} wheels; of its parameters, {counts}."),
+        *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
         table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
         Text("\nTransformation matrices", style="bold"),

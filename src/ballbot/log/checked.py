@@ -9,6 +9,7 @@ from ballbot.findings import Finding, as_argument, by_severity, check_codes, sto
 from ballbot.log.checks import check, check_logs
 from ballbot.log.log import Log
 from ballbot.robot import Robot
+from ballbot.robot.plausibility import robot_findings
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,13 +52,13 @@ def checked_logs(
     Raises
     ------
     InputError
-        If a log has an error whose code is not accepted, or a code is unknown.
+        If the robot or a log has an error whose code is not accepted, or a code is unknown.
     """
     codes = check_codes(accept)
     if isinstance(logs, CheckedLogs):
         return logs
     named = _named(logs)
-    findings = check_logs(named, robot=robot) if robot else _without_robot(named)
+    findings = _with_robot(robot, named) if robot else _without_robot(named)
     stop_on_errors(findings, accept=codes, going_on=going_on)
     return CheckedLogs(logs=named, findings=findings)
 
@@ -70,6 +71,14 @@ def _named(logs: Log | Sequence[Log] | Mapping[str, Log]) -> Mapping[str, Log]:
     if len(logs) == 1:
         return {"": logs[0]}
     return {f"log {number}": log for number, log in enumerate(logs, start=1)}
+
+
+def _with_robot(robot: Robot, named: Mapping[str, Log]) -> tuple[Finding, ...]:
+    of_robot = (
+        replace(finding, where=replace(finding.where, file=f"robot {robot.name}"))
+        for finding in robot_findings(robot)
+    )
+    return by_severity([*of_robot, *check_logs(named, robot=robot)])
 
 
 def _without_robot(named: Mapping[str, Log]) -> tuple[Finding, ...]:

@@ -79,7 +79,7 @@ def _slips(robot: Robot, name: str, find: Find) -> Iterator[Slip]:
                 )
             except InputError:
                 continue
-            words = f"{name} {with_unit(parameter, meant)}"
+            words = f"{name} {_in_radians(parameter, meant)}{with_unit(parameter, meant)}"
             yield Slip(names=together, words=words, decimal=decimal, left=tuple(find(slipped)))
 
 
@@ -115,6 +115,14 @@ def with_unit(parameter: Parameter, value: Value) -> str:
         numbers, unit = tuple(math.degrees(one) for one in numbers), " deg"
     text = ", ".join(f"{one:.4g}" for one in numbers)
     return f"{f'[{text}]' if isinstance(value, tuple) else text}{unit}"
+
+
+def _in_radians(parameter: Parameter, value: Value) -> str:
+    """Return "0.785 rad, that is " for an angle."""
+    if parameter.unit != "rad":
+        return ""
+    text = ", ".join(f"{one:.4g}" for one in (value if isinstance(value, tuple) else (value,)))
+    return f"{f'[{text}]' if isinstance(value, tuple) else text} rad, that is "
 
 
 def listed(names: Sequence[str]) -> str:
