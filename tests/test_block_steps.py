@@ -138,6 +138,7 @@ def test_a_robot_without_numbers_is_seen_and_leaves_its_neighbour_alone(bad: flo
         torques=torques,
         sample_time=0.005,
         steps=5,
+        lost_lanes=True,
     )
     assert not np.isfinite(batch.states[0, -1]).all()
     assert (batch.states[1] == 0.0).all()

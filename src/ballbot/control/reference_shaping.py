@@ -25,8 +25,9 @@ from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
 
@@ -120,11 +121,19 @@ def pack_shaping(shaping: ReferenceShaping | None, sample_time: float, *, delay:
 
 
 def shape_references(
-    shaping: ReferenceShaping, references: NDArray[np.float64], sample_time: float
+    shaping: ReferenceShaping, references: ArrayLike, sample_time: float
 ) -> NDArray[np.float64]:
-    """Return x, y and psi of references (N, 10), shaped, each with four derivatives (N, 3, 5), from the first on."""
-    smooth = np.empty((len(references), 3, 5))
-    _shape_all(np.array(pack_shaping(shaping, sample_time)), references, smooth)
+    """Return x, y and psi of references (N, 10), shaped, each with four derivatives (N, 3, 5), from the first on.
+
+    Raises
+    ------
+    InputError
+        If the references are not rows of ten finite numbers, or the sample time [s] is not above zero.
+    """
+    rows = real_array(references, ("N", 10), "The array of references")
+    smooth = np.empty((len(rows), 3, 5))
+    packed = pack_shaping(shaping, positive_number(sample_time, "The sample time"))
+    _shape_all(np.array(packed), rows, smooth)
     return smooth
 
 

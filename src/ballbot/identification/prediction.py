@@ -194,6 +194,7 @@ class Predictor:
             torque_of=lanes.torque_of,
             every=every,
             threads=self.threads,
+            lost_lanes=True,  # parameters may be such that a lane overflows
         ).states
 
     def _packed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:

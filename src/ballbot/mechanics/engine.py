@@ -13,11 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import index_array, positive_number, real_array, whole_number
 from ballbot.mechanics.compiled import compiled
 from ballbot.mechanics.lanes import LANES, STEP, TORQUE, new_work, robot_in
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, Pivoting, Thesis
 from ballbot.mechanics.steps import start_lane, take_steps, write_state
 
 
@@ -72,16 +73,17 @@ class Batch:
 def simulate_lanes(
     selected: Exact | Thesis | Pivoting,
     *,
-    parameters: NDArray[np.float64],
-    initial: NDArray[np.float64],
-    torques: NDArray[np.float64],
+    parameters: ArrayLike,
+    initial: ArrayLike,
+    torques: ArrayLike,
     sample_time: float,
     steps: int,
-    parameter_of: NDArray[np.int64] | None = None,
-    initial_of: NDArray[np.int64] | None = None,
-    torque_of: NDArray[np.int64] | None = None,
+    parameter_of: ArrayLike | None = None,
+    initial_of: ArrayLike | None = None,
+    torque_of: ArrayLike | None = None,
     every: int = 1,
     threads: int | None = None,
+    lost_lanes: bool = False,
 ) -> Batch:
     """Simulate many robots, each under torques held over each sample.
 
@@ -92,11 +94,11 @@ def simulate_lanes(
     ----------
     selected : Exact, Thesis or Pivoting
         From `ballbot.mechanics.parameters.selector`.
-    parameters : ndarray (sets, size)
+    parameters : array_like (sets, size)
         Rows from `ballbot.mechanics.parameters.pack`.
-    initial : ndarray (starts, 10), or (starts, 11) where the ball pivots
+    initial : array_like (starts, 10), or (starts, 11) where the ball pivots
         [x y theta phi psi and their rates], and the ball's spin [rad/s].
-    torques : ndarray (inputs, samples, n)
+    torques : array_like (inputs, samples, n)
         [N m].
     sample_time : float
         [s]
@@ -106,29 +108,74 @@ def simulate_lanes(
         Record every so many samples.
     threads : int, optional
         All cores by default. The result does not depend on it.
+    lost_lanes : bool
+        Whether a lane may begin with values that are not finite, as one that an earlier call has lost does. It stays
+        lost, and its neighbours do not notice.
 
     Returns
     -------
     Batch
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, an index names no row, or a value is not one that it can be.
     """
+    n = len(selected.wheels)
+    size = 11 if isinstance(selected, Pivoting) else 10
+    finite = not lost_lanes
+    parameters = real_array(
+        parameters, ("sets", RIGID_SIZE + WHEEL_SIZE * n), "The array of parameters", finite=finite
+    )
+    initial = real_array(initial, ("starts", size), "The array of initial states", finite=finite)
+    torques = real_array(torques, ("inputs", "samples", n), "The array of torques", finite=finite)
+    h = positive_number(sample_time, "The sample time") / whole_number(steps, "The number of steps", least=1)
+    every = whole_number(every, "every", least=1)
+    given = (("parameter_of", parameter_of), ("initial_of", initial_of), ("torque_of", torque_of))
     lanes = max(len(parameters), len(initial), len(torques))
-    for index in (parameter_of, initial_of, torque_of):
-        lanes = lanes if index is None else len(index)
+    for _, index in given:
+        lanes = lanes if index is None else np.size(index)
     indices = [
-        np.arange(lanes) if i is None else np.asarray(i, np.int64)
-        for i in (parameter_of, initial_of, torque_of)
+        index_array(np.arange(lanes) if index is None else index, name, count=len(rows), length=lanes)
+        for (name, index), rows in zip(given, (parameters, initial, torques), strict=True)
     ]
-    parameters, initial, torques = (np.ascontiguousarray(a, float) for a in (parameters, initial, torques))
-    out = np.empty((lanes, torques.shape[1] // every, initial.shape[1]))
+    out = np.empty((lanes, torques.shape[1] // every, size))
     ended = np.empty(lanes, np.int64)
 
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
         arrays = (parameters, indices[0], initial, indices[1], torques, indices[2])
-        run_block(selected, *arrays, first, width, sample_time / steps, steps, every, out, ended)
+        run_block(selected, *arrays, first, width, h, steps, every, out, ended)
 
     over_threads(run, lanes, threads)
     return Batch(states=out, ended=ended)
+
+
+_ONLY_ROW = np.zeros(1, np.int64)
+
+
+def simulate_one(
+    selected: Exact | Thesis | Pivoting,
+    parameters: NDArray[np.float64],
+    state: NDArray[np.float64],
+    torques: NDArray[np.float64],
+    *,
+    sample_time: float,
+    steps: int,
+) -> NDArray[np.float64]:
+    """Return one robot's state after a sample; all that is given has been checked already.
+
+    Parameters
+    ----------
+    parameters : ndarray (size,)
+    state : ndarray (10,), or (11,) where the ball pivots
+    torques : ndarray (n,)
+        [N m].
+    """
+    out, ended = np.empty((1, 1, len(state))), np.empty(1, np.int64)
+    arrays = (parameters[None], _ONLY_ROW, state[None], _ONLY_ROW, torques[None, None], _ONLY_ROW)
+    run_block(selected, *arrays, 0, 1, sample_time / steps, steps, 1, out, ended)
+    return out[0, 0]
 
 
 def over_threads(run: Callable[[int], None], lanes: int, threads: int | None) -> None:

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.evaluate import (
     evaluate_acceleration,
@@ -28,6 +29,8 @@ from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.linear import LinearModel
 from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot
+
+_MOST_STEPS = 1e8  # of one call: most of a minute on one core
 
 
 @dataclass(frozen=True)
@@ -164,7 +167,8 @@ class Model:
 
         Where it is not positive the robot would leave the floor and the model no longer holds.
         """
-        q, q_dot = np.asarray(q, float), np.asarray(q_dot, float)
+        q = real_array(q, ("...", 5), "q")
+        q_dot = real_array(q_dot, ("...", self.velocity_count), "q_dot")
         q_ddot = self.acceleration(q, q_dot, u)
         (st, ct), (sp, cp) = ((np.sin(q[..., i]), np.cos(q[..., i])) for i in (2, 3))
         t, p = q_dot[..., 2], q_dot[..., 3]
@@ -193,40 +197,49 @@ class Model:
         Raises
         ------
         InputError
-            Where the state is past a lean of 1.2 rad, at which the simulation ends.
+            If an array has another shape or a value that is not finite, the duration is not above zero, or the
+            state is past a lean of 1.2 rad, at which the simulation ends.
         """
-        state, torques = np.asarray(state, float), np.asarray(torques, float)
+        state = real_array(state, (5 + self.velocity_count,), "The state")
+        torques = real_array(torques, (self.robot.wheel_count,), "The array of torques")
+        duration = positive_number(duration, "The duration")
         if not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN:
             raise InputError(
                 f"The lean is {state[2]:.3g}, {state[3]:.3g} rad; the simulation ends at {LARGEST_LEAN} rad, "
                 "where no wheel holds the ball any more."
             )
-        batch = simulate_lanes(
-            self.selected,
-            parameters=self.packed[None],
-            initial=state[None],
-            torques=torques[None, None],
-            sample_time=duration,
-            steps=self.steps_in(duration),
-        )
-        return batch.states[0, 0]
+        steps = self.steps_in(duration)
+        return simulate_one(self.selected, self.packed, state, torques, sample_time=duration, steps=steps)
 
     def steps_in(self, duration: float) -> int:
-        """Return how many inner steps `duration` is divided into."""
-        return max(1, int(np.ceil(duration / self.step - 1e-9)))
+        """Return how many inner steps `duration` is divided into.
+
+        Raises
+        ------
+        InputError
+            If they are more than a hundred million, most of a minute's work.
+        """
+        wanted = np.ceil(duration / self.step - 1e-9)
+        if not wanted <= _MOST_STEPS:
+            raise InputError(
+                f"{duration:g} s are {wanted:.3g} inner steps of {self.step:g} s; at most {_MOST_STEPS:.0e} are taken."
+            )
+        return max(1, int(wanted))
 
 
 def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.float64]], tuple[int, ...]]:
     """Return the arguments as rows of one common count, and the shape that they are rows of."""
-    arrays = []
-    for value, size, name in arguments:
-        array = np.asarray(value, dtype=float)
-        if array.ndim == 0 or array.shape[-1] != size:
-            raise InputError(f"{name} has the shape {array.shape}; its last dimension must be {size}.")
-        arrays.append(array)
-    shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+    arrays = [real_array(value, ("...", size), name) for value, size, name in arguments]
+    try:
+        shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
+    except ValueError:
+        shapes = ", ".join(
+            f"{name} {array.shape}" for (*_, name), array in zip(arguments, arrays, strict=True)
+        )
+        raise InputError(f"The shapes do not go together: {shapes}.") from None
     rows = [
-        np.ascontiguousarray(np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]))
+        # broadcast views can be read-only, which would be compiled for anew
+        np.require(np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]), None, ["C", "W"])
         for a in arrays
     ]
     return rows, shape

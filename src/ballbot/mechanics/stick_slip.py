@@ -20,7 +20,10 @@ A guess is good enough by how far from the minimiser it can be. Forces beyond th
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import real_array, real_number
+from ballbot.errors import InputError
 from ballbot.mechanics.compiled import called, compiled, shared
 from ballbot.mechanics.friction import sign
 from ballbot.mechanics.rows import fill
@@ -312,32 +315,53 @@ def _first_guess(signs, C, limits, start):
         signs[i] = sign(speed) if abs(speed) > _AT_REST * terms and limits[i] > 0.0 else 0.0
 
 
-@compiled
-def minimise(M, free, C, limits, rolling, h, start):
-    """Return the velocities after a step with set-valued friction, to Python.
+def minimise(
+    M: ArrayLike, free: ArrayLike, C: ArrayLike, limits: ArrayLike, rolling: float, h: float, start: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the velocities after a step with set-valued friction.
 
     Parameters
     ----------
-    M : ndarray (5, 5) or (6, 6)
+    M : array_like (5, 5) or (6, 6)
         Mass matrix of (v_x, v_y, w_1, w_2, w_3) and, where the ball may pivot, its spin.
-    free : ndarray (5,) or (6,)
+    free : array_like (5,) or (6,)
         Velocities that the step would end with without dry friction.
-    C : ndarray (n, 5) or (n + 1, 6)
+    C : array_like (n, 5) or (n + 1, 6)
         Rows that give the wheel speeds and, where the ball may pivot, its spin.
-    limits : ndarray (n,) or (n + 1,)
+    limits : array_like (n,) or (n + 1,)
         g_i and the largest pivoting friction [N m], not negative.
     rolling : float
         N C_rr [N], not negative.
     h : float
         Step [s].
-    start : ndarray, like `free`
+    start : array_like, like `free`
         Velocities at the step's start; a guess of the signs.
 
     Returns
     -------
     ndarray, like `free`
         Exactly zero where the whole robot sticks.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, a number is not finite, or a friction or the step is negative.
     """
+    mass = real_array(M, ("m", "m"), "The mass matrix")
+    m = len(mass)
+    if mass.shape not in ((5, 5), (6, 6)):
+        raise InputError(f"The mass matrix has the shape {mass.shape}; it must be (5, 5) or (6, 6).")
+    rows = real_array(C, ("contacts", m), "The array of the contacts' rows")
+    sizes = real_array(limits, (len(rows),), "The array of friction limits")
+    first, end = real_array(start, (m,), "The start"), real_array(free, (m,), "The array of free velocities")
+    rolls, step = real_number(rolling, "The rolling friction"), real_number(h, "The step")
+    if min(sizes.min(), rolls, step) < 0.0:
+        raise InputError("A friction limit, the rolling friction or the step is negative; none can be.")
+    return _minimise(mass, end, rows, sizes, rolls, step, first)
+
+
+@compiled
+def _minimise(M, free, C, limits, rolling, h, start):
     return minimiser(M, free, C, limits, rolling, h, start)
 
 

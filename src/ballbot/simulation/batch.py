@@ -11,8 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.law import control_law
 from ballbot.control.law_row import MEMORY
@@ -70,7 +71,7 @@ def simulate_batch(
     reference: Reference,
     *,
     duration: float,
-    initial_states: NDArray[np.float64] | None = None,
+    initial_states: ArrayLike | None = None,
     robots: Sequence[Robot] | None = None,
     conditions: Sequence[Conditions] | None = None,
     verdict: Verdict | None = None,
@@ -90,7 +91,7 @@ def simulate_batch(
         f(t) -> (10,), the same for all lanes.
     duration : float
         [s]
-    initial_states : array (10,) or (lanes, 10), optional
+    initial_states : array_like (10,) or (lanes, 10), optional
         Upright at rest at the origin where not given.
     robots : sequence of Robot, optional
         One for each lane; their controllers stay what they are.
@@ -120,7 +121,7 @@ def simulate_batch(
     sample_time = _common_sample_time(controllers)
     n = _common_wheel_count(model, bodies, controllers)
     samples = sample_count(duration, sample_time)
-    every = every or samples
+    every = whole_number(every, "every", least=0) or samples
     references = _sampled(reference, samples, sample_time)
     records = samples // every
     states, torques = np.empty((lanes, records, 10)), np.empty((lanes, records, n))
@@ -132,7 +133,7 @@ def simulate_batch(
         _rows(lift_off, bodies),
         np.stack([one.packed for one in controllers]),
         pack_conditions(borne, bodies),
-        np.zeros((0, 10)) if verdict is None else np.ascontiguousarray(verdict.settled, float),
+        np.zeros((0, 10)) if verdict is None else verdict.settled,
         _rows(pack_contacts, bodies),
         LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
         math.inf if verdict is None else verdict.grip,
@@ -359,13 +360,9 @@ def _common_wheel_count(model: Model, robots: Sequence[Robot], controllers: Sequ
 
 def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[np.float64]:
     """Return the reference at every sample (samples, 10)."""
-    references = np.array([reference(k * sample_time) for k in range(samples)], dtype=np.float64)
-    if references.shape != (samples, 10):
-        raise InputError(
-            f"The reference returns arrays of the shape {references.shape[1:]}; each must be ten numbers."
-        )
-    if not np.isfinite(references).all():
-        raise InputError("The reference returns a value that is not finite; all ten must be numbers.")
+    references = np.empty((samples, 10))
+    for k in range(samples):
+        references[k] = real_array(reference(k * sample_time), (10,), "The reference")
     forbidden = np.argwhere(references[:, [2, 3, 5, 6, 7, 8, 9]] != 0.0)
     if len(forbidden):
         row, column = forbidden[0]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import index_array, positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine import over_threads
 from ballbot.mechanics.friction_laws.classical import Classical
@@ -152,7 +153,7 @@ def simulate_drivelines(
     sample_time: float,
     step: float = 1e-3,
     initial_speeds: ArrayLike = 0.0,
-    torque_of: Sequence[int] | NDArray[np.int64] | None = None,
+    torque_of: ArrayLike | None = None,
     every: int = 1,
     threads: int | None = None,
 ) -> DrivelineMotion:
@@ -170,7 +171,7 @@ def simulate_drivelines(
         Longest inner step [s]; a lane takes shorter ones where its fastest rate asks for that.
     initial_speeds : array_like () or (lanes,)
         [rad/s]; the friction starts as after a long rest.
-    torque_of : sequence of int, optional
+    torque_of : array_like of int, optional
         The row of `torques` that each lane takes; without it lane i takes row i, or the only one.
     every : int
         Record every so many samples.
@@ -183,12 +184,13 @@ def simulate_drivelines(
         Where numbers of lanes disagree, laws are of different kinds, or a value makes no step.
     """
     lines = [drivelines] if isinstance(drivelines, Driveline) else list(drivelines)
-    inputs = np.ascontiguousarray(np.atleast_2d(np.asarray(torques, dtype=float)))
-    starts = np.atleast_1d(np.asarray(initial_speeds, dtype=float))
-    _check(lines, inputs, starts, sample_time, step, every)
-    rows = np.arange(len(inputs)) if torque_of is None else np.atleast_1d(np.asarray(torque_of, np.int64))
-    if not (len(rows) and rows.min() >= 0 and rows.max() < len(inputs)):
-        raise InputError(f"torque_of must name rows of torques, which has {len(inputs)}, for each lane.")
+    inputs = np.atleast_2d(real_array(torques, ("...", "samples"), "The array of torques"))
+    starts = np.atleast_1d(real_array(initial_speeds, ("...",), "The array of initial speeds"))
+    _check(lines, inputs, starts)
+    sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
+    every = whole_number(every, "every", least=1)
+    rows = np.arange(len(inputs)) if torque_of is None else np.atleast_1d(torque_of)
+    rows = index_array(rows, "torque_of", count=len(inputs), length=rows.size)
     lanes = _lane_count(len(lines), len(starts), len(rows))
     batch = _Batch(
         lines=lines * (lanes // len(lines)),
@@ -275,24 +277,18 @@ def _check(
     lines: Sequence[Driveline],
     inputs: NDArray[np.float64],
     starts: NDArray[np.float64],
-    sample_time: float,
-    step: float,
-    every: int,
 ) -> None:
     kinds = sorted({type(line.friction).__name__ for line in lines})
     if len(kinds) != 1:
         raise InputError(f"The drivelines' friction laws are {kinds}; one call takes a single kind.")
-    if inputs.ndim != 2 or inputs.size == 0 or not np.isfinite(inputs).all():
+    if inputs.ndim != 2 or inputs.size == 0:
         raise InputError(
-            f"The torques have the shape {inputs.shape}; they must be rows of finite numbers, one row for each input."
+            f"The torque array has the shape {inputs.shape}; it must be a row of numbers, or one for each input."
         )
-    if starts.ndim != 1 or not np.isfinite(starts).all():
-        raise InputError("The initial speeds must be one finite number, or one for each lane.")
-    for name, value in (("sample time", sample_time), ("step", step)):
-        if not 0.0 < value < np.inf:
-            raise InputError(f"The {name} is {value:g} s; it must be above zero.")
-    if every < 1:
-        raise InputError(f"Every {every} samples cannot be recorded; it must be 1 or more.")
+    if starts.ndim != 1:
+        raise InputError(
+            f"The array of initial speeds has the shape {starts.shape}; it must be one number, or one for each lane."
+        )
 
 
 def _lane_count(*counts: int) -> int:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
@@ -47,7 +48,7 @@ class ModelPlant:
         """The ball's spin about the vertical [rad/s]; zero where the model's ball does not pivot."""
         return float(self._state[10]) if self.model.pivots else 0.0
 
-    def reset(self, initial_state: NDArray[np.float64] | None = None, *, seed: int = 0) -> Measurement:  # noqa: ARG002
+    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:  # noqa: ARG002
         """Start at t = 0 from a state (10,), or upright at rest at the origin; nothing here is random.
 
         Raises
@@ -63,19 +64,25 @@ class ModelPlant:
         self._wheel_speeds = self._speeds()
         return self._measure(None)
 
-    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
-        """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end."""
-        torques = np.ascontiguousarray(torques, dtype=np.float64)
-        batch = simulate_lanes(
-            self.model.selected,
-            parameters=self.model.packed[None],
-            initial=self._state[None],
-            torques=torques[None, None],
+    def step(self, torques: ArrayLike, duration: float) -> Measurement:
+        """Hold the torques (n,) [N m] for a duration [s] and return the measurement at its end.
+
+        Raises
+        ------
+        InputError
+            If they are not n finite numbers, or the duration is not above zero.
+        """
+        torques = real_array(torques, (self.robot.wheel_count,), "The array of torques")
+        duration = positive_number(duration, "The duration")
+        model, before = self.model, self._wheel_speeds
+        self._state = simulate_one(
+            model.selected,
+            model.packed,
+            self._state,
+            torques,
             sample_time=duration,
-            steps=self.model.steps_in(duration),
+            steps=model.steps_in(duration),
         )
-        before = self._wheel_speeds
-        self._state = batch.states[0, 0]
         self._t = round(
             self._t + duration, 9
         )  # whole nanoseconds: a sum would drift past a reference's corners
@@ -84,6 +91,8 @@ class ModelPlant:
         return self._measure(self._why_ended(torques))
 
     def _speeds(self) -> NDArray[np.float64]:
+        if not np.isfinite(self._state).all():  # torques too large for numbers; the run ends
+            return np.full(self.robot.wheel_count, np.nan)
         return self.model.wheel_speed(self._state[:5], self._state[5:])
 
     def _why_ended(self, torques: NDArray[np.float64]) -> str | None:
@@ -106,21 +115,18 @@ class ModelPlant:
         )
 
 
-def checked_states(states: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return initial states as rows (lanes, 10).
+def checked_states(states: ArrayLike) -> NDArray[np.float64]:
+    """Return a copy of initial states (10,) or (lanes, 10) as rows (lanes, 10).
 
     Raises
     ------
     InputError
         Where they are not rows of ten finite numbers with a lean of at most 1.2 rad.
     """
-    rows = np.atleast_2d(np.array(states, dtype=np.float64))
-    if rows.ndim != 2 or rows.shape[1] != 10:
-        raise InputError(
-            f"The initial state has the shape {np.shape(states)}; it must be ten numbers a robot."
-        )
-    if not np.isfinite(rows).all():
-        raise InputError("The initial state holds a value that is not finite; all ten must be numbers.")
+    given = real_array(states, ("...", 10), "The initial state")
+    if given.ndim > 2 or given.size == 0:
+        raise InputError(f"The initial state has the shape {given.shape}; it must be ten numbers a robot.")
+    rows = np.array(given, ndmin=2)
     lean = np.abs(rows[:, 2:4]).max(initial=0.0)
     if lean > LARGEST_LEAN:
         raise InputError(f"The initial lean is {lean:.3g} rad; the model holds up to {LARGEST_LEAN} rad.")

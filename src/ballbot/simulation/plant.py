@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot.robot.robot import Robot
 
@@ -41,12 +41,12 @@ class Plant(Protocol):
         """The robot that the plant is."""
         ...
 
-    def reset(self, initial_state: NDArray[np.float64] | None, *, seed: int) -> Measurement:
+    def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
         """Start again at t = 0 and return the first measurement.
 
         Parameters
         ----------
-        initial_state : array (10,) or None
+        initial_state : array_like (10,) or None
             True state to start from; None is upright at rest at the origin.
         seed : int
             Everything random in the run to come follows from it: equal seeds give equal runs, bit for bit.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import real_array
 from ballbot.control.interface import Feedback
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
@@ -28,7 +29,7 @@ def simulate(
     reference: Reference,
     *,
     duration: float,
-    initial_state: NDArray[np.float64] | None = None,
+    initial_state: ArrayLike | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Log:
@@ -44,7 +45,7 @@ def simulate(
         f(t) -> (10,), t in [s]; see `ballbot.control.references`.
     duration : float
         [s]; a whole number of samples is run.
-    initial_state : array (10,), optional
+    initial_state : array_like (10,), optional
         True state at the start; upright at rest at the origin where not given.
     seed : int
         All that is random in the plant follows from it.
@@ -71,7 +72,7 @@ def simulate(
     table = np.empty((samples, len(names)))
     rows = 0
     while rows < samples and measured.ended is None:
-        wanted = np.asarray(reference(measured.t), dtype=np.float64)
+        wanted = real_array(reference(measured.t), (10,), f"The reference at t = {measured.t:g} s")
         torques = _decide(controller, measured, wanted, active.robot.wheel_count)
         table[rows] = _row(measured, torques, wanted)
         measured = active.step(torques, controller.sample_time)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine import over_threads
 from ballbot.mechanics.geometry import transforms
@@ -40,6 +41,10 @@ class ClampedBall:
 
     A: NDArray[np.float64]  #: (n, 3), wheel speeds from the ball's angular velocity (II.13)
     inertia: NDArray[np.float64]  #: J_ball + (j_w + j_r) A^T A (3, 3) [kg m^2]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "A", real_array(self.A, ("wheels", 3), "A of a clamped ball"))
+        object.__setattr__(self, "inertia", real_array(self.inertia, (3, 3), "inertia of a clamped ball"))
 
     @staticmethod
     def of_robot(robot: Robot) -> ClampedBall:
@@ -112,8 +117,14 @@ def simulate_balls(
     InputError
         Where shapes disagree, a number is not finite, v_s or delta is not above zero, or a time is none.
     """
-    sets, starts, inputs = (np.ascontiguousarray(a, dtype=float) for a in (friction, initial, torques))
-    _check(ball, sets, starts, inputs, sample_time, step, every)
+    n = len(ball.A)
+    sets = real_array(friction, ("sets", 3 * n + 2), "The array of frictions")
+    starts = real_array(initial, ("windows", 3), "The array of starts")
+    inputs = real_array(torques, (len(starts), "samples", n), "The array of torques")
+    if sets.min() < 0.0 or sets[:, -2:].min() <= 0.0:
+        raise InputError("No friction can be below zero, and v_s and delta must be above it.")
+    sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
+    every = whole_number(every, "every", least=1)
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
     push, count = ball.push(), len(starts)
@@ -145,7 +156,7 @@ def follow(
     ball: ClampedBall,
     *,
     friction: Friction,
-    gain: NDArray[np.float64],
+    gain: ArrayLike,
     reference: Callable[[float], NDArray[np.float64]],
     duration: float,
     sample_time: float,
@@ -157,19 +168,28 @@ def follow(
     ball : ClampedBall
     friction : Friction
         Of the wheels; rolling friction has no part here.
-    gain : ndarray (n, 6)
+    gain : array_like (n, 6)
         K, by `ballbot.control.lqr` of `ball.linearize()`.
     reference : function of time
         f(t) -> rotation vector (3,) [rad] where the ball should be.
     duration, sample_time : float
         [s]
+
+    Raises
+    ------
+    InputError
+        If the gain or the reference has another shape or a value that is not finite, or a time is not above zero.
     """
+    K = real_array(gain, (len(ball.A), 6), "The gain")
+    duration = positive_number(duration, "The duration")
+    sample_time = positive_number(sample_time, "The sample time")
     row, omega, turned = friction_row(friction)[None], np.zeros(3), Rotation.identity()
     t = sample_time * np.arange(max(1, round(duration / sample_time)), dtype=np.float64)
     rotations, omegas, torques = [], [], []
     for time in t:
-        missing = (Rotation.from_rotvec(reference(float(time))) * turned.inv()).as_rotvec()
-        torque = gain @ np.concatenate([missing, -omega])
+        wanted = real_array(reference(float(time)), (3,), f"The reference at t = {time:g} s")
+        missing = (Rotation.from_rotvec(wanted) * turned.inv()).as_rotvec()
+        torque = K @ np.concatenate([missing, -omega])
         rotations.append(turned.as_rotvec())
         omegas.append(omega)
         torques.append(torque)
@@ -184,31 +204,3 @@ def follow(
         turned = Rotation.from_rotvec(0.5 * sample_time * (omega + after)) * turned
         omega = after
     return BallRun(t=t, rotations=np.array(rotations), omegas=np.array(omegas), torques=np.array(torques))
-
-
-def _check(
-    ball: ClampedBall,
-    sets: NDArray[np.float64],
-    starts: NDArray[np.float64],
-    inputs: NDArray[np.float64],
-    sample_time: float,
-    step: float,
-    every: int,
-) -> None:
-    n, windows = len(ball.A), len(starts)
-    expected = ((sets, (len(sets), 3 * n + 2)), (starts, (windows, 3)))
-    fits = all(array.shape == shape for array, shape in expected) and inputs.ndim == 3
-    if not fits or (inputs.shape[0], inputs.shape[2]) != (windows, n):
-        raise InputError(
-            f"With {n} wheels, friction is rows of {3 * n + 2} numbers, the start rows of 3, and the torques as many "
-            f"windows of rows of {n}; these have the shapes {sets.shape}, {starts.shape} and {inputs.shape}."
-        )
-    if not all(np.isfinite(array).all() for array in (sets, starts, inputs)):
-        raise InputError("Friction, start and torques must be finite numbers.")
-    if sets.min(initial=0.0) < 0.0 or sets[:, -2:].min(initial=1.0) <= 0.0:
-        raise InputError("No friction can be below zero, and v_s and delta must be above it.")
-    for name, value in (("sample time", sample_time), ("step", step)):
-        if not 0.0 < value < np.inf:
-            raise InputError(f"The {name} is {value:g} s; it must be above zero.")
-    if every < 1:
-        raise InputError(f"Every {every} samples cannot be recorded; it must be 1 or more.")

@@ -8,18 +8,39 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
+from ballbot.errors import InputError
 from ballbot.mechanics.compiled import called
 from ballbot.mechanics.lanes import LANES, STEP
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Verdict:
-    """When a lane's outcome counts as known, so that it need not be run on."""
+    """When a lane's outcome counts as known, so that it need not be run on.
+
+    Raises
+    ------
+    InputError
+        If the bounds are not rows of ten finite numbers, or a limit is not above zero.
+    """
 
     #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame
     settled: NDArray[np.float64]
     lost: float  #: lean [rad] beyond which a robot that leans further cannot come back
     grip: float = math.inf  #: friction coefficient of wheels on ball that holds; needing more ends a lane
+
+    def __post_init__(self) -> None:
+        rows = real_array(
+            self.settled, ("...", 10), "The array of bounds within which a robot counts as settled"
+        )
+        if rows.ndim != 2:
+            raise InputError(
+                f"The bounds of a verdict have the shape {rows.shape}; they must be rows of ten."
+            )
+        object.__setattr__(self, "settled", rows)
+        for name in ("lost", "grip"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"{name} of a verdict is {getattr(self, name)!r}; it must be above zero.")
 
 
 @called

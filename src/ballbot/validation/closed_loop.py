@@ -142,5 +142,6 @@ def _step(
         sample_time=sample_time,
         steps=model.steps_in(sample_time),
         parameter_of=np.zeros(len(states), dtype=np.int64),
+        lost_lanes=True,  # those of the sample before
     )
     return batch.states[:, 0]

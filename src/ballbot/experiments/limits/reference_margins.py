@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.experiments.limits.loop import lost_lean, top_speed
@@ -170,9 +171,9 @@ def _uses(
     left = available_torque(robot, limit, torques, speeds)
     short = np.abs(torques) / np.maximum(left, 1e-3 * limit)
     needed = np.empty(len(t))
-    friction_needed_along(
-        model.selected, model.packed, pack_contacts(robot), np.ascontiguousarray(states), torques, needed
-    )
+    seen = real_array(states, (len(t), 10), "The array of states")
+    given = real_array(torques, (len(t), robot.wheel_count), "The array of torques")
+    friction_needed_along(model.selected, model.packed, pack_contacts(robot), seen, given, needed)
     k, wheel = np.unravel_index(short.argmax(), short.shape)
     f, fast = np.unravel_index(np.abs(speeds).argmax(), speeds.shape)
     g = int(needed.argmax())

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.identification.axis.laws import Rung, Values
 from ballbot.identification.axis.motion_lanes import follow_forces, follow_loop
@@ -35,11 +36,21 @@ class Axis:
     values: Values
 
     def open_loop(
-        self, forces: NDArray[np.float64], *, position: float, speed: float, sample_time: float
+        self, forces: ArrayLike, *, position: float, speed: float, sample_time: float
     ) -> NDArray[np.float64]:
-        """Return the positions (n,) after each of the forces (n,) held over a sample."""
+        """Return the positions (n,) after each of the forces (n,) held over a sample.
+
+        Raises
+        ------
+        InputError
+            If the forces are not a row of finite numbers, another number is not finite, or the sample time is not
+            above zero.
+        """
+        acting = real_array(forces, ("n",), "The row of forces")
+        sample_time = positive_number(sample_time, "The sample time")
+        position, speed = real_number(position, "The position"), real_number(speed, "The speed")
         (plus, minus), steps = self.rung.laws(self.values), self._steps(sample_time)
-        positions = np.empty(len(forces))
+        positions = np.empty(len(acting))
         follow_forces(
             plus.numbers(),
             minus.numbers(),
@@ -47,7 +58,7 @@ class Axis:
             plus.initial_state(sample_time / steps),
             position,
             speed,
-            forces - self._offset,
+            acting - self._offset,
             sample_time,
             steps,
             positions,
@@ -67,6 +78,7 @@ class Axis:
             raise InputError(
                 f"{record.name} does not say what loop moved the axis; give its gains and reference."
             )
+        speed = real_number(speed, "The speed")
         (plus, minus), steps = self.rung.laws(self.values), self._steps(record.sample_time)
         positions, forces = np.empty((2, len(record)))
         # a limit that is not finite is one that is never reached

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array, whole_number
 from ballbot.errors import InputError
 
 #: rows that make a record too short for any of the methods
@@ -39,8 +40,7 @@ class PositionVelocityLoop:
         for name in ("position_gain", "velocity_gain", "force_per_input", "limit"):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"The loop's {name} is {getattr(self, name):g}; it must be above zero.")
-        if self.span < 1:
-            raise InputError(f"The loop's velocity spans {self.span} samples; it must be 1 or more.")
+        whole_number(self.span, "The loop's span of samples", least=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,10 +66,12 @@ class AxisRecord:
             raise InputError(
                 f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
             )
-        columns = {"force": self.force, "position": self.position, "reference": self.reference}
-        for name, values in columns.items():
-            if values is None:
+        for name in ("force", "position", "reference"):
+            if getattr(self, name) is None:
                 continue
+            # contiguous and writable, as compiled code takes it
+            values = real_array(getattr(self, name), ("N",), f"{self.name}: {name}", finite=False)
+            object.__setattr__(self, name, values)
             if values.shape != (len(self.force),):
                 raise InputError(
                     f"{self.name}: {name} has the shape {values.shape}, force {self.force.shape}."

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
@@ -27,13 +28,24 @@ _LARGEST_ANGLE = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Swing:
-    """A free swing: the body let go and touched by nothing until the last row."""
+    """A free swing: the body let go and touched by nothing until the last row.
+
+    Raises
+    ------
+    InputError
+        If times and values are not two rows of finite numbers of one length.
+    """
 
     t: NDArray[np.float64]  #: (n,) [s]
     values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], about no particular zero
     kind: Kind
     period: float  #: of the swings as they are, roughly [s]
     source: str  #: what it was measured by, in words
+
+    def __post_init__(self) -> None:
+        t = real_array(self.t, ("n",), "The time of a swing")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "values", real_array(self.values, t.shape, "The row of a swing's values"))
 
     @property
     def swings(self) -> float:

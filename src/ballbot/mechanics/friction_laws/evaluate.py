@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled
 from ballbot.mechanics.friction_laws.interface import FrictionLaw, friction_of, settle
 
 
 def friction_at(
-    law: FrictionLaw, speed: float, *, state: NDArray[np.float64] | None = None, applied: float = 0.0
+    law: FrictionLaw, speed: float, *, state: ArrayLike | None = None, applied: float = 0.0
 ) -> float:
     """Return the friction [N m] at a speed [rad/s]; it acts against positive speeds where it is positive.
 
@@ -21,16 +22,29 @@ def friction_at(
         The law's internal state; after a long rest by default.
     applied : float
         The torque [N m] on the inertia. A law that sticks balances it up to its limit.
+
+    Raises
+    ------
+    InputError
+        If the state is not the law's, or a number is not finite.
     """
-    state = law.initial_state(1.0) if state is None else np.asarray(state, dtype=float)
-    return float(_friction_at(law.numbers(), state, float(speed), float(applied)))
+    state = law.initial_state(1.0) if state is None else _state_of(law, state)
+    at, on = real_number(speed, "The speed"), real_number(applied, "The applied torque")
+    return float(_friction_at(law.numbers(), state, at, on))
 
 
-def advance(
-    law: FrictionLaw, state: NDArray[np.float64], *, speed: float, step: float
-) -> NDArray[np.float64]:
-    """Return the law's state (m,) after `step` [s] at constant speed [rad/s], exactly."""
-    return _advance(law.numbers(), np.asarray(state, dtype=float), float(speed), float(step))
+def advance(law: FrictionLaw, state: ArrayLike, *, speed: float, step: float) -> NDArray[np.float64]:
+    """Return the law's state (m,) after `step` [s] at constant speed [rad/s], exactly.
+
+    Raises
+    ------
+    InputError
+        If the state (m,) is not the law's, a number is not finite, or the step is negative.
+    """
+    at, h = real_number(speed, "The speed"), real_number(step, "The step")
+    if h < 0.0:
+        raise InputError(f"The step is {h:g} s; it must not be negative.")
+    return _advance(law.numbers(), _state_of(law, state), at, h)
 
 
 def follow(
@@ -54,17 +68,19 @@ def follow(
     Raises
     ------
     InputError
-        Where the speeds are not a row of numbers or the sample time is not above zero.
+        If the speeds are not a row of finite numbers, or the sample time is not above zero.
     """
-    history = np.ascontiguousarray(speeds, dtype=float)
-    if history.ndim != 1 or not np.isfinite(history).all():
-        raise InputError(
-            f"The speeds have the shape {history.shape}; they must be one row of finite numbers."
-        )
-    if not 0.0 < sample_time < np.inf:
-        raise InputError(f"The sample time is {sample_time:g} s; it must be above zero.")
-    torques = np.ascontiguousarray(np.broadcast_to(np.asarray(applied, dtype=float), history.shape))
-    return _follow(law.numbers(), law.initial_state(sample_time), history, torques, float(sample_time))
+    history = real_array(speeds, ("samples",), "The row of speeds")
+    h = positive_number(sample_time, "The sample time")
+    if np.ndim(applied) == 0:
+        torques = np.full(len(history), real_number(applied, "The applied torque"))
+    else:
+        torques = real_array(applied, history.shape, "The row of applied torques")
+    return _follow(law.numbers(), law.initial_state(h), history, torques, h)
+
+
+def _state_of(law: FrictionLaw, state: ArrayLike) -> NDArray[np.float64]:
+    return real_array(state, law.initial_state(1.0).shape, "The friction law's state")
 
 
 @compiled

@@ -1,0 +1,196 @@
+"""Numbers from outside, checked before compiled code reads them.
+
+Compiled code does not check an index: an array that is too short is read past its end, which answers wrongly or ends
+the process, and an array of another type or order is compiled for anew, which takes seconds. So every public function
+that hands arrays to compiled code passes them through `real_array`, once a call: what returns has the shape asked for
+and is float64, contiguous, aligned and writable. An array that is so already is returned itself, not copied.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from numbers import Real
+from typing import SupportsIndex, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.errors import InputError
+
+_FLOAT = np.dtype(np.float64)
+#: numbers up to which a product of vectors is taken, before it would be spread over threads
+_FEW = 1000
+#: kinds of NumPy types that are real numbers: signed and unsigned integers, floats
+_REAL_KINDS = "iuf"
+
+#: length of each dimension; a name stands for any length above zero, "..." in front for any dimensions of any length
+Shape = tuple[int | str, ...]
+
+
+def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True) -> NDArray[np.float64]:
+    """Return an array as compiled code takes it.
+
+    Parameters
+    ----------
+    value : array_like
+        A list, or an array of integers or floats in any order; neither text nor complex numbers nor booleans.
+    shape : tuple of int and str
+        Length of each dimension; a name stands for any length above zero, "..." in front for any dimensions.
+    what : str
+        What it is, as the message of an error begins.
+    finite : bool
+        Whether every number must be finite.
+
+    Returns
+    -------
+    ndarray
+        float64, C order, aligned and writable: `value` itself where it is so already.
+
+    Raises
+    ------
+    InputError
+        If the array has another shape, is not of real numbers, or holds a value that is not finite.
+    """
+    if type(value) is np.ndarray and value.dtype == _FLOAT and value.flags.carray:
+        array = value
+    else:
+        array = _converted(value, what)
+    if array.shape != shape and not _fits(array.shape, shape):
+        raise InputError(f"{what} has the shape {array.shape}; {_wanted(shape)}.")
+    if finite and not _is_finite(array):
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        shown = place[0] if len(place) == 1 else place
+        raise InputError(
+            f"{what} holds a value that is not finite ({array[place]} at {shown}); every one must be a number."
+        )
+    return array
+
+
+def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDArray[np.int64]:
+    """Return `length` indices (length,) of `count` rows as compiled code takes them, contiguous int64.
+
+    Raises
+    ------
+    InputError
+        If they are not so many whole numbers from 0 to count - 1.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        array = np.empty((0, 0), object)
+    if array.dtype.kind not in "iu" or array.shape != (length,):
+        raise InputError(f"{what} is {_kind_and_shape(array)}; it must be a row of {length} whole numbers.")
+    if length and not (array.min() >= 0 and array.max() < count):
+        raise InputError(
+            f"{what} has numbers from {array.min()} to {array.max()}; each must be a row, 0 to {count - 1}."
+        )
+    return np.require(array, np.int64, ["C", "A", "W"])
+
+
+def real_number(value: object, what: str) -> float:
+    """Return a finite number as a float.
+
+    Raises
+    ------
+    InputError
+        If it is not one.
+    """
+    if type(value) is float and math.isfinite(value):
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        raise InputError(f"{what} is {_short(value)}; it must be a number.")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise InputError(f"{what} is {_short(value)}; it must be a finite number.")
+    return number
+
+
+def positive_number(value: object, what: str) -> float:
+    """Return a finite number above zero as a float; raise InputError if it is not one."""
+    number = real_number(value, what)
+    if not number > 0.0:
+        raise InputError(f"{what} is {number:g}; it must be above zero.")
+    return number
+
+
+def whole_number(value: object, what: str, *, least: int) -> int:
+    """Return a whole number not below `least` as an int; raise InputError if it is not one."""
+    if isinstance(value, bool | np.bool_) or not hasattr(value, "__index__"):
+        raise InputError(f"{what} is {_short(value)}; it must be a whole number.")
+    number = operator.index(cast("SupportsIndex", value))
+    if number < least:
+        raise InputError(f"{what} is {number}; it must be {least} or more.")
+    return number
+
+
+def _converted(value: ArrayLike, what: str) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        raise InputError(f"{what} is {_short(value)}; it must be an array of numbers.") from None
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InputError(f"{what} has values that are masked; every one must be a number.")
+    kind = array.dtype.kind
+    if kind == "O":
+        real = all(isinstance(one, Real) and not isinstance(one, bool | np.bool_) for one in array.flat)
+    else:
+        # NumPy makes an empty list one of floats, and no other empty array matters
+        real = kind in _REAL_KINDS
+    if not real:
+        raise InputError(f"{what} is {_kind_and_shape(array)}; it must be an array of real numbers.")
+    try:
+        with np.errstate(
+            over="ignore"
+        ):  # a number too large for float64 becomes infinite, and is refused as such
+            return np.require(np.asarray(array, _FLOAT), _FLOAT, ["C", "A", "W"])
+    except (OverflowError, TypeError, ValueError):
+        raise InputError(f"{what} holds a value that is too large for a float.") from None
+
+
+def _is_finite(array: NDArray[np.float64]) -> bool:
+    # for a few numbers a sum of squares costs a fifth of isfinite; if it overflows, the numbers themselves decide
+    if array.size <= _FEW and math.isfinite(np.vdot(array, array)):
+        return True
+    return bool(np.isfinite(array).all())
+
+
+def _fits(shape: tuple[int, ...], wanted: Shape) -> bool:
+    if wanted[0] == "...":
+        wanted = wanted[1:]
+        if len(shape) < len(wanted):
+            return False
+        shape = shape[len(shape) - len(wanted) :]
+    return len(shape) == len(wanted) and all(
+        have > 0 if isinstance(want, str) else have == want for have, want in zip(shape, wanted, strict=True)
+    )
+
+
+_COUNTS = {3: "three", 4: "four", 5: "five", 10: "ten"}
+
+
+def _wanted(shape: Shape) -> str:
+    last = shape[-1]
+    if isinstance(last, int) and (len(shape) == 1 or (len(shape) == 2 and shape[0] not in ("...", last))):
+        rows = "" if len(shape) == 1 else f"{shape[0]} rows of " if isinstance(shape[0], int) else "rows of "
+        return f"it must be {rows}{_COUNTS.get(last, last)} numbers"
+    if shape[0] == "..." and len(shape) == 2:
+        return f"its last dimension must be {shape[1]}"
+    return "it must be (" + ", ".join(str(length) for length in shape) + (",)" if len(shape) == 1 else ")")
+
+
+_KINDS = {"b": "booleans", "c": "complex numbers", "U": "text", "S": "bytes", "O": "objects", "f": "floats"}
+
+
+def _kind_and_shape(array: np.ndarray) -> str:
+    return f"an array {array.shape} of {_KINDS.get(array.dtype.kind, array.dtype.name)}"
+
+
+def _short(value: object) -> str:
+    words = " ".join(repr(value).split())
+    return words if len(words) <= 40 else f"{words[:37]}..."

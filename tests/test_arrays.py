@@ -1,0 +1,107 @@
+"""The check of arrays before compiled code reads them: what it accepts, what it copies, what it says."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import InputError, Model, Robot
+from ballbot.arrays import index_array, positive_number, real_array, real_number, whole_number
+
+CLEAN = np.arange(1.0, 7.0).reshape(2, 3)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        CLEAN.tolist(),
+        CLEAN.astype(int),
+        CLEAN.astype(np.uint8),
+        CLEAN.astype(np.float32),
+        CLEAN.astype(">f8"),
+        CLEAN.astype(object),
+        np.asfortranarray(CLEAN),
+        np.repeat(CLEAN, 2, axis=1)[:, ::2],
+        CLEAN[::-1, ::-1].copy()[::-1, ::-1],
+        np.ma.masked_array(CLEAN),
+        np.lib.stride_tricks.as_strided(CLEAN, writeable=False),
+    ],
+)
+def test_any_real_array_becomes_one_layout(value):
+    array = real_array(value, (2, 3), "The value")
+    assert array.dtype == np.float64
+    assert array.flags.carray
+    np.testing.assert_array_equal(array, CLEAN)
+
+
+def test_a_fitting_array_is_not_copied():
+    assert real_array(CLEAN, ("rows", 3), "The value") is CLEAN
+    assert real_array(CLEAN, ("...", 3), "The value") is CLEAN
+
+
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [
+        (np.zeros(2), r"shape \(2,\); it must be three numbers"),
+        (np.zeros((3, 1)), r"shape \(3, 1\)"),
+        (0.0, r"shape \(\)"),
+        ([], r"shape \(0,\)"),
+        (["1", "2", "3"], "of text; it must be an array of real numbers"),
+        ([1.0, 2.0, 3j], "complex"),
+        ([True, False, True], "booleans"),
+        ([1.0, None, 2.0], "objects"),
+        ([[1.0], [2.0, 3.0]], "array of"),
+        (np.array(["2020-01-01"] * 3, "datetime64[D]"), "datetime64"),
+        (np.ma.masked_array([1.0, 2.0, 3.0], [False, True, False]), "masked"),
+        ([1.0, np.nan, 2.0], r"not finite \(nan at 1\)"),
+        ([1.0, 2.0, -np.inf], r"not finite \(-inf at 2\)"),
+        ([1, 2, 10**400], "too large"),
+        (object(), "objects"),
+    ],
+)
+def test_what_is_no_array_of_numbers_is_refused(value, sentence):
+    with pytest.raises(InputError, match=sentence) as caught:
+        real_array(value, (3,), "The value")
+    assert str(caught.value).startswith("The value ")
+
+
+@settings(max_examples=50)
+@given(st.lists(st.floats(width=64), min_size=1, max_size=2000))
+def test_finite_is_what_numpy_calls_finite(values):
+    """Numbers whose squares overflow are finite; no other shortcut may be seen."""
+    if np.isfinite(values).all():
+        np.testing.assert_array_equal(real_array(values, ("n",), "The value"), values)
+    else:
+        with pytest.raises(InputError, match="not finite"):
+            real_array(values, ("n",), "The value")
+
+
+def test_numbers():
+    assert real_number(np.array(2), "It") == real_number(np.float32(2.0), "It") == 2.0
+    assert whole_number(np.int64(3), "It", least=0) == 3
+    for wrong in ("1", 1j, None, np.nan, np.inf, [1.0], True, 10**400):
+        with pytest.raises(InputError, match="^It is "):
+            real_number(wrong, "It")
+    for wrong in (1.0, "1", True, -1):
+        with pytest.raises(InputError, match="^It is "):
+            whole_number(wrong, "It", least=0)
+    with pytest.raises(InputError, match="above zero"):
+        positive_number(0.0, "It")
+
+
+def test_indices_name_rows():
+    assert index_array([1, 0], "It", count=2, length=2).dtype == np.int64
+    for wrong in ([0, 2], [-1, 0], [0.0, 1.0], [0], [[0, 1]], ["0", "1"], [[0], [1, 2]]):
+        with pytest.raises(InputError, match="^It "):
+            index_array(wrong, "It", count=2, length=2)
+
+
+def test_a_state_that_is_too_short_is_refused():
+    """It was read past its end, which answered wrongly and then ended the process."""
+    model = Model(Robot.load("alten"))
+    with pytest.raises(InputError, match=r"The state has the shape \(9,\); it must be ten numbers"):
+        model.advance(np.full(9, 0.01), np.zeros(3), 0.005)
+    with pytest.raises(InputError, match=r"The array of torques has the shape \(2,\)"):
+        model.advance(np.full(10, 0.01), np.zeros(2), 0.005)
+    clean = model.advance(np.full(10, 0.01), np.zeros(3), 0.005)
+    np.testing.assert_array_equal(model.advance([0.01] * 10, [0, 0, 0], 0.005), clean)
