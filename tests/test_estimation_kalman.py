@@ -32,9 +32,9 @@ from ballbot.estimation.kalman_model import (
     wheels_seen,
 )
 from ballbot.estimation.linear_update import absorb, propagate
-from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.estimation.noise import FilterNoise
 from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
+from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.mechanics.geometry import body_rates_matrix, rotation
 from ballbot.mechanics.model import Model
 from ballbot.robot.robot import Friction

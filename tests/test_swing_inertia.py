@@ -13,9 +13,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binom
 
+from ballbot.cli.check_swing import SwingOptions, examine_swing
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.swing import Pivot, fit_swing, inertia_of_swing, swing_in_log, swing_of
+from ballbot.identification.swing import (
+    Pivot,
+    fit_swing,
+    inertia_of_swing,
+    recording_findings,
+    swing_findings,
+    swing_in_log,
+    swing_of,
+)
 from ballbot.identification.swing.pendulum import follow_pendulum, period_growth
 from ballbot.log import Log
 from ballbot.robot import Robot
@@ -212,3 +221,78 @@ def test_distance_that_no_body_has_is_refused(robot: Robot) -> None:
         inertia_of_swing(fit, robot, Pivot.of(robot, distance=0.7))
     with pytest.raises(InputError, match="must be above zero"):
         Pivot.of(robot, distance=-0.1)
+
+
+#: a swing of so many radians, recorded wrongly, and what must be said
+MISTAKES: dict[str, tuple[float, str, str]] = {
+    "milliseconds": (0.3, "swing-inertia", "t looks to be in milliseconds"),
+    "microseconds": (0.3, "swing-inertia", "t looks to be in microseconds"),
+    "1 degree in degrees": (np.radians(1.0), "swing-unit", "looks to be in degrees"),
+    "clipped": (0.3, "swing-clipped", "of its rows have its (largest|least) value"),
+    "frozen": (0.3, "stuck", "repeats one value for 4 s from t = 10 s on"),
+}
+
+
+@pytest.mark.parametrize(("amplitude", "code", "words"), MISTAKES.values(), ids=MISTAKES)
+def test_swing_recorded_wrongly_is_stopped_with_its_cause(
+    tmp_path: Path, amplitude: float, code: str, words: str, request: pytest.FixtureRequest
+) -> None:
+    truth = swung(duration=30.0, h=0.02, amplitude=amplitude, dry=0.0)
+    t, angle = truth.t, truth.angle
+    match request.node.callspec.id:
+        case "milliseconds":
+            t = 1e3 * t
+        case "microseconds":
+            t = 1e6 * t
+        case "clipped":
+            angle = np.clip(angle, -0.2, 0.2)
+        case "frozen":
+            angle = np.where((t > 10.0) & (t < 14.0), angle[500], angle)
+        case _:
+            angle = np.degrees(angle)
+    file = tmp_path / "swing.csv"
+    Log({"t": t, "theta": angle}).write(file)
+    options = SwingOptions(file=file, column=None, pivot_distance=None, pivot_deviation=None)
+    with pytest.raises(InputError, match=words) as refusal:
+        examine_swing(Robot.load("alten"), options)
+    assert f"--accept {code}" in str(refusal.value)
+
+
+@pytest.mark.parametrize("degrees", [2.0, 5.0, 20.0])
+def test_rates_in_degrees_a_second_are_refused(degrees: float) -> None:
+    truth = swung(duration=30.0, h=0.02, amplitude=np.radians(degrees), dry=0.0)
+    with pytest.raises(InputError, match="in degrees per second"):
+        fit_swing(swing_of(truth.t, np.degrees(truth.rate), kind="rate", source="gyro_x"))
+
+
+@pytest.mark.parametrize(("distance", "unit"), [(39.3, "centimetres"), (393.0, "millimetres")])
+def test_pivot_distance_in_another_unit_is_recognised(robot: Robot, distance: float, unit: str) -> None:
+    truth = swung(duration=15.0, h=0.02)
+    fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="theta"))
+    with pytest.raises(InputError, match=f"looks to be in {unit}, that is 0.393 m"):
+        inertia_of_swing(fit, robot, Pivot.of(robot, distance=distance))
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.3, 0.6, 1.2])
+def test_correct_swings_have_no_findings(robot: Robot, amplitude: float) -> None:
+    truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
+    swing = swing_of(
+        truth.t,
+        truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=1),
+        kind="angle",
+        source="theta",
+    )
+    fit, pivot = fit_swing(swing), Pivot.of(robot)
+    found = inertia_of_swing(fit, robot, pivot)
+    assert recording_findings(swing) == ()
+    assert swing_findings(fit, found, robot, pivot) == ()
+
+
+def test_another_bodys_swing_is_warned_of(robot: Robot) -> None:
+    """A body with twice the file's inertia: the file, the mass or the clock is wrong."""
+    t = np.linspace(0.0, 25.0, 1251)
+    angle, _ = pendulum(t, stiffness=0.5 * STIFFNESS, viscous=0.02, amplitude=0.2)
+    fit, pivot = fit_swing(swing_of(t, angle, kind="angle", source="theta")), Pivot.of(robot)
+    findings = swing_findings(fit, inertia_of_swing(fit, robot, pivot), robot, pivot)
+    assert {one.severity for one in findings} == {"warning"}
+    assert any("2 times the file's 4.37" in one.text for one in findings)

@@ -136,7 +136,7 @@ def check(
     """
     hung = Robot.load(robot)
     findings = _robot_findings(hung, accept)
-    swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation)
+    swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
     log = None if predict is None else _log(hung, predict, accept)
     checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
     console = standard_output()
@@ -199,7 +199,12 @@ def _followed(robot: Robot, reference: str | None, controller: Path | None) -> C
 
 
 def _swung(
-    robot: Robot, file: Path | None, column: str | None, distance: float | None, deviation: float | None
+    robot: Robot,
+    file: Path | None,
+    column: str | None,
+    distance: float | None,
+    deviation: float | None,
+    accept: list[str] | None,
 ) -> CheckedSwing | None:
     if file is None:
         if (column, distance, deviation) != (None, None, None):
@@ -209,7 +214,13 @@ def _swung(
         return None
     from ballbot.cli.check_swing import SwingOptions, examine_swing
 
-    options = SwingOptions(file=file, column=column, pivot_distance=distance, pivot_deviation=deviation)
+    options = SwingOptions(
+        file=file,
+        column=column,
+        pivot_distance=distance,
+        pivot_deviation=deviation,
+        accept=tuple(accept or ()),
+    )
     return examine_swing(robot, options)
 
 

@@ -36,9 +36,9 @@ from ballbot.estimation.kalman_model import (
     sample,
 )
 from ballbot.estimation.linear_update import absorb
-from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.estimation.noise import FilterNoise
 from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
+from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.robot import Robot
 

@@ -7,7 +7,7 @@ samples go together, so errors are clustered by swings.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ _FIRST_SWINGS = 3.0
 _DIFFERENCE = 1e-5
 #: a fit that leaves more than this share of the swing is none
 _WORST = 0.3
+#: one unit fits better than another if it leaves less than this share of what the other leaves
+_BETTER = 0.8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,8 +71,41 @@ def fit_swing(swing: Swing) -> SwingFit:
     Raises
     ------
     InputError
-        Where the recording is not that of a free pendulum: what the fit leaves is a third of the motion.
+        If the recording is not that of a free pendulum: what the fit leaves is a third of the motion.
     """
+    fit = _fitted(swing)
+    if fit is not None and fit.residual < _WORST:
+        return fit
+    if fits_better_in_degrees(swing, fit):
+        largest = float(np.abs(swing.values - np.median(swing.values)).max())
+        unit = "degrees" if swing.kind == "angle" else "degrees per second"
+        raise InputError(
+            f"{swing.source} is no pendulum's in radians and is one in {unit}, up to {largest:.3g}; multiply it by "
+            "pi/180."
+        )
+    left = "" if fit is None else f": a pendulum leaves {100.0 * fit.residual:.0f} % of it unexplained"
+    raise InputError(
+        f"{swing.source} is no free swing{left}; cut the recording to where nothing touches the body."
+    )
+
+
+def fits_better_in_degrees(swing: Swing, fit: SwingFit | None) -> bool:
+    """Return whether a pendulum fits the swing clearly better if its values are taken for degrees.
+
+    Parameters
+    ----------
+    swing : Swing
+    fit : SwingFit, optional
+        What fits it in radians; None if nothing does.
+    """
+    other = _fitted(replace(swing, values=np.radians(swing.values)))
+    if other is None or other.residual >= _WORST:
+        return False
+    return fit is None or other.residual < _BETTER * fit.residual
+
+
+def _fitted(swing: Swing) -> SwingFit | None:
+    """Return the pendulum that comes closest, or None if none does."""
     values, until = _guess(swing), _FIRST_SWINGS
     steps = _DIFFERENCE * _sizes(values)
     while True:
@@ -83,13 +118,15 @@ def fit_swing(swing: Swing) -> SwingFit:
             method="lm",
         )
         values = found.x
+        if not (np.isfinite(values).all() and values[0] > 0.0):
+            return None
         if rows == len(swing.t):
             break
         until *= 2.0
     angles, predicted = _motion(values, swing, len(swing.t))
     block = ((swing.t - swing.t[0]) / swing.period).astype(np.int64)
     clusters = int(block.max()) + 1
-    fit = SwingFit(
+    return SwingFit(
         swing=swing,
         values=values,
         covariance=clustered_covariance(found.jac, found.fun, block),
@@ -97,12 +134,6 @@ def fit_swing(swing: Swing) -> SwingFit:
         predicted=predicted,
         amplitudes=_amplitudes(angles, swing),
     )
-    if not (fit.residual < _WORST and values[0] > 0.0):
-        raise InputError(
-            f"{swing.source} is no free swing: a pendulum leaves {100.0 * fit.residual:.0f} % of it unexplained; "
-            "cut the recording to where nothing touches the body."
-        )
-    return fit
 
 
 def _guess(swing: Swing) -> NDArray[np.float64]:
@@ -139,7 +170,7 @@ def _slopes(
 def _sizes(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return by what order of size each value matters (6,), also one that is zero."""
     omega = float(np.sqrt(values[0]))
-    amplitude = float(np.hypot(values[3], values[4] / omega))
+    amplitude = max(float(np.hypot(values[3], values[4] / omega)), 1e-9)
     size = [omega**2, omega, omega**2 * amplitude, amplitude, omega * amplitude, amplitude]
     return np.array(size)
 

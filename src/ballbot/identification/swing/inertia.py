@@ -10,7 +10,7 @@ d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ballbot.errors import InputError
 from ballbot.identification.swing.fit import SwingFit
@@ -19,6 +19,18 @@ from ballbot.robot.derived import inertia_from_swing
 
 #: standard deviations to either side of a 95 % interval
 _NORMAL = 1.959964
+
+#: units that t is taken for seconds in, or what else makes a clock wrong, and the factor that mends it
+_CLOCKS = (
+    ("milliseconds", "", 1e-3),
+    ("microseconds", "", 1e-6),
+    ("nanoseconds", "", 1e-9),
+    ("minutes", "", 60.0),
+    ("", "The clock looks to run at half its rate, as with frames counted twice.", 0.5),
+    ("", "The clock looks to run at twice its rate, as with every second frame missing.", 2.0),
+)
+#: over the distance to the pivot
+_USUAL_GYRATION = (0.15, 1.2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +117,11 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
     about_pivot = inertia_from_swing(mass=m, gravity=g, distance=r, angular_frequency=fit.frequency)
     own = about_pivot - m * r**2
     if own <= 0.0:
+        cause = likely_cause(fit.frequency, robot, pivot)
         raise InputError(
             f"With {m:g} kg at {r:g} m the swing of {fit.frequency:.4g} rad/s leaves an inertia of {own:.3g} kg m^2 "
             f"about the centre of mass, which no body has; the distance must be below {g / fit.frequency**2:.4g} m."
+            f"{f' {cause}' if cause else ''}"
         )
     # what each result changes by one standard deviation of each cause; where r is l they are one cause
     omega = about_pivot / fit.frequency * -2.0 * fit.frequency_half_width / _NORMAL
@@ -135,6 +149,33 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
         about_center_of_mass=_estimate(own, of_own),
         about_ball_center=_estimate(own + m * height**2, of_center),
     )
+
+
+def radius_of_gyration(frequency: float, robot: Robot, pivot: Pivot) -> float:
+    """Return the radius of gyration [m] about the centre of mass of a body that swings so; NaN if no body does.
+
+    k^2 = g r / omega_n^2 - r^2, whatever its mass.
+    """
+    square = robot.gravity * pivot.distance / frequency**2 - pivot.distance**2
+    return math.sqrt(square) if square > 0.0 else math.nan
+
+
+def likely_cause(frequency: float, robot: Robot, pivot: Pivot) -> str:
+    """Return the slip of units, in a sentence, that makes a usual body of one that no body is; "" if none does."""
+    times = {f"t looks to be in {unit}." if unit else words: factor for unit, words, factor in _CLOCKS}
+    distances = {
+        f"The distance to the pivot looks to be in {unit}, that is {factor * pivot.distance:.3g} m.": factor
+        for unit, factor in (("centimetres", 1e-2), ("millimetres", 1e-3))
+    }
+    causes = [(words, factor, 1.0) for words, factor in times.items()]
+    if not pivot.at_ball_center:
+        causes = [*((words, 1.0, factor) for words, factor in distances.items()), *causes]
+    for words, clock, scale in causes:
+        moved = replace(pivot, distance=scale * pivot.distance)
+        share = radius_of_gyration(frequency / clock, robot, moved) / moved.distance
+        if _USUAL_GYRATION[0] <= share <= _USUAL_GYRATION[1]:
+            return words
+    return ""
 
 
 def _estimate(value: float, changes: dict[str, float]) -> Estimate:

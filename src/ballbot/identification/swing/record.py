@@ -24,6 +24,8 @@ _SMALLEST = 0.05
 _AS_LARGE = 0.97
 #: an angle beyond this is none of a pendulum, or in degrees [rad]
 _LARGEST_ANGLE = 3.0
+#: a rate over 2 pi / period beyond this is none of a pendulum: let go at 2 rad, it has 2.3
+_LARGEST_RATE = 2.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,7 +127,13 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     largest = float(np.abs(smooth[peaks]).max())
     if kind == "angle" and largest > _LARGEST_ANGLE:
         raise InputError(
-            f"{source} swings to {largest:.3g} rad; that is no pendulum's, look whether it is in degrees."
+            f"{source} swings to {largest:.3g} rad; that is no pendulum's, look whether it is in degrees (then "
+            "multiply it by pi/180)."
+        )
+    if kind == "rate" and largest * period / (2.0 * np.pi) > _LARGEST_RATE:
+        raise InputError(
+            f"{source} swings with {largest:.3g} rad/s in {period:.3g} s, more than a pendulum that turns over; look "
+            "whether it is in degrees per second (then multiply it by pi/180)."
         )
     top = int(peaks[np.argmax(np.abs(smooth[peaks]) > _AS_LARGE * largest)])
     crossings = np.flatnonzero(smooth[top:-1] * smooth[top + 1 :] <= 0.0)

@@ -12,11 +12,11 @@ from ballbot.identification.swing.inertia import Estimate, Pivot, SwingInertia
 from ballbot.identification.swing.pendulum import period_growth
 from ballbot.robot import Robot
 
-#: a fit that leaves more than this share of the motion is told [-]
-_MUCH_LEFT = 0.05
+#: digits of a value beyond these are the integration's, not the swing's
+_DIGITS = 6
 
 
-def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[str]:
+def swing_remarks(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[str]:
     """Return what the swing says, in words, the answer first."""
     one = found.about_ball_center
     sentences = [
@@ -34,11 +34,6 @@ def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[str
         cause, share = max(found.about_center_of_mass.shares.items(), key=lambda item: item[1])
         sentences.append(
             f"About the centre of mass, {100.0 * share:.0f} % of the variance come from the {cause}."
-        )
-    if fit.residual > _MUCH_LEFT:
-        sentences.append(
-            f"A pendulum leaves {100.0 * fit.residual:.0f} % of the motion unexplained: look for a pivot that slides, "
-            "a second mode or a hand that touched the body."
         )
     return sentences
 
@@ -85,15 +80,18 @@ def swing_rows(fit: SwingFit, found: SwingInertia) -> list[list[str]]:
 
 
 def _known(value: float, half_width: float) -> str:
-    """Return value and half width with two digits of the latter."""
+    """Return value and half width with two digits of the latter, and of the value no more than `_DIGITS`."""
     decimals = max(0, 1 - math.floor(math.log10(half_width))) if half_width > 0.0 else 4
+    if value:
+        decimals = max(0, min(decimals, _DIGITS - 1 - math.floor(math.log10(abs(value)))))
     return f"{value:.{decimals}f} ± {half_width:.{decimals}f}"
 
 
 def _beside_file(one: Estimate, robot: Robot) -> str:
     written = np.diag(robot.body.inertia_about_ball_center())[:2].tolist()
     named = [f"{value:.4g} about {axis}" for value, axis in zip(written, "xy", strict=True)]
-    inside = [abs(value - one.value) <= one.half_width for value in written]
+    # rounding of the file's number is no deviation
+    inside = [abs(value - one.value) <= max(one.half_width, 1e-4 * one.value) for value in written]
     if all(inside):
         return f"the file's {' and '.join(named)} lie within."
     if any(inside):
