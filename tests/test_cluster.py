@@ -113,5 +113,5 @@ def test_no_cluster_is_one_sentence(monkeypatch):
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(InputError, match="There is no Dask cluster with a worker at"):
             Cluster(address)
-    with pytest.raises(InputError, match="There is no Dask cluster with a worker at 'nonsense://a:1'"):
+    with pytest.raises(InputError, match="--cluster is 'nonsense://a:1'; it takes the address"):
         Cluster("nonsense://a:1")

@@ -153,7 +153,7 @@ def test_the_file_of_the_sweep_is_read(tmp_path):
         read_sweep(path, wheel_count=4)
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"parameters": {"b": 3}}', json.dumps(results(correlation={}))])
+@pytest.mark.parametrize("text", ["0", "[]", '{"parameters": {"b": 3}}', json.dumps(results(correlation={}))])
 def test_another_file_is_refused_in_a_sentence(tmp_path, text, capsys):
     path = tmp_path / "results.json"
     path.write_text(text)

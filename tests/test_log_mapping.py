@@ -160,7 +160,7 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
 @pytest.mark.parametrize(
     ("mapping", "sentence"),
     [
-        ("t = ", "is not TOML"),
+        ("t = ", "is not valid TOML"),
         ("", "columns is missing"),
         ('[columns]\ntheta = "a"\n', "lacks t, the time"),
         ('[columns]\nt = "t"\n[filee]\n', "filee is not a key of a mapping file; did you mean 'file'?"),

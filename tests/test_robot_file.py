@@ -189,7 +189,7 @@ MISTAKES = [
     (RADIUS, RADIUS.replace("0.11", "[0.11]"), r"has the value \[0\.11\]; it takes one number"),
     (RADIUS, RADIUS.replace("0.11", "true"), r"has the value True; it takes one number"),
     (RADIUS, RADIUS.replace("0.11", "nan"), r"ball\.radius is nan m; it must be finite"),
-    (RADIUS, RADIUS.replace("0.11", "9" * 400), r"ball\.radius has a value too large"),
+    (RADIUS, RADIUS.replace("0.11", "9" * 400), r"ball\.radius\.value is a whole number too large"),
     (
         RADIUS,
         RADIUS.replace('"m"', '"inch"'),

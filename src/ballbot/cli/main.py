@@ -25,6 +25,9 @@ Example: `ballbot study alten square.csv hold.csv --out found`
 """
 
 
+#: characters of a refusal
+_LONGEST_SENTENCE = 1000
+
 #: packages that not every installation has, and the extra of Ballbot that brings each
 _EXTRAS = {
     "mujoco": "twin",
@@ -179,6 +182,9 @@ def _show_warning(message: Warning | str, *_: object) -> None:
 
 
 def _refuse(sentence: str) -> int:
+    if len(sentence) > _LONGEST_SENTENCE:  # it quotes what a file holds
+        half = _LONGEST_SENTENCE // 2
+        sentence = f"{sentence[:half]} [..] {sentence[-half:]}"
     print(f"ballbot: {sentence}", file=sys.stderr)
     return 2
 

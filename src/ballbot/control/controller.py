@@ -15,6 +15,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
+from ballbot.sizes import SHORTEST_SAMPLE
 
 Compensation = Literal["none", "full", "partial"]
 
@@ -93,6 +94,10 @@ class Controller:
         self.torque_limit = _positive(
             "torque limit", robot.drive.torque_limit if torque_limit is None else torque_limit
         )
+        if self.sample_time < SHORTEST_SAMPLE:
+            raise InputError(
+                f"The controller's sample time is {self.sample_time:g} s; it must be at least {SHORTEST_SAMPLE:g} s."
+            )
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
         parts.check(robot.wheel_count, self.sample_time)

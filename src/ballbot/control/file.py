@@ -6,7 +6,6 @@ The geometry is not in it: a controller is read together with its robot.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +21,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.parts_file import PartsTable, Table, parts_of, parts_text
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.inputs import read_toml
 from ballbot.robot import Friction, Robot
 from ballbot.schema import validated
 
@@ -66,18 +66,9 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
     InputError
         Where the file cannot be read or holds no controller, or its number of wheels is not the robot's.
     """
-    path = Path(path)
+    tree = read_toml(path)
     try:
-        table = validated(
-            ControllerTable, tomllib.loads(path.read_text(encoding="utf-8")), of="a controller file"
-        )
-        return _controller(table, robot)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} is not valid TOML: {error}.") from None
+        return _controller(validated(ControllerTable, tree, of="a controller file"), robot)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

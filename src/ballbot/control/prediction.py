@@ -65,7 +65,7 @@ class DelayPrediction:
             raise InputError(f"The delay to predict over is {delay:g} s; it must be positive.")
         if not (math.isfinite(time) and time > 0.0):
             raise InputError(f"The sample time to predict with is {time:g} s; it must be positive.")
-        count = max(1, math.ceil(delay / time - _ROUNDING))
+        count = max(1, math.ceil(min(delay / time, 2.0 * _MOST) - _ROUNDING))
         if count > _MOST:
             raise InputError(
                 f"The delay to predict over is {delay:g} s; with a sample time of {time:g} s it can be at most "

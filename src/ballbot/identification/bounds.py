@@ -17,13 +17,13 @@ s is friction that hardly ever acts, and traps a search: hence the bound at 0.1 
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
 from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.identification.quantities import BY_NAME, Interval
+from ballbot.inputs import read_toml
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,14 +89,7 @@ def read_bounds(path: str | Path) -> Bounds:
     InputError
         Where the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
     """
-    try:
-        entries = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} is not valid TOML: {error}.") from None
+    entries = read_toml(path)
     names = [field.name for field in fields(Bounds)]
     unknown = [key for key in entries if key not in names]
     if unknown:

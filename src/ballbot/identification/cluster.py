@@ -20,9 +20,11 @@ from distributed import Client, Future
 from distributed.client import FutureCancelledError
 from distributed.scheduler import KilledWorker
 
+from ballbot.errors import InputError
 from ballbot.identification.machine import machine
 from ballbot.identification.spread import Piece, Result, Shared, SpreadError
 
+_KINDS = ("tcp", "tls", "ws", "wss", "ucx")  #: of addresses
 _PATIENCE = 30.0  #: how long a scheduler, and then a first worker, is waited for [s]
 _TASKS_A_THREAD = (
     4  #: pieces are sent in so many lots for each thread of the cluster, to even out their lengths
@@ -40,11 +42,14 @@ class Cluster:
 
     Raises
     ------
+    InputError
+        If that is no address.
     SpreadError
         Where no scheduler answers there, or no worker joins it.
     """
 
     def __init__(self, address: str) -> None:
+        check_address(address)
         try:
             self._client = Client(address, timeout=_PATIENCE, set_as_default=False)
             self._client.wait_for_workers(1, timeout=_PATIENCE)
@@ -106,6 +111,27 @@ class Cluster:
         while len(self._shared) > _KEPT:
             self._shared.popitem(last=False)
         return self._shared[key]
+
+
+def check_address(address: str) -> None:
+    """Do nothing if a text is the address of a scheduler: a host and a port.
+
+    Raises
+    ------
+    InputError
+        If it is not; Dask would wait for a minute and fail.
+    """
+    host, _, port = address.removeprefix(f"{address.partition('://')[0]}://").rpartition(":")
+    kind = address.partition("://")[0] if "://" in address else "tcp"
+    if (
+        kind not in _KINDS
+        or not host
+        or not (port.isascii() and port.isdigit() and 0 < int(port[:6]) < 2**16)
+    ):
+        raise InputError(
+            f"--cluster is {address!r}; it takes the address of a Dask scheduler with its port, as in "
+            "tcp://10.0.0.5:8786."
+        )
 
 
 def _do(

@@ -18,9 +18,9 @@ than `CONTRADICTS` of its errors is left out, and a sentence says so.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from ballbot.identification.checkpoint import digest
 from ballbot.identification.coordinates import Coordinates
 from ballbot.identification.intervals import Interval
 from ballbot.identification.quantities import Layout
+from ballbot.inputs import read_json
 
 #: what the sweep and the logs may differ by, in standard errors of their difference
 CONTRADICTS = 3.0
@@ -79,15 +80,13 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     InputError
         Where the file cannot be read, is not such a file, or is of a robot with another number of wheels.
     """
+    results = cast("dict[str, dict]", read_json(path))
     try:
-        results = json.loads(Path(path).read_text(encoding="utf-8"))
         tables = [results[name] for name in ("parameters", "standard_errors")]
         values, errors = (np.array([table[s] for s in _SYMBOLS], dtype=float).T for table in tables)
         places = [results["correlation"]["labels"].index(symbol) for symbol in _SYMBOLS]
         correlations = np.array(results["correlation"]["matrices"], dtype=float)
         correlations = correlations[:, places][:, :, places]
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     except (ValueError, KeyError, TypeError, IndexError, AttributeError):
         raise InputError(
             f"{path} is no results.json of `ballbot identify-driveline`; give that file."

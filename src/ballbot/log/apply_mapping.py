@@ -22,6 +22,7 @@ from ballbot.log.columns import numbered
 from ballbot.log.drive_input import DutyInput
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source
 from ballbot.log.sampling_times import fresh, sampling_times
+from ballbot.sizes import rows_between
 
 #: [s] by which rounding may move a delayed row past the one it belongs to
 _ROUNDING = 1e-9
@@ -60,7 +61,8 @@ def apply_mapping(
         raw |= {name: carried_on(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
     sampled = _sampled(mapping, t, raw)
     even = mapping.timing.sample_time
-    rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from)
+    count = len(mapping.columns) + len(mapping.derivatives) + 10
+    rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
     columns: Columns = {"t": rows}
     shift = not np.array_equal(rows, sampled)
     for name, source in mapping.columns.items():
@@ -108,6 +110,9 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
         Where they do not increase.
     """
     t = _scaled("t", mapping.columns["t"], table)
+    lost = np.flatnonzero(~np.isfinite(t))
+    if lost.size:
+        raise InputError(f"The time is missing or not finite at row {lost[0] + 1}; every row needs its time.")
     wrong = np.flatnonzero(~(np.diff(t) > 0.0))
     if wrong.size:
         raise InputError(
@@ -122,8 +127,11 @@ def sensor_delay(mapping: LogMapping) -> float:
     return max(measured)
 
 
-def _even_rows(t: NDArray[np.float64], interval: float, counted_from: float) -> NDArray[np.float64]:
-    """Return the times within the table's that lie whole intervals from `counted_from`."""
+def _even_rows(
+    t: NDArray[np.float64], interval: float, counted_from: float, *, columns: int
+) -> NDArray[np.float64]:
+    """Return the times within the table's that lie whole intervals from `counted_from`; refuse too many."""
+    rows_between(float(t[-1] - t[0]), interval, columns=columns, source="By the mapping's t, the file")
     # a part of an interval more at either end, so that a row that rounding moved is kept
     first = math.ceil((t[0] - counted_from) / interval - 1e-6)
     last = math.floor((t[-1] - counted_from) / interval + 1e-6)

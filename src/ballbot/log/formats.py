@@ -7,11 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.inputs import decoded
 from ballbot.log.columns import KNOWN_NAMES
 from ballbot.log.parquet_table import read_parquet_table, write_parquet_table
 from ballbot.log.text_table import TextLayout, read_text_table, write_text_table
 
 _TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".log")
+#: bytes of a header that are looked at
+_LONGEST_HEADER = 100_000
 
 
 def is_foreign(path: str | Path) -> bool:
@@ -24,8 +27,12 @@ def is_foreign(path: str | Path) -> bool:
         return False
     if path.suffix.lower() == ".parquet":
         return not _own(read_parquet_table(path))
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        header = stream.readline()
+    try:
+        with path.open("rb") as stream:
+            start = stream.readline(_LONGEST_HEADER)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    header = decoded(start, source=str(path), errors="replace")
     return bool(header.strip()) and not _own(cell.strip().strip('"') for cell in header.split(","))
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 DEGREE = 3
+#: rows fitted at once; more would take much memory and not less time
+_AT_ONCE = 2000
 
 
 def local_fit(
@@ -30,13 +32,19 @@ def local_fit(
         Values, and rates in units of `values` over those of `t`.
     """
     offsets = np.arange(-rows, rows + 1)
-    places = np.clip(np.arange(len(t))[:, None] + offsets, 0, len(t) - 1)
     weights = (1.0 - np.abs(offsets / (rows + 1.0)) ** 3) ** 3
-    scale = max(float(np.median(t[places[:, -1]] - t[places[:, 0]])) / 2.0, 1e-12)
-    powers = ((t[places] - t[:, None]) / scale)[..., None] ** np.arange(DEGREE + 1)
-    normal = np.einsum("nki,k,nkj->nij", powers, weights, powers)
-    # rows that share one time leave the fit without a slope; this makes it zero
-    normal += 1e-9 * np.eye(DEGREE + 1)
-    right = np.einsum("nki,k,nkc->nic", powers, weights, values[places] - values[:, None])
-    found = np.linalg.solve(normal, right)
-    return values + found[:, 0], found[:, 1] / scale
+    every = np.arange(len(t))
+    reach = t[np.minimum(every + rows, len(t) - 1)] - t[np.maximum(every - rows, 0)]
+    scale = max(float(np.median(reach)) / 2.0, 1e-12)
+    smooth, rates = np.empty_like(values), np.empty_like(values)
+    for first in range(0, len(t), _AT_ONCE):
+        block = every[first : first + _AT_ONCE]
+        places = np.clip(block[:, None] + offsets, 0, len(t) - 1)
+        powers = ((t[places] - t[block, None]) / scale)[..., None] ** np.arange(DEGREE + 1)
+        normal = np.einsum("nki,k,nkj->nij", powers, weights, powers)
+        # rows that share one time leave the fit without a slope; this makes it zero
+        normal += 1e-9 * np.eye(DEGREE + 1)
+        right = np.einsum("nki,k,nkc->nic", powers, weights, values[places] - values[block, None])
+        found = np.linalg.solve(normal, right)
+        smooth[block], rates[block] = values[block] + found[:, 0], found[:, 1] / scale
+    return smooth, rates

@@ -22,10 +22,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, numbered
+from ballbot.sizes import length_words
 
 if TYPE_CHECKING:
     from ballbot.log.mapping import LogMapping
 
+#: no log is longer [s]
+LONGEST = 7.0 * 86400.0
+#: in what a time is that was taken for seconds, by the interval that rows at 1 to 1000 Hz then seem to have [s]
+_CLOCKS = (("nanoseconds", 1e6), ("microseconds", 1e3), ("milliseconds", 1.0))
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
 
@@ -276,6 +281,27 @@ def _check_time(t: NDArray[np.float64]) -> None:
             f"Time {what} at row {k + 1}: t = {t[k]:.9g} s after {t[k - 1]:.9g} s; it must increase row by "
             f"row."
         )
+    span = float(t[-1] - t[0])
+    if span > LONGEST:
+        raise InputError(f"The log spans {length_words(span)}{_why_long(t)}")
+
+
+def _why_long(t: NDArray[np.float64]) -> str:
+    """Return the rest of the sentence on a log that is too long: one stray time, or a wrong unit."""
+    intervals = np.diff(t)
+    k = int(np.argmax(intervals))
+    usual = float(np.median(intervals))
+    if intervals[k] > 0.5 * (t[-1] - t[0]):
+        return (
+            f": t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. Correct that time, or leave out the rows "
+            "on one side of it."
+        )
+    units = [word for word, least in _CLOCKS if usual >= least]
+    perhaps = f" and is perhaps in {units[0]}" if units else ""
+    return (
+        f", rows every {length_words(usual)}: t is in seconds{perhaps}. A mapping file converts it; at most "
+        f"{length_words(LONGEST)} are read."
+    )
 
 
 def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:

@@ -56,11 +56,11 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 from ballbot.errors import InputError
+from ballbot.inputs import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.log.columns import KNOWN_NAMES, unit_of
 from ballbot.log.drive_input import CurrentInput, DriveInput, DutyInput, TorqueInput
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing
@@ -92,13 +92,7 @@ def read_mapping(path: str | Path) -> LogMapping:
         Where the file cannot be read, is not TOML, or does not say how to make a log: the key, and what is
         right.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not TOML: {error}.") from None
-    return parse_mapping(text, source=str(path))
+    return parse_mapping(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
 
 
 def parse_mapping(text: str, *, source: str) -> LogMapping:
@@ -109,10 +103,9 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
     InputError
         As `read_mapping`.
     """
+    tree = parse_toml(text, source=source)
     try:
-        return _mapping(validated(MappingTable, tomllib.loads(text), of="a mapping file"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source} is not TOML: {error}.") from None
+        return _mapping(validated(MappingTable, tree, of="a mapping file"))
     except InputError as error:
         raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
 

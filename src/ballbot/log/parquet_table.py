@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
+from ballbot.inputs import LARGEST_TABLE, read_bytes
+from ballbot.sizes import check_table, size_words
 
 _NO_PYARROW = "Parquet files need pyarrow: pip install 'ballbot[formats]', or use CSV."
 
@@ -26,20 +28,39 @@ def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
         from pyarrow import parquet
     except ImportError:
         raise InputError(_NO_PYARROW) from None
+    content = read_bytes(path)
     try:
-        content = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    try:
-        table = parquet.ParquetFile(io.BytesIO(content)).read()
-    except (OSError, pyarrow.ArrowException):
+        file = parquet.ParquetFile(io.BytesIO(content))
+        _check_size(path, file.metadata, file.schema_arrow)
+        table = file.read()
+    except (OSError, ValueError, pyarrow.ArrowException, MemoryError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path} cannot be read: it is not a whole Parquet file.") from None
-    names = table.column_names
+    if not len(table):
+        raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
+    return {name: _numbers(table.column(name)) for name in table.column_names}
+
+
+def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMetaData and Schema
+    """Refuse by what a file says of itself, before its columns are read."""
+    import pyarrow
+
+    names = schema.names
     if len(set(names)) < len(names):
         raise InputError(f"{path} has two columns of the same name.")
-    if not names or not len(table):
+    if not names or not metadata.num_rows:
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
-    return {name: _numbers(path, name, table.column(name)) for name in names}
+    check_table(metadata.num_rows, len(names), source=str(path))
+    for field in schema:
+        if not (pyarrow.types.is_floating(field.type) or pyarrow.types.is_integer(field.type)):
+            raise InputError(f"{path}: the column {field.name} holds {field.type}, where numbers belong.")
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    unpacked = sum(group.column(c).total_uncompressed_size for group in groups for c in range(len(names)))
+    if unpacked > LARGEST_TABLE:
+        raise InputError(
+            f"{path} unpacks to {size_words(unpacked)}, and at most {size_words(LARGEST_TABLE)} are read."
+        )
 
 
 def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
@@ -60,10 +81,5 @@ def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float
     write_bytes(path, stream.getvalue())
 
 
-def _numbers(path: str | Path, name: str, column) -> NDArray[np.float64]:  # column: pyarrow.ChunkedArray
-    import pyarrow
-
-    kind = column.type
-    if not (pyarrow.types.is_floating(kind) or pyarrow.types.is_integer(kind)):
-        raise InputError(f"{path}: the column {name} holds {kind}, where numbers belong.")
+def _numbers(column) -> NDArray[np.float64]:  # column: pyarrow.ChunkedArray
     return column.to_numpy(zero_copy_only=False).astype(np.float64)

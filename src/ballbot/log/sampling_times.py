@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.log.local_fit import local_fit
 
 #: a, the usual error of a row's time [s]: messages come every 5 ms, or 10
@@ -24,6 +25,8 @@ SPREAD = 2e-3
 ANGLE_NOISE = 6e-4
 #: the smooth course looks this far to each side [s]
 REACH = 0.06
+#: the shortest usual interval between rows [s]: 10 kHz
+SHORTEST = 1e-4
 ROUNDS = 6
 #: wheels must turn this fast [rad/s], root of the sum of squares, for their noise to be judged
 FAST = 3.0
@@ -120,5 +123,11 @@ def _noise(
 
 
 def _rows(t: NDArray[np.float64]) -> int:
-    """Return how many rows the smooth course takes on each side."""
-    return max(4, round(REACH / float(np.median(np.diff(t)))))
+    """Return how many rows the smooth course takes on each side; refuse intervals that no encoder has."""
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else REACH
+    if usual < SHORTEST:
+        raise InputError(
+            f"Rows come every {usual:.3g} s, and repair needs {SHORTEST:g} s or more between rows: correct the "
+            "unit of t, which is in seconds."
+        )
+    return max(4, round(REACH / usual))

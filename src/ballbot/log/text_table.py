@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.inputs import read_text
+from ballbot.sizes import check_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +57,7 @@ def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[n
     """
     lines = _read_lines(path)
     names = _names(path, lines, layout)
+    check_table(len(lines), len(names), source=str(path))
     body = lines[layout.header_lines :]
     table = _parse_fast(body, names, layout)
     if table is None:
@@ -87,12 +90,7 @@ def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]
 
 
 def _read_lines(path: str | Path) -> list[str]:
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8, where a table of text was expected.") from None
+    text = read_text(path)
     if not text.strip():
         raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
     return text.split("\n")
@@ -104,6 +102,7 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
     number = layout.header_lines
     header = lines[number - 1] if 0 < number <= len(lines) else ""
     names = _cells(header, layout.separator)
+    check_table(0, len(names), source=str(path))
     if all(_is_number(name) for name in names):
         raise InputError(
             f"{path}, line {number}: numbers stand where the header with the column names belongs."
@@ -123,7 +122,9 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
 
 def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
     """Return the table where NumPy's parser takes it as it is, else None."""
-    if layout.missing or not any(line.strip() for line in body):
+    first = next((line for line in body if line.strip()), None)
+    # a row of another width may be millions of cells wide
+    if layout.missing or first is None or len(_cells(first, layout.separator)) != len(names):
         return None
     try:
         table = np.loadtxt(body, delimiter=layout.separator, comments=None, quotechar='"', ndmin=2)

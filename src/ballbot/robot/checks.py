@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.robot.parameters import BY_NAME, PARAMETERS, SOURCES, Parameter, value_of
 from ballbot.robot.units import DIMENSIONLESS, UNITS, to_si
+from ballbot.sizes import SHORTEST_SAMPLE
 
 if TYPE_CHECKING:
     from ballbot.robot.robot import Ball, Body, Drive, Robot, Wheels
@@ -62,6 +63,8 @@ _LARGEST = {
     "wheels.radius": 1.0,
     "wheels.inertia": 1.0,
     "wheels.azimuths": 2.0 * math.pi,
+    "wheels.rollers.rows": 10,
+    "wheels.rollers.per_row": 500,
     "wheels.rollers.radius": 0.3,
     "wheels.rollers.row_spacing": 0.5,
     "drive.motor_inertia": 0.1,
@@ -79,6 +82,9 @@ _LARGEST = {
     "friction.stribeck": 200.0,
     "friction.rolling": 1.0,
 }
+
+#: and sizes below which none is
+_SMALLEST = {"sensors.sample_time": SHORTEST_SAMPLE}
 
 #: share by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -171,6 +177,11 @@ def _check_number(parameter: Parameter, label: str, value: object) -> None:
         raise InputError(f"{said}; it cannot be negative.")
     if number == 0.0 and parameter.name not in _MAY_BE_ZERO:
         raise InputError(f"{said}; it must be above zero.")
+    smallest = _SMALLEST.get(parameter.name, -math.inf)
+    if number < smallest:
+        raise InputError(
+            f"{said}, less than any ball-balancing robot has; at least {smallest:g} is believed."
+        )
     largest = _LARGEST.get(parameter.name, math.inf)
     if abs(number) > largest:
         meant = _meant(number, parameter.unit, largest)

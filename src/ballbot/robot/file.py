@@ -11,13 +11,13 @@ reads back as the same floats.
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.inputs import read_toml
 from ballbot.robot.assembly import Values, assemble
 from ballbot.robot.entry import example, parse_entry
 from ballbot.robot.parameters import BY_NAME, PARAMETERS, Parameter, Value, value_of
@@ -57,17 +57,7 @@ def read_robot(path: str | Path) -> Robot:
     InputError
         Where the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
-    path = Path(path)
-    try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8.") from None
-    except ValueError as error:  # TOMLDecodeError, or a whole number of thousands of digits
-        raise InputError(f"{path} is not valid TOML: {error}.") from None
-    except RecursionError:
-        raise InputError(f"{path} is no robot file: its values are nested too deeply.") from None
+    tree = read_toml(path)
     try:
         return _robot(dict(_leaves(tree)))
     except InputError as error:

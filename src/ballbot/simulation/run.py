@@ -16,11 +16,14 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_an
 from ballbot.mechanics.model import Model
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
+from ballbot.sizes import rows_between
 
 #: the reference's columns in a log, and their places in the state
 _REFERENCES = (0, 1, 4)
 #: no run lasts longer [s]
 LONGEST = 86400.0
+#: columns of a run's log, at most
+_WIDEST = 45
 
 
 def simulate(
@@ -96,11 +99,11 @@ def sample_count(duration: float, sample_time: float) -> int:
         raise InputError(
             f"The duration is {duration:g} s; a run lasts a day at most, {LONGEST:g} s, or its log fills the memory."
         )
-    if not (np.isfinite(duration) and round(duration / sample_time) >= 1):
+    if not (np.isfinite(duration) and duration / sample_time > 0.5):
         raise InputError(
             f"The duration is {duration:g} s; it must be at least one sample of {sample_time:g} s."
         )
-    return round(duration / sample_time)
+    return rows_between(duration + 0.5 * sample_time, sample_time, columns=_WIDEST, source="The duration")
 
 
 def _decide(

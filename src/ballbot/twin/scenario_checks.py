@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 
 from ballbot.errors import InputError
 from ballbot.robot.robot import Robot
+from ballbot.sizes import SHORTEST_SAMPLE, SHORTEST_STEP
 from ballbot.twin.scenario import Scenario
 
 #: sizes that may be below zero; all others are zero or more
@@ -34,6 +35,19 @@ _POSITIVE = (
     "speed_window",
 )
 
+#: sizes that decide how much is computed or kept, and the most that is
+_LARGEST = {
+    "delay": 1000.0,  # samples
+    "latency": 10.0,
+    "speed_window": 10_000.0,
+    "per_row": 500.0,
+    "sample_time": 1.0,
+    "lean_error_time": 1e6,
+}
+_SMALLEST = {"sample_time": SHORTEST_SAMPLE, "timestep": SHORTEST_STEP, "wavelength": 1e-3}
+#: pushes in a run
+_MOST_PUSHES = 1000
+
 #: how much of a step the fastest swing that is computed explicitly may take [rad]
 _LARGEST_PHASE = 1.0
 
@@ -42,6 +56,8 @@ _STEEPEST_FLOOR = 0.2  # [rad]
 
 def check_scenario(scenario: Scenario, robot: Robot) -> None:
     """Raise `InputError` where the scenario cannot be simulated with that robot."""
+    if len(scenario.pushes) > _MOST_PUSHES:
+        raise InputError(f"there are {len(scenario.pushes)} pushes; a run has at most {_MOST_PUSHES}.")
     _check_sizes(scenario, "")
     _check_wheels(scenario, robot)
     _check_shares(scenario)
@@ -69,6 +85,10 @@ def _check_number(value: float, name: str, key: str) -> None:
         raise InputError(f"{name} is {value:g}; it must be above zero.")
     if key not in _SIGNED and value < 0:
         raise InputError(f"{name} is {value:g}; it must be zero or more.")
+    smallest, largest = _SMALLEST.get(key, -math.inf), _LARGEST.get(key, math.inf)
+    if not smallest <= value <= largest:
+        bound = f"at least {smallest:g}" if value < smallest else f"at most {largest:g}"
+        raise InputError(f"{name} is {value:g}; it must be {bound}.")
 
 
 def _check_wheels(scenario: Scenario, robot: Robot) -> None:

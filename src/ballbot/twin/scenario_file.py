@@ -13,7 +13,6 @@ base has on. Units are SI. A file written by `write_scenario` says everything an
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -22,6 +21,7 @@ from types import NoneType
 from typing import get_args, get_type_hints
 
 from ballbot.errors import InputError
+from ballbot.inputs import read_toml
 from ballbot.robot.robot import Robot
 from ballbot.schema import validated
 from ballbot.twin.bristles import LAW_NAMES, BristleLaw
@@ -40,19 +40,11 @@ def read_scenario(path: str | Path, robot: Robot) -> Scenario:
         Where the file cannot be read, is no TOML, misspells a key, or describes no scenario of that robot.
     """
     path = Path(path)
+    tree = read_toml(path)
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
         return scenario_of(tree, robot, default_name=path.stem)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8.") from None
-    except RecursionError:
-        raise InputError(f"{path} is no scenario file: its values are nested too deeply.") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except ValueError as error:  # TOMLDecodeError, or a whole number of thousands of digits
-        raise InputError(f"{path} is not valid TOML: {error}.") from None
 
 
 def scenario_of(changes: Mapping[str, object], robot: Robot, *, default_name: str) -> Scenario:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from ballbot.errors import InputError
 from ballbot.identification.coordinates import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
+from ballbot.inputs import read_json
 from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Robot
 
@@ -51,12 +52,10 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
     InputError
         Where the file cannot be read or is not such a file.
     """
+    results = cast("dict[str, dict]", read_json(path))
     try:
-        results = json.loads(Path(path).read_text(encoding="utf-8"))
         errors = results["held_out"]["rmse_with_friction"]
         values = np.array([errors[name] for name in STATE_NAMES], dtype=np.float64)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{path} is no results.json of `ballbot identify`; give that file.") from None
     if not np.all(np.isfinite(values) & (values > 0.0)):

@@ -21,6 +21,7 @@ from ballbot.control.reference_file import is_file
 from ballbot.errors import InputError
 from ballbot.experiments.league.course import Asked, Course, Unlike
 from ballbot.experiments.metrics import SETTLE
+from ballbot.inputs import read_toml
 from ballbot.robot import Robot
 from ballbot.schema import validated
 from ballbot.twin.scenario_file import scenario_of
@@ -101,14 +102,7 @@ def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Cours
         Where the file cannot be read, is no TOML, or describes no courses.
     """
     path = Path(path)
-    try:
-        sets = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file in UTF-8.") from None
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
-        raise InputError(f"{path} is not valid TOML: {error}.") from None
+    sets = read_toml(path)
     courses = []
     for group, tables in sets.items():
         if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):

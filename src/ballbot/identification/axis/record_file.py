@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.identification.axis.mat_file import Variables, read_mat
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop, even_sample_time
 from ballbot.log.formats import read_columns
-
-Variables = dict[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,23 +96,7 @@ def _with_span(
 
 
 def _read_variables(path: Path) -> Variables:
-    if path.suffix.lower() != ".mat":
-        return read_columns(path)
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        with path.open("rb") as stream:
-            content = loadmat(stream)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except (MatReadError, ValueError, NotImplementedError) as error:
-        raise InputError(f"{path} is no MATLAB file of version 7 or before: {error}.") from None
-    return {
-        key: np.asarray(value, dtype=float).ravel()
-        for key, value in content.items()
-        if not key.startswith("__") and isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
-    }
+    return read_mat(path) if path.suffix.lower() == ".mat" else read_columns(path)
 
 
 def _variable(name: str, variables: Variables, wanted: str) -> NDArray[np.float64]:

@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.inputs import decoded, read_bytes
 from ballbot.log.parquet_table import read_parquet_table
 from ballbot.log.text_table import TextLayout, read_text_table
+from ballbot.sizes import check_table
 
 _SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
 #: lines looked at to find the separator and the header
 _LOOKED_AT = 200
+#: bytes; every cell of an unknown layout is looked at
+_LARGEST = 100_000_000
 _NOT_A_NUMBER = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 
 
@@ -56,6 +60,7 @@ def read_foreign_table(path: str | Path) -> ForeignTable:
     first = _first_row(cells, numeric)
     widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
     width = max(widths, key=lambda count: widths[count])
+    check_table(len(lines), width, source=str(path))
     names, notes = _names(cells[:first], width)
     words = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
     damaged = sum(
@@ -84,10 +89,7 @@ def read_foreign_table(path: str | Path) -> ForeignTable:
 
 
 def _lines(path: str | Path) -> list[str]:
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    text = decoded(read_bytes(path, largest=_LARGEST), source=str(path), errors="replace")
     if not text.strip():
         raise InputError(f"{path} is empty; a log needs rows of numbers.")
     return text.split("\n")

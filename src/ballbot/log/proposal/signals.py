@@ -12,6 +12,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.sizes import rows_between
+
 #: interval of the even rows [s]
 INTERVAL = 0.005
 #: standard deviation of the weights [s]: balancing happens at 1 to 3 Hz, an IMU's noise is above
@@ -19,6 +21,8 @@ WIDTH = 0.05
 DEGREE = 3
 #: how many standard deviations of the weights are taken to each side
 REACH = 4.0
+#: made of one log at a time
+_COLUMNS = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +35,8 @@ class Smooth:
 
 
 def even_rows(t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return times at even intervals over a log's (M,)."""
+    """Return times at even intervals over a log's (M,); InputError if they are too many."""
+    rows_between(float(t[-1] - t[0]), INTERVAL, columns=_COLUMNS, source="The log")
     return np.arange(t[0], t[-1], INTERVAL)
 
 

@@ -1,0 +1,395 @@
+"""The loaders that are fuzzed: whole inputs of each, and what must hold of everything that a loader accepts."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow
+import scipy.io
+import tomli_w
+from numpy.typing import NDArray
+from pyarrow import parquet
+
+from ballbot.control.file import controller_text, read_controller
+from ballbot.control.nominal import nominal_controller
+from ballbot.control.reference_file import read_reference, reference_text
+from ballbot.errors import InputError
+from ballbot.experiments.excite.deviations import deviations_found
+from ballbot.experiments.league.course_file import built_in_sets, read_courses
+from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
+from ballbot.identification.bounds import read_bounds
+from ballbot.identification.sweep import read_sweep
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checks import check
+from ballbot.log.log import LONGEST
+from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.log.poses import read_poses
+from ballbot.log.proposal.foreign_table import read_foreign_table
+from ballbot.log.summary import summarize
+from ballbot.robot import Robot
+from ballbot.robot.derived import derived_quantities
+from ballbot.robot.file import read_robot, robot_text
+from ballbot.robot.parameters import PARAMETERS, value_of
+from ballbot.twin import Scenario
+from ballbot.twin.scenario_file import read_scenario
+from ballbot.twin.scenario_text import scenario_text
+
+ALTEN = Robot.load("alten")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Target:
+    """A loader."""
+
+    suffix: str  #: of its files
+    samples: tuple[bytes, ...]  #: contents that it accepts
+    judge: Callable[[Path], None]  #: reads a file and asserts what must hold; InputError where it is refused
+
+
+def targets() -> dict[str, Target]:
+    """Return the loaders by name."""
+    log, film = _log(), _film()
+    raw = _raw()
+    return {
+        "log, CSV": Target(suffix=".csv", samples=(_csv(log), _csv(log, quoted=True)), judge=_judge_log),
+        "log, Parquet": Target(suffix=".parquet", samples=_parquet(log), judge=_judge_log),
+        "foreign table": Target(suffix=".txt", samples=(raw, raw.replace(b"\t", b";")), judge=_judge_foreign),
+        "mapped table": Target(suffix=".txt", samples=(raw,), judge=_judge_mapped),
+        "mapping": Target(suffix=".toml", samples=(MAPPING.encode(), _MAPPING_2.encode()), judge=_judge_mapping),
+        "robot": Target(
+            suffix=".toml",
+            samples=tuple(robot_text(Robot.load(name)).encode() for name in ("alten", "kugle")),
+            judge=_judge_robot,
+        ),
+        "scenario": Target(suffix=".toml", samples=_scenarios(), judge=_judge_scenario),
+        "courses": Target(
+            suffix=".toml", samples=(tomli_w.dumps(dict(built_in_sets())).encode(),), judge=_judge_courses
+        ),
+        "controller": Target(suffix=".toml", samples=_controllers(), judge=_judge_controller),
+        "bounds": Target(suffix=".toml", samples=(_BOUNDS.encode(),), judge=_judge_bounds),
+        "reference": Target(suffix=".csv", samples=(_csv(_reference()),), judge=_judge_reference),
+        "sweep's results": Target(suffix=".json", samples=(_sweep(),), judge=_judge_sweep),
+        "identified errors": Target(suffix=".json", samples=(_errors(),), judge=_judge_deviations),
+        "axis record, CSV": Target(suffix=".csv", samples=(_csv(_axis()),), judge=_judge_axis),
+        "axis record, MATLAB": Target(suffix=".mat", samples=_mat(_axis()), judge=_judge_axis),
+        "motion capture": Target(suffix=".csv", samples=(_csv(film),), judge=_judge_film),
+    }
+
+
+MAPPING = """\
+[file]
+separator = "tab"
+missing = ["NA"]
+header_lines = 1
+damaged_rows = "drop"
+rows = [1, 90]
+
+[time]
+sample_time = 0.01
+keep = [[0.0, 0.5]]
+
+[columns]
+t = { from = "time", unit = "ms" }
+theta = { from = "roll", unit = "deg", sign = -1, offset = 0.01, delay = 0.016 }
+phi = "pitch"
+theta_dot = { derivative_of = "theta" }
+
+[wheels]
+order = [1, 3, 2]
+sign = [1, 1, -1]
+angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480, largest_speed = 40.0 }
+speed = { derivative_of = "angle" }
+
+[input]
+kind = "pwm"
+from = ["d1", "d2", "d3"]
+sign = -1
+scale = 1.0
+delay = 0.012
+supply_voltage = 11.1
+torque_constant = 0.01
+back_emf_constant = 0.01
+resistance = 2.0
+gear_ratio = 70.0
+dead_band = 0.0314
+"""
+_MAPPING_2 = """\
+[time]
+repair = true
+[columns]
+t = { from = "time", unit = "ms" }
+[attitude]
+from = ["roll", "pitch", "yaw"]
+unit = "deg"
+sign = [1, 1, 1]
+turn = 30.0
+delay = 0.016
+[wheels]
+angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
+[input]
+kind = "current"
+from = ["d1", "d2", "d3"]
+torque_constant = 0.01
+gear_ratio = 70.0
+"""
+_BOUNDS = """\
+viscous = [0.0, 0.1]
+coulomb = [0.0, 0.5]
+stribeck_speed = [0.1, 3.0]
+stribeck_exponent = [0.3, 10.0]
+rolling = [0.0, 0.05]
+delay = [0.012, 0.012]
+lean_bias = [-0.1, 0.1]
+"""
+
+
+def _log(rows: int = 60) -> Log:
+    t = 0.005 * np.arange(rows)
+    names = [*(f"u{i}" for i in (1, 2, 3)), *STATE_NAMES, *(f"wheel{i}" for i in (1, 2, 3))]
+    names += [*(f"wheel{i}_dot" for i in (1, 2, 3)), "gyro_x", "gyro_y", "gyro_z"]
+    random = np.random.default_rng(1)
+    waves = {name: np.round(0.1 * np.sin((1.0 + k) * t + k), 6) for k, name in enumerate(names)}
+    return Log({"t": t} | {name: wave + 1e-4 * random.standard_normal(rows) for name, wave in waves.items()})
+
+
+def _film() -> Log:
+    t = 0.01 * np.arange(60)
+    zero = np.zeros_like(t)
+    angle = 0.1 * np.sin(t)
+    columns = {"t": t, "x": 0.1 * t, "y": zero, "z": zero + 0.11, "qw": np.cos(angle / 2), "qx": np.sin(angle / 2)}
+    return Log(columns | {"qy": zero, "qz": zero})
+
+
+def _reference() -> Log:
+    t = 0.5 * np.arange(12)
+    return Log({"t": t, "ref_x": np.sin(t), "ref_y": np.cos(t), "ref_psi": 0.0 * t})
+
+
+def _axis() -> Log:
+    t = 0.001 * np.arange(200)
+    return Log({"t": t, "position": np.sin(5.0 * t), "force": np.cos(5.0 * t), "reference": np.sin(5.0 * t + 0.1)})
+
+
+def _csv(log: Log, *, quoted: bool = False) -> bytes:
+    mark = '"' if quoted else ""
+    rows = np.column_stack([log[name] for name in log.names]).tolist()
+    lines = [",".join(f"{mark}{name}{mark}" for name in log.names)]
+    lines += [",".join("" if quoted and k == 7 else f"{value:.9g}" for k, value in enumerate(row)) for row in rows]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _parquet(log: Log) -> tuple[bytes, ...]:
+    contents = []
+    for compression in ("snappy", "none"):
+        stream = io.BytesIO()
+        parquet.write_table(pyarrow.table(dict(log.columns)), stream, compression=compression)
+        contents.append(stream.getvalue())
+    return tuple(contents)
+
+
+def _mat(log: Log) -> tuple[bytes, ...]:
+    variables = dict(log.columns) | {"kp": 3.0, "words": "text", "table": np.eye(3), "cell": np.array([1, "a"], object)}
+    contents = []
+    for version, packed in (("5", False), ("5", True), ("4", False)):
+        stream = io.BytesIO()
+        kept = {name: value for name, value in variables.items() if version == "5" or name != "cell"}
+        scipy.io.savemat(stream, kept, format=version, do_compression=packed)
+        contents.append(stream.getvalue())
+    return tuple(contents)
+
+
+def _raw() -> bytes:
+    lines = ["time\troll\tpitch\tyaw\tenc_1\tenc_2\tenc_3\td1\td2\td3"]
+    for k in range(100):
+        angles = [f"{np.sin(0.05 * k + i):.4f}" for i in range(3)]
+        counts = [str(round(1000 * np.sin(0.03 * k + i))) for i in range(3)]
+        duties = [f"{0.3 * np.cos(0.1 * k + i):.3f}" for i in range(3)]
+        lines.append("\t".join([str(5 * k), *angles, *counts, *duties]))
+    return "\n".join(lines).encode()
+
+
+def _scenarios() -> tuple[bytes, ...]:
+    from ballbot.twin.faults import Payload, Push, Roughness, Timing
+
+    nominal = Scenario.nominal(ALTEN)
+    full = replace(
+        nominal,
+        name="full",
+        pushes=(Push(time=1.0, duration=0.1, force=(10.0, 0.0, 0.0), height=0.4),),
+        payload=Payload(mass=1.0, position=(0.0, 0.1, 0.5)),
+        roughness=Roughness(height=1e-4, wavelength=0.05, seed=1),
+        timing=Timing(delay=1, jitter=1e-3),
+    )
+    return scenario_text(nominal).encode(), scenario_text(full).encode()
+
+
+def _controllers() -> tuple[bytes, ...]:
+    plain = controller_text(nominal_controller(ALTEN, compensation="full"))
+    parts = "\n[shaping]\nfrequency = 4.0\n[integral]\ngain = [[1.0, 0.0, 0.1], [0.5, 1.0, 0.1], [0.0, 1.0, 0.1]]\n"
+    parts += "[standstill]\n[load_scaling]\nshare = 0.5\n[lean_bound]\n[prediction]\ndelay = 0.01\n"
+    return plain.encode(), (plain + parts).encode()
+
+
+def _sweep() -> bytes:
+    parameters = {"b": [0.01, 0.02, 0.015], "c": [0.1, 0.2, 0.15]}
+    labels = {"labels": ["b", "c"], "matrices": [[[1.0, 0.2], [0.2, 1.0]]] * 3}
+    return json.dumps(
+        {"parameters": parameters, "standard_errors": parameters, "correlation": labels}, indent=1
+    ).encode()
+
+
+def _errors() -> bytes:
+    errors = {name: 0.001 * (k + 1) for k, name in enumerate(STATE_NAMES)}
+    return json.dumps({"held_out": {"rmse_with_friction": errors}}, indent=1).encode()
+
+
+def _judge_log(path: Path) -> None:
+    log = Log.read(path)
+    _assert_log(log)
+    summarize(log)
+    check(log, robot=ALTEN)
+    for suffix in (".csv", ".parquet"):
+        copy = path.with_name(f"copy{suffix}")
+        try:
+            log.write(copy)
+        except InputError as error:
+            assert "cannot be written to CSV; use a plain word" in str(error)
+            continue
+        _assert_same(log, Log.read(copy))
+
+
+def _assert_log(log: Log) -> None:
+    assert len(log) > 0
+    assert np.isfinite(log.t).all()
+    assert (np.diff(log.t) > 0.0).all()
+    assert log.t[-1] - log.t[0] <= LONGEST
+    for name in log.names:
+        assert log[name].shape == log.t.shape
+        assert not np.isinf(log[name]).any(), f"{name} holds an infinity"
+
+
+def _assert_same(log: Log, copy: Log) -> None:
+    assert copy.names == log.names
+    for name in log.names:
+        assert np.array_equal(log[name], copy[name], equal_nan=True), f"{name} was not read back"
+
+
+def _judge_foreign(path: Path) -> None:
+    table = read_foreign_table(path)
+    lengths = {values.shape for values in table.columns.values()}
+    assert len(lengths) == 1
+    assert not any(np.isinf(values).any() for values in table.columns.values())
+
+
+def _judge_mapped(path: Path) -> None:
+    _assert_log(Log.read(path, mapping=parse_mapping(MAPPING, source="the mapping")))
+
+
+def _judge_mapping(path: Path) -> None:
+    mapping = read_mapping(path)
+    raw = path.with_name("raw.txt")
+    raw.write_bytes(_raw())
+    _assert_log(Log.read(raw, mapping=mapping))
+
+
+def _judge_robot(path: Path) -> None:
+    robot = read_robot(path)
+    for parameter in PARAMETERS:
+        assert np.isfinite(np.asarray(value_of(robot, parameter), float)).all()
+    assert all(math.isfinite(one.value) for one in derived_quantities(robot))
+    copy = path.with_name("copy.toml")
+    copy.write_text(robot_text(robot), encoding="utf-8")
+    assert read_robot(copy) == robot
+
+
+def _judge_scenario(path: Path) -> None:
+    scenario = read_scenario(path, ALTEN)
+    _assert_finite(scenario)
+    copy = path.with_name("copy.toml")
+    copy.write_text(scenario_text(scenario), encoding="utf-8")
+    assert read_scenario(copy, ALTEN) == scenario
+
+
+def _assert_finite(value: Any) -> None:
+    if is_dataclass(value):
+        for field in fields(value):
+            _assert_finite(getattr(value, field.name))
+    elif isinstance(value, tuple | list):
+        for one in value:
+            _assert_finite(one)
+    elif isinstance(value, int | float):
+        assert math.isfinite(value)
+
+
+def _judge_courses(path: Path) -> None:
+    for course in read_courses(path, ALTEN, "twin"):
+        assert 0.0 < course.duration <= 86400.0
+        assert math.isfinite(course.settle)
+        _assert_reference(course.asked.reference())
+        _assert_finite(course.scenario)
+
+
+def _assert_reference(reference: Callable[[float], NDArray[np.float64]]) -> None:
+    for t in (0.0, 0.005, 1.0, 37.3, 86400.0):
+        wanted = reference(t)
+        assert wanted.shape == (10,)
+        assert np.isfinite(wanted).all()
+
+
+def _judge_controller(path: Path) -> None:
+    controller = read_controller(path, ALTEN)
+    copy = path.with_name("copy.toml")
+    copy.write_text(controller_text(controller), encoding="utf-8")
+    assert controller_text(read_controller(copy, ALTEN)) == controller_text(controller)
+    controller.reset()
+    for k, lean in enumerate((0.0, 0.01, -0.1)):
+        state = np.array([0.1, 0.0, lean, -lean, 0.2, 0.0, 0.1, lean, 0.0, 0.0])
+        torques = controller.update(k * controller.sample_time, state, np.zeros(10))
+        assert np.isfinite(torques).all()
+        assert np.abs(torques).max() <= controller.torque_limit * (1.0 + 1e-12)
+
+
+def _judge_bounds(path: Path) -> None:
+    bounds = read_bounds(path)
+    for name in bounds.given:
+        lower, upper = bounds.interval(name) or (math.nan, math.nan)
+        assert math.isfinite(lower)
+        assert lower <= upper < math.inf
+
+
+def _judge_reference(path: Path) -> None:
+    _assert_reference(read_reference(path))
+    copy = path.with_name("copy.csv")
+    copy.write_text(reference_text(path))
+    assert reference_text(copy) == reference_text(path)
+
+
+def _judge_sweep(path: Path) -> None:
+    sweep = read_sweep(path, wheel_count=3)
+    assert np.isfinite(sweep.values).all()
+    assert not np.isinf(sweep.covariances).any()
+
+
+def _judge_deviations(path: Path) -> None:
+    values = deviations_found(path)
+    assert values.shape == (10,)
+    assert (np.isfinite(values) & (values > 0.0)).all()
+
+
+def _judge_axis(path: Path) -> None:
+    record = read_axis_record(path, AxisColumns(reference="reference"))
+    assert np.isfinite(record.force).all()
+    assert np.isfinite(record.position).all()
+    assert 0.0 < record.sample_time < math.inf
+
+
+def _judge_film(path: Path) -> None:
+    poses = read_poses(Log.read(path))
+    assert np.isfinite(poses.t).all()

@@ -1,0 +1,393 @@
+"""Sizes are known before memory is asked for them, and what is no file of a sensible size is refused in a sentence."""
+
+import os
+import re
+import resource
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from log_examples import smooth_log
+from pyarrow import parquet
+
+from ballbot import InputError
+from ballbot.cli.main import main
+from ballbot.control.file import controller_text, read_controller
+from ballbot.control.nominal import nominal_controller
+from ballbot.experiments.excite.deviations import deviations_found
+from ballbot.experiments.league.course_file import read_courses
+from ballbot.identification.axis import mat_file
+from ballbot.identification.axis.mat_file import parse_mat, read_mat
+from ballbot.identification.bounds import read_bounds
+from ballbot.identification.sweep import read_sweep
+from ballbot.inputs import parse_toml, read_json, read_text
+from ballbot.log import Log
+from ballbot.log.local_fit import local_fit
+from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.robot import Robot
+from ballbot.robot.file import read_robot, robot_text
+from ballbot.simulation.run import sample_count
+from ballbot.sizes import MOST_CELLS, MOST_ROWS, length_words, rows_between
+from ballbot.twin.scenario_file import read_scenario
+
+ALTEN = Robot.load("alten")
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "robot": read_robot,
+    "scenario": lambda path: read_scenario(path, ALTEN),
+    "controller": lambda path: read_controller(path, ALTEN),
+    "courses": lambda path: read_courses(path, ALTEN, "twin"),
+    "bounds": read_bounds,
+    "mapping": read_mapping,
+    "sweep": lambda path: read_sweep(path, wheel_count=3),
+    "deviations": deviations_found,
+}
+
+
+@pytest.fixture(autouse=True)
+def little_memory() -> Iterator[None]:
+    """Give the test 3 GB beside what the process has, so that an allocation by a wrong number fails at once."""
+    here = int(re.search(r"VmSize:\s*(\d+)", Path("/proc/self/status").read_text())[1]) * 1024
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (here + 3 * 2**30, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def refused(capsys, *arguments: str | Path) -> str:
+    """Run a command that must end in one sentence, and soon; return the sentence."""
+    began = time.perf_counter()
+    assert main(list(map(str, arguments))) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("ballbot: ")
+    assert said.count("\n") == 1
+    assert time.perf_counter() - began < 10.0
+    return said
+
+
+def log_file(path: Path, t: np.ndarray) -> Path:
+    smooth_log(rows=len(t)).with_columns({"t": t}).write(path) if np.ptp(t) < 1e5 else path.write_text(
+        "t,u1,theta\n" + "".join(f"{one!r},0.1,0.2\n" for one in t.tolist())
+    )
+    return path
+
+
+@pytest.mark.parametrize("place", [0, 812])
+def test_one_stray_time(tmp_path, capsys, place):
+    t = 0.005 * np.arange(813.0)
+    t = t + np.where(
+        np.arange(813) >= max(place, 1), 1.7e9, 0.0
+    )  # a clock that was set after the first row, or
+    said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", t))
+    assert "log.csv: The log spans 54 years: t jumps from " in said
+    assert f"at row {max(place, 1) + 1}. Correct that time" in said
+
+
+@pytest.mark.parametrize(("per_second", "unit"), [(1e9, "nanoseconds"), (1e6, "microseconds")])
+def test_a_time_that_is_not_in_seconds(tmp_path, capsys, per_second, unit):
+    said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", per_second * 0.005 * np.arange(400.0)))
+    assert f"t is in seconds and is perhaps in {unit}" in said
+
+
+MAPPING = """
+[time]
+{time}
+[columns]
+t = {{ from = "t", unit = "{unit}" }}
+[wheels]
+angle = {{ from = ["a", "b"] }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("asked", "unit", "words"),
+    [
+        ("repair = true", "us", "Rows come every 5e-09 s"),
+        ("repair = true\nsample_time = 0.01", "ms", "Rows come every 5e-06 s"),
+        ("sample_time = 5e-9", "s", "3.995 s, which is 799,000,000 rows at intervals of 5e-09 s"),
+        ("sample_time = 5e-324", "s", "inf rows"),
+    ],
+)
+def test_a_mapping_with_a_wrong_unit(tmp_path, capsys, asked, unit, words):
+    log = tmp_path / "raw.csv"
+    rows = (f"{0.005 * k!r},{0.01 * k!r},{0.02 * k!r}\n" for k in range(800))
+    log.write_text("t,a,b\n" + "".join(rows))
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(MAPPING.format(time=asked, unit=unit))
+    assert words in refused(capsys, "check-log", log, "--mapping", mapping)
+
+
+def test_a_fit_in_blocks_is_the_fit_of_the_whole():
+    t = 0.001 * np.arange(5000.0)
+    smooth, rates = local_fit(t, np.sin(t)[:, None], rows=60)
+    # a cubic over 0.12 s leaves 0.06^4 / 24 = 5e-7 of a sine of 1 rad/s, and its slope 0.06^3 / 6
+    np.testing.assert_allclose(smooth[:, 0], np.sin(t), rtol=0, atol=5e-7)
+    np.testing.assert_allclose(rates[:, 0], np.cos(t), rtol=0, atol=4e-5)
+
+
+@pytest.mark.parametrize("rows", ["2147483648", "9223372036854775808", "9" * 5000, "0x" + "f" * 6000])
+def test_a_robot_of_two_billion_rings_of_rollers(tmp_path, capsys, rows):
+    path = tmp_path / "robot.toml"
+    path.write_text(re.sub(r"(?m)^rows = \{ value = \d+", f"rows = {{ value = {rows}", robot_text(ALTEN)))
+    words = "rollers.rows" if len(rows) < 5000 or rows[1] == "x" else "is not valid TOML"
+    assert words in refused(capsys, "check", path)
+
+
+@pytest.mark.parametrize("value", ["5e-9", "5e-324"])
+def test_a_sample_time_of_nanoseconds(tmp_path, capsys, value):
+    robot = tmp_path / "robot.toml"
+    written = re.sub(r"(?m)^sample_time = .*$", "", robot_text(ALTEN))
+    entry = f'sample_time = {{ value = {value}, unit = "s", source = "measured" }}'
+    robot.write_text(written.replace("[sensors]", f"[sensors]\n{entry}"))
+    assert "sensors.sample_time" in refused(capsys, "check", robot)
+    controller = tmp_path / "controller.toml"
+    text = controller_text(nominal_controller(ALTEN))
+    controller.write_text(re.sub(r"(?m)^sample_time = .*$", f"sample_time = {value}", text))
+    assert "sample time" in refused(
+        capsys, "simulate", "alten", "--controller", controller, "--out", tmp_path / "out"
+    )
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(f"[sensors]\nsample_time = {value}\n")
+    assert "sensors.sample_time" in refused(capsys, "record", scenario, "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("speed_window = 2147483648", "speed_window"),
+        ("[timing]\ndelay = 2147483648", "timing.delay"),
+        ("[rollers]\nper_row = 2147483647", "rollers.per_row"),
+        ("timestep = 5e-9", "timestep"),
+    ],
+)
+def test_a_scenario_that_asks_for_too_much(tmp_path, line, words):
+    path = tmp_path / "scenario.toml"
+    path.write_text(line)
+    with pytest.raises(InputError, match=words):
+        read_scenario(path, ALTEN)
+
+
+@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"a = " + b"[" * 100_000, "nested too deeply|not valid"),
+        (b"[" + b"a." * 100_000 + b"a]\n", "nested too deeply|not valid"),
+        (b"a" + b" . a" * 100_000 + b" = 1\n", "nested too deeply|not valid"),
+        (b"a = " + b"9" * 5000, "not valid"),
+        (b"#" * 1_000_001, "at most 1 MB are read|not valid"),
+        ("a = 1".encode("utf-16"), "in UTF-16; save it as UTF-8"),
+        (b"\xff\xfd", "is not a text file in UTF-8"),
+        (b"\x00\x01\x02", "not valid"),
+    ],
+)
+def test_settings_that_a_parser_would_drown_in(tmp_path, name, content, words):
+    path = tmp_path / "any.toml"
+    path.write_bytes(content)
+    began = time.perf_counter()
+    with pytest.raises(InputError, match=words) as caught:
+        READERS[name](path)
+    assert "any.toml" in str(caught.value)
+    assert len(str(caught.value)) < 500
+    assert time.perf_counter() - began < 2.0
+
+
+def test_settings_after_a_byte_order_mark(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + robot_text(ALTEN).replace("\n", "\r\n").encode())
+    assert read_robot(path) == ALTEN
+
+
+def test_json_of_depth(tmp_path):
+    path = tmp_path / "results.json"
+    for text in ("[" * 100_000, '{"a":' * 40 + "1" + "}" * 40):
+        path.write_text(text)
+        with pytest.raises(InputError, match="nested too deeply"):
+            read_json(path)
+
+
+@given(st.text(alphabet="a.= \t[]{}\"'#\n1,", max_size=40))
+def test_a_text_is_toml_or_refused(text):
+    try:
+        parse_toml(text, source="any.toml")
+    except InputError as error:
+        if not str(error).startswith("any.toml is "):
+            raise
+
+
+@pytest.mark.parametrize("command", [["check"], ["check-log"], ["identify-axis"]])
+@pytest.mark.parametrize("kind", ["folder", "pipe", "device", "nothing", "zero byte"])
+def test_a_path_that_is_no_file(tmp_path, capsys, command, kind):
+    suffix = {"check": ".toml", "check-log": ".csv", "identify-axis": ".mat"}[command[0]]
+    path = tmp_path / f"a{suffix}"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "zero byte":
+        path = tmp_path / f"a\0b{suffix}"
+    if kind in ("nothing", "zero byte") and command == ["check"]:
+        assert "there is no robot file or preset" in refused(capsys, *command, path)
+        return
+    after = ["--out", tmp_path / "out"] if command == ["identify-axis"] else []
+    words = {
+        "folder": "Is a directory",
+        "pipe": "is a pipe",
+        "device": "is a device",
+        "nothing": "No such file",
+    }
+    assert words.get(kind, "zero byte") in refused(capsys, *command, path, *after)
+
+
+@pytest.mark.parametrize("columns", [1001, 100_000])
+def test_a_log_of_very_many_columns(tmp_path, capsys, columns):
+    path = tmp_path / "wide.csv"
+    names = [f"c{k}" for k in range(columns - 1)]
+    path.write_text(f"t,{','.join(names)}\n" + f"0{',1' * (columns - 1)}\n1{',1' * (columns - 1)}\n")
+    assert f"wide.csv has {columns:,} columns; at most 1,000" in refused(capsys, "check-log", path)
+    assert "columns; at most 1,000" in refused(capsys, "check-log", path, "--robot", "alten")
+    path.write_text("t,u1\n" + f"0{',1' * (columns - 1)}\n")
+    assert f"line 2: the row has {columns} cells" in refused(capsys, "check-log", path)
+
+
+def test_parquet_says_how_much_it_holds(tmp_path, capsys):
+    path = tmp_path / "long.parquet"
+    rows = 1_000_000
+    column = pyarrow.array(np.zeros(rows))
+    with parquet.ParquetWriter(
+        path, pyarrow.schema([("t", pyarrow.float64())]), compression="zstd"
+    ) as writer:
+        for _ in range(60):
+            writer.write_table(pyarrow.table({"t": column}))
+    assert path.stat().st_size < 1_000_000
+    began = time.perf_counter()
+    assert "long.parquet has 60,000,000 rows of 1 columns" in refused(capsys, "check-log", path)
+    assert time.perf_counter() - began < 1.0
+
+
+def test_a_packed_file_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"t": np.zeros(1_000_000)}, do_compression=True)
+    assert path.stat().st_size < 100_000
+    assert len(read_mat(path)["t"]) == 1_000_000
+    monkeypatch.setattr(mat_file, "LARGEST_TABLE", 7_000_000)
+    with pytest.raises(InputError, match="unpacks to more than 7 MB"):
+        read_mat(path)
+
+
+NUMBERS = st.lists(st.floats(width=32) | st.integers(-100, 100), min_size=1, max_size=12)
+
+
+@given(
+    NUMBERS,
+    st.sampled_from(["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"]),
+    st.sampled_from(["5", "4"]),
+    st.booleans(),
+)
+@settings(max_examples=40, deadline=None)
+def test_what_scipy_writes_is_read_as_scipy_reads_it(tmp_path_factory, numbers, kind, version, packed):
+    path = tmp_path_factory.mktemp("mat") / "a.mat"
+    with np.errstate(all="ignore"):
+        values = np.nan_to_num(np.array(numbers, float)).astype(kind)
+    if version == "4" and kind[1:] == "8" and kind[0] != "f":
+        values = values.astype("f8")
+    known = {"row": values, "table": np.stack([values, values[::-1]]), "one": values[0], "words": "text"}
+    scipy.io.savemat(path, known, format=version, do_compression=packed and version == "5")
+    read = read_mat(path)
+    theirs = scipy.io.loadmat(path)
+    assert list(read) == ["row", "table", "one"]
+    for name, ours in read.items():
+        np.testing.assert_array_equal(ours, np.asarray(theirs[name], float).ravel())
+
+
+@pytest.mark.parametrize("version", ["5", "4"])
+def test_a_matlab_file_cut_or_changed_anywhere_is_read_or_refused(tmp_path, version):
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"t": 0.1 * np.arange(5.0), "words": "text", "g": 3.0}, format=version)
+    content = path.read_bytes()
+    for size in range(len(content)):
+        assert set(_read_or_refused(content[:size])) <= {"t", "g"}
+    random = np.random.default_rng(0)
+    for _ in range(2000):
+        changed = bytearray(content)
+        for place in random.integers(0, len(content), 3):
+            changed[place] = random.integers(256)
+        _read_or_refused(bytes(changed))
+
+
+def _read_or_refused(content: bytes) -> dict[str, np.ndarray]:
+    try:
+        return parse_mat(memoryview(content), source="a.mat")
+    except InputError as error:
+        if "a.mat is no whole MATLAB file" not in str(error):
+            raise
+        return {}
+
+
+@pytest.mark.parametrize("address", ["10.0.0.5", "tcp://localhost", "", "foo://x:1", "localhost:99999"])
+def test_a_cluster_without_a_port(tmp_path, capsys, address):
+    log = tmp_path / "log.csv"
+    smooth_log(rows=400).write(log)
+    said = refused(capsys, "identify", "alten", log, "--cluster", address, "--out", tmp_path / "out")
+    assert "the address of a Dask scheduler with its port" in said
+    assert not (tmp_path / "out" / "checkpoint.jsonl").exists()
+
+
+@pytest.mark.parametrize(("duration", "sample_time"), [(86400.0, 1e-4), (1.0, 1e-9), (86400.0, 5e-324)])
+def test_a_run_whose_log_would_not_fit(duration, sample_time):
+    with pytest.raises(InputError, match=r"The duration spans .* rows at intervals of"):
+        sample_count(duration, sample_time)
+
+
+@given(st.floats(0.0, 1e12), st.floats(1e-12, 1e3), st.integers(1, 1000))
+def test_rows_are_counted_or_refused(span, interval, columns):
+    try:
+        rows = rows_between(span, interval, columns=columns, source="It")
+    except InputError:
+        rows = None
+    if rows is None:
+        assert span / interval > min(MOST_CELLS // columns, MOST_ROWS)
+    else:
+        assert rows * columns <= MOST_CELLS
+        assert abs(rows - span / interval) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (4.06, "4.06 s"),
+        (600.0, "10 minutes"),
+        (10800.0, "3 hours"),
+        (1e7, "116 days"),
+        (1.7e9, "54 years"),
+        (1e18, "31688087814 years"),
+    ],
+)
+def test_a_length_of_time_in_words(seconds, words):
+    assert length_words(seconds) == words
+
+
+def test_text_has_line_ends_of_one_kind(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"\xef\xbb\xbft,u1\r\n0,1\r1,2\n")
+    assert read_text(path) == "t,u1\n0,1\n1,2\n"
+    assert list(Log.read(path)["u1"]) == [1.0, 2.0]
+
+
+def test_a_refusal_of_a_long_value_is_short(tmp_path, capsys):
+    path = tmp_path / "robot.toml"
+    path.write_text(f"name = [{', '.join(['1'] * 100_000)}]")
+    assert len(refused(capsys, "check", path)) < 1100
+
+
+def test_mappings_are_refused_as_texts_are():
+    with pytest.raises(InputError, match="a file is nested too deeply"):
+        parse_mapping("a." * 200 + "a = 1", source="a file")
