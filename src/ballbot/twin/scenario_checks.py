@@ -44,7 +44,7 @@ _LARGEST = {
     "sample_time": 1.0,
     "lean_error_time": 1e6,
 }
-_SMALLEST = {"sample_time": SHORTEST_SAMPLE, "timestep": SHORTEST_STEP, "wavelength": 1e-3}
+_SMALLEST = {"sample_time": SHORTEST_SAMPLE, "timestep": SHORTEST_STEP}
 #: pushes in a run
 _MOST_PUSHES = 1000
 
