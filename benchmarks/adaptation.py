@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +26,7 @@ from ballbot.experiments.league.course_file import LEAGUE, choose_courses
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.statistics import mean_with_interval
 from ballbot.experiments.metrics import SETTLE, position_error, rms, settled
+from ballbot.processes import worker_pool
 from ballbot.robot.scaled import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin
@@ -169,7 +168,7 @@ def campaign() -> Section:
     """Run everything with every seed and return the section."""
     known = identified_robot(ALTEN)
     jobs, warm = change_jobs(CHANGE_SEEDS), warm_jobs(DRIVELINE_SEEDS)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         runs = dict(zip(jobs, pool.map(partial(run, known), jobs), strict=True))
         warmed = dict(zip(warm, pool.map(partial(run_warm, known), warm), strict=True))
     league = play_courses(known, seeds=COURSE_SEEDS)

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +28,7 @@ from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.log import Log
+from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import LoadDependence
 from benchmarks.compensation import identified_robot
@@ -167,7 +166,7 @@ def campaign(seeds: Sequence[int] = SEEDS) -> Section:
     """Run every part with every seed and return the table."""
     robot = identified_robot(ALTEN)
     jobs = [(robot, name, reference, seed) for name in PARTS for reference in REFERENCES for seed in seeds]
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         runs = dict(zip([job[1:] for job in jobs], pool.map(run, jobs), strict=True))
     rows = []
     for name in PARTS:

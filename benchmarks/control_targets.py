@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -23,6 +21,7 @@ from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
+from ballbot.processes import worker_pool
 from ballbot.robot.scaled import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from benchmarks.compensation import identified_robot
@@ -104,7 +103,7 @@ def campaign() -> Section:
     """Run every task with every seed and return the table."""
     jobs = [(name, seed) for name, task in TASKS.items() for seed in task.seeds]
     known = identified_robot(ALTEN)
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         outcomes = list(pool.map(partial(run, known), jobs))
     by_name = {
         name: [one for (of, _), one in zip(jobs, outcomes, strict=True) if of == name] for name in TASKS

@@ -13,10 +13,8 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +37,7 @@ from ballbot.identification.spread import Threads
 from ballbot.identification.stages import Effort, prepare, refine, stages_of, states_counted
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.processes import worker_pool
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -161,7 +160,7 @@ def repeats(name: str, *, count: int, kept: Path | None = None, processes: int =
     keys = [f"{name} {seed}" for seed in range(count)]
     yield from (_from_plain(known[key]) for key in keys if key in known)
     missing = [seed for seed, key in enumerate(keys) if key not in known]
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(processes) as pool:
         for seed, one in zip(missing, pool.map(partial(_repeat_of, name), missing), strict=True):
             known[keys[seed]] = _plain(one)
             if kept is not None:

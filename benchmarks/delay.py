@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -24,6 +22,7 @@ from ballbot.control.references import hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.score import Score
+from ballbot.processes import worker_pool
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
@@ -110,7 +109,7 @@ def campaign() -> Section:
         for delay in DELAYS
         for seed in SEEDS
     ]
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         runs = dict(zip(jobs, pool.map(partial(run, known), jobs), strict=True))
     rows = []
     for name in CONTROLLERS:

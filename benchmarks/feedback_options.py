@@ -8,9 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +25,7 @@ from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.loop import top_speed
 from ballbot.experiments.limits.starts import leaning, pushed
 from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.processes import worker_pool
 from ballbot.simulation.conditions import FALLING_PART
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -211,7 +210,7 @@ def campaign() -> Section:
     models = [(name, limit) for limit in LIMITS for name in ("alone", "bound", "predictive")]
     twins = [(limit, bound) for limit in LIMITS for bound in (False, True)]
     twins.append((sure_torque(KNOWING), True))  # as it comes
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         on_twins = pool.map(on_twin, twins)
         plain = pool.map(steps_on_twin, _PLAIN)
         found = list(pool.map(on_model, models))

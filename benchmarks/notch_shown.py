@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 
 import numpy as np
 from scipy.signal import welch
@@ -17,6 +16,7 @@ from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
 from ballbot.control.references import square
 from ballbot.experiments.score import score
+from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from benchmarks.observations import residual_spectrum
 
@@ -67,7 +67,7 @@ def shaking(log: Log) -> float:
 
 def notch_table() -> str:
     """Run it and return a table with words below it."""
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         bare = _logs(pool, dict.fromkeys(SCENARIOS))
         peaks = {
             name: float(np.mean([residual_spectrum(log, RESONANT.friction).peak for log in logs]))

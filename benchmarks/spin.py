@@ -6,9 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
@@ -16,6 +14,7 @@ from time import process_time
 import cv2
 import numpy as np
 
+from ballbot.processes import worker_pool
 from ballbot.vision.rendering import (
     LOSSLESS,
     MOTION_JPEG,
@@ -135,7 +134,7 @@ def score(kind: Kind, *, seed: int, duration: float | None = None) -> Score:
 
 def campaign() -> Section:
     """Return the scores of all kinds."""
-    with ProcessPoolExecutor(max_workers=2, mp_context=get_context("spawn")) as pool:
+    with worker_pool(2) as pool:
         waiting = {
             name: pool.submit(score, kind, seed=21 + place)
             for place, (name, kind) in enumerate(KINDS.items())

@@ -6,15 +6,14 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
 from ballbot import Robot, simulate
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import hold
+from ballbot.processes import worker_pool
 from ballbot.twin import Twin
 from benchmarks.section import Section
 
@@ -50,7 +49,7 @@ def balance(seed: int, duration: float = DURATION) -> Balanced:
 
 def campaign() -> Section:
     """Return what became of every seed."""
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         runs = list(pool.map(balance, SEEDS))
     falls = sum(run.stood < DURATION - 0.01 for run in runs)
     columns = ["", "worst", "median"]

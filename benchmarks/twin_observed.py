@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -20,6 +18,7 @@ from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import named
 from ballbot.experiments.score import score
+from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from benchmarks.observations import (
     ROBOT,
@@ -89,7 +88,7 @@ def campaign() -> Section:
     played = [Run(scenario=one, seed=seed) for one in PLAY.values() for seed in SEEDS]
     twisted = [Run(scenario=one) for pair in RESONANCE.values() for one in pair]
     wanted = list(dict.fromkeys([*ERRORS, *played, *twisted, DRIFTING]))
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+    with worker_pool(os.cpu_count()) as pool:
         logs = dict(zip(wanted, pool.map(closed_loop, wanted), strict=True))
     ripples = {
         name: [roller_ripple(Scenario.named(name, ROBOT), seed=seed) for seed in (1, 2, 3)] for name in WHEELS

@@ -32,7 +32,7 @@ def words(inputs: Path, *more: str) -> list[str]:
 
 
 def outputs() -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in Path("out").iterdir()}
+    return {path.name: path.read_bytes() for path in Path("out").glob("[!.]*")}
 
 
 @pytest.fixture

@@ -155,7 +155,7 @@ def test_a_league_goes_on_where_it_was_killed(folder, tmp_path, monkeypatch, cap
     monkeypatch.setattr(playing, "_play", lambda robot, game: played.append(game.seed) or whole(robot, game))
     assert run("league", "--resume") == 0
     assert len(played) == 8  # two controllers, courses and seeds; none twice
-    assert sorted(path.name for path in Path("league").iterdir()) == ["report.html", "results.json"]
+    assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
     Path("league").rename("killed")
     assert run("league") == 0
     for name in ("report.html", "results.json"):

@@ -110,7 +110,7 @@ def test_the_files_read_back(folder: Path, small: Study):
     controller = read_controller(folder / "controller.toml", robot)
     np.testing.assert_array_equal(controller.gain, small.design.gain)
     assert controller.compensation == small.chosen.compensation
-    assert {path.name for path in folder.iterdir()} == {
+    assert {path.name for path in folder.glob("[!.]*")} == {
         "report.html",
         "results.json",
         "robot.toml",

@@ -133,7 +133,7 @@ def test_a_folder_that_is_a_file(tmp_path, capsys):
     path.write_text("in the way")
     log = tmp_path / "log.csv"
     log.write_text(GOOD_LOG)
-    for command in (["study", "alten", str(log)], ["check-log", str(log)], ["record", "ideal"]):
+    for command in (["simulate", "alten"], ["check-log", str(log)], ["record", "ideal"]):
         assert "out" in sentence_of(capsys, *command, "--out", str(path))
 
 

@@ -8,13 +8,16 @@ from pathlib import Path
 from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.errors import InputError
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.report.alignment_page import alignment_report, alignment_results, error_rows
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
+from ballbot.result_folder import result_folder
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
+
+_WRITTEN = ("report.html", "results.json", "aligned.csv")
 
 
 def align(
@@ -41,32 +44,35 @@ def align(
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
     findings = check_input(None, {log: run}, accept=accept)
-    folder, console = check_folder(out), standard_output()
+    console = standard_output()
     words = ["ballbot", "align", str(log), str(mocap), "--out", str(out)]
     words += ["--mapping", str(mapping)] if mapping else []
     words += accept_words(accept)
-    made = provenance(command=shlex.join(words), files=[log, mocap, *([mapping] if mapping else [])], seed=0)
-    with progress_bar(console, "aligning") as bar:
-        bar.show(0.0, note=log.stem)
-        try:
-            alignment = align_log(run, film)
-        except InputError as error:
-            raise InputError(f"{log} and {mocap}: {error}") from None
-    results = alignment_results(alignment, log_findings=findings)
-    page = alignment_report(
-        alignment,
-        title=f"{log.stem}: sensors against motion capture",
-        lead=f"On {log.name} and {mocap.name}.",
-        made=made,
-        log_findings=findings,
-    )
-    alignment.log.write(folder / "aligned.csv")
-    write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))
-    write_text(folder / "report.html", page)
+    files = [log, mocap, *([mapping] if mapping else [])]
+    made = provenance(command=shlex.join(words), files=files, seed=0)
+    with result_folder(out, command="align", names=_WRITTEN, inputs=files) as folder:
+        with progress_bar(console, "aligning") as bar:
+            bar.show(0.0, note=log.stem)
+            try:
+                alignment = align_log(run, film)
+            except InputError as error:
+                raise InputError(f"{log} and {mocap}: {error}") from None
+        results = alignment_results(alignment, log_findings=findings)
+        page = alignment_report(
+            alignment,
+            title=f"{log.stem}: sensors against motion capture",
+            lead=f"On {log.name} and {mocap.name}.",
+            made=made,
+            log_findings=findings,
+        )
+        with folder.replaced() as new:
+            alignment.log.write(new / "aligned.csv")
+            write_text(new / "results.json", as_json(results | {"provenance": made.to_dict()}))
+            write_text(new / "report.html", page)
     if alignment.sensors is not None:
         headings = ("", "unit", "RMS", "largest", "drift a minute", "RMS about it", "late by [ms]")
         rows = error_rows(alignment.sensors)
         console.print(table("On board less cameras", headings, rows, framed=console.is_terminal))
     for sentence in alignment_findings(alignment):
         console.print(sentence, markup=False, soft_wrap=True)
-    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)
+    console.print(str(folder.path / "report.html"), soft_wrap=True)

@@ -20,13 +20,16 @@ from ballbot.experiments.league.course_file import PlantName, choose_courses
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification.checkpoint import identity_of
 from ballbot.report.json_text import as_json
 from ballbot.report.league_page import league_report
 from ballbot.report.league_tables import OVERALL_HEADINGS, STANDING_HEADINGS, overall_rows, standing_rows
 from ballbot.report.provenance import provenance
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
+
+_WRITTEN = ("report.html", "results.json")
 
 
 def compare(
@@ -80,14 +83,14 @@ def compare(
     estimators: dict[str, EstimatorName] = {one.name: one.estimator for one in entrants}
     words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
     words += ["--seeds", seeds, "--out", str(out)]
-    origin = provenance(
-        command=shlex.join(words), files=_files(robot, entrants, courses, scenarios), seed=seeds
-    )
+    files = _files(robot, entrants, courses, scenarios)
+    origin = provenance(command=shlex.join(words), files=files, seed=seeds)
     belongs_to = _identity(described, entrants, courses, numbers)
-    folder, console = check_folder(out), standard_output()
+    console = standard_output()
     warn_of_pumping({one.name: made[one.name] for one in entrants if one.file}, described, console)
     with (
-        long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+        result_folder(out, command="compare", names=_WRITTEN, inputs=files, resumes=True) as folder,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
         progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
     ):
         league = play(
@@ -100,12 +103,12 @@ def compare(
             recall=run.recall,
             progress=bar.show,
         )
-        write_text(
-            folder / "results.json", as_json(league_results(league) | {"provenance": origin.to_dict()})
-        )
-        write_text(folder / "report.html", league_report(league, origin))
+        with folder.replaced() as new:
+            results = league_results(league) | {"provenance": origin.to_dict()}
+            write_text(new / "results.json", as_json(results))
+            write_text(new / "report.html", league_report(league, origin))
     _show(league, console)
-    console.print(str(folder / "report.html"), soft_wrap=True)
+    console.print(str(folder.path / "report.html"), soft_wrap=True)
 
 
 def _files(

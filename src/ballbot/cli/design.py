@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.output import matrix_text, standard_output, table
-from ballbot.cli.robust_design import RobustOptions, design_robustly
+from ballbot.cli.robust_design import DESIGN_FILES, RobustOptions, design_robustly
 from ballbot.control.adaptive import adaptive as with_adaptations
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
@@ -29,6 +29,7 @@ from ballbot.files import write_text
 from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
 from ballbot.report.linearization import linearization_results, state_order
+from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.deviations import Propagated, propagate
 from ballbot.robot.scaled import scaled_friction
@@ -119,26 +120,29 @@ def design(
         chosen = compensation or "none"
         design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
         return
+    inputs = [] if robot in Robot.presets() else [Path(robot)]
     described = Robot.load(robot)
     designed = _designer(kind, None if q is None else _weights(q), r, sample_time)
-    found = designed(described)
-    spread = propagate(described, lambda one: designed(one).gain)
-    certain = certain_friction(described)
-    compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
-    controller = _with_parts(_controller(compensated, found, compensation), notch, delay, adapts=adaptive)
-    if not allow_pumping:
-        refuse_pumping(controller, certain)
-    margin = compensation_margin(controller, certain)
-    write_controller(controller, out / "controller.toml")
-    results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
-    write_text(out / "results.json", as_json(results))
+    with result_folder(out, command="design", names=DESIGN_FILES, inputs=inputs) as folder:
+        found = designed(described)
+        spread = propagate(described, lambda one: designed(one).gain)
+        certain = certain_friction(described)
+        compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
+        controller = _with_parts(_controller(compensated, found, compensation), notch, delay, adapts=adaptive)
+        if not allow_pumping:
+            refuse_pumping(controller, certain)
+        margin = compensation_margin(controller, certain)
+        results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
+        with folder.replaced() as new:
+            write_controller(controller, new / "controller.toml")
+            write_text(new / "results.json", as_json(results))
     console = standard_output()
     _show(console, controller.robot, found, spread)
     if certain is not described.friction:
         console.print(_certain(described.friction, certain), soft_wrap=True)
     if controller.compensation != "none":
         console.print(_margin(margin), markup=False, soft_wrap=True)
-    console.print(str(out / "controller.toml"), soft_wrap=True)
+    console.print(str(folder.path / "controller.toml"), soft_wrap=True)
 
 
 def _designer(

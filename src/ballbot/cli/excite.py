@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from dataclasses import dataclass
@@ -23,15 +22,19 @@ from ballbot.control.nominal import nominal_controller
 from ballbot.control.reference_file import write_reference
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification import Bounds, read_bounds
 from ballbot.identification.checkpoint import digest, identity
 from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.style import drawn
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.twin.scenario_text import scenario_text
+
+_WRITTEN = ("reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
 
 
 def excite(
@@ -130,15 +133,19 @@ def excite(
         bounds=read_bounds(bounds) if bounds else None,
         deviations=deviations_found(found) if found else None,
     )
-    folder, console = check_folder(out), standard_output()
+    console = standard_output()
     made = provenance(command=shlex.join(asked.words), files=asked.files, seed=seed)
     belongs_to = identity(described, [], asked.options | read.options)
-    with long_run(folder, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+    with (
+        result_folder(out, command="excite", names=_WRITTEN, inputs=asked.files, resumes=True) as folder,
+        long_run(folder.path, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+    ):
         with progress_bar(console, "excite") as bar:
             result = _find(asked, read, run=run, bar=bar)
-        _write(result, chosen, made, folder)
+        with folder.replaced() as new:
+            _write(result, chosen, made, new)
     _show(result, console)
-    console.print(str(folder / "reference.csv"), soft_wrap=True)
+    console.print(str(folder.path / "reference.csv"), soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,7 +259,7 @@ def _write(result: Excitation, controller: Controller, made: Provenance, folder:
     write_text(folder / "run.svg", drawn(lambda: run_figure(shown, limits), name="run"))
     write_text(folder / "errors.svg", drawn(lambda: errors_figure(result), name="errors"))
     results = result.to_dict() | {"provenance": made.to_dict()}
-    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+    write_text(folder / "results.json", as_json(results))
 
 
 def _show(result: Excitation, console: Console) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ from ballbot.cli.long_run import LongRun, long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output
 from ballbot.cli.study import named_files, names_listed
 from ballbot.errors import InputError
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification import (
     Bounds,
     Identification,
@@ -40,11 +39,15 @@ from ballbot.log import Log
 from ballbot.log.causal import causal_states
 from ballbot.log.checked import CheckedLogs
 from ballbot.log.odometry import with_position
+from ballbot.report.json_text import as_json
 from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
 from ballbot.report.style import drawn
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+
+_WRITTEN = ("robot.toml", "results.json", "ladder.svg")
 
 
 def identify(
@@ -133,10 +136,15 @@ def identify(
     named, others = _logs(asked, described)
     within = read_bounds(bounds) if bounds else Bounds()
     checked = _checked(asked, described, named, others)
-    folder, console = check_folder(out), standard_output()
+    console = standard_output()
     others_given = {"bounds": within, "sweep": None if free_wheels is None else free_wheels.digest}
     belongs_to = identity(described, [one.log for one in named.values()], asked.options | others_given)
-    with long_run(folder, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run:
+    with (
+        result_folder(out, command="identify", names=_WRITTEN, inputs=asked.files, resumes=True) as folder,
+        long_run(
+            folder.path, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=cluster
+        ) as run,
+    ):
         with progress_bar(console, "identifying") as bar:
             found, ladder = _find(
                 asked,
@@ -150,10 +158,11 @@ def identify(
         judged = [
             judge(found, one.log, name=name, starts=one.starts(described)) for name, one in others.items()
         ]
-        written = _write(asked, found, ladder, judged, folder)
+        with folder.replaced() as new:
+            written = _write(asked, found, ladder, judged, new)
     _show(found, ladder, judged, console)
-    for path in written:
-        console.print(str(path), markup=False, soft_wrap=True)
+    for name in written:
+        console.print(str(folder.path / name), soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,8 +316,8 @@ def _find(
 
 def _write(
     asked: _Asked, found: Identification, ladder: Ladder | None, judged: Sequence[Judged], folder: Path
-) -> list[Path]:
-    """Write the results and return the paths of what people read."""
+) -> list[str]:
+    """Write the results and return the names of what people read."""
     made = provenance(command=shlex.join(asked.words), files=asked.files, seed=asked.seed)
     results = found.to_dict()
     if ladder:
@@ -316,12 +325,11 @@ def _write(
     if judged:
         results["judged_on"] = {one.name: one.to_dict() for one in judged}
     write_robot(found.robot, folder / "robot.toml")
-    text = json.dumps(results | {"provenance": made.to_dict()}, indent=2, allow_nan=False)
-    write_text(folder / "results.json", text + "\n")
+    write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))
     if ladder is None:
-        return [folder / "robot.toml"]
+        return ["robot.toml"]
     write_text(folder / "ladder.svg", drawn(lambda: ladder_figure(ladder), name="ladder"))
-    return [folder / "robot.toml", folder / "ladder.svg"]
+    return ["robot.toml", "ladder.svg"]
 
 
 def _show(found: Identification, ladder: Ladder | None, judged: Sequence[Judged], console: Console) -> None:

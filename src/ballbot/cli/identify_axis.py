@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification.axis import AxisIdentification
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
@@ -19,6 +19,9 @@ from ballbot.identification.checkpoint import identity_of
 from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
+from ballbot.result_folder import result_folder
+
+_WRITTEN = ("report.html", "results.json")
 
 
 def identify_axis(
@@ -104,7 +107,6 @@ def identify_axis(
     )
     read = read_axis_record(record, columns)
     others = [read_axis_record(path, columns) for path in against]
-    folder = check_folder(out)
     options: dict[str, object] = {f"--{key.replace('_', '-')}": value for key, value in vars(columns).items()}
     options |= {"--law": law, "--bandwidth": bandwidth, "--window": window, "--horizon": horizon}
     words = ["ballbot", "identify-axis", str(record), *map(str, against), "--out", str(out)]
@@ -114,7 +116,11 @@ def identify_axis(
     console = standard_output()
     parts = [getattr(one, field.name) for one in (read, *others) for field in fields(one)]
     belongs_to = identity_of({"records": parts}, options)
-    with long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+    inputs = [record, *against]
+    with (
+        result_folder(out, command="identify-axis", names=_WRITTEN, inputs=inputs, resumes=True) as folder,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+    ):
         with progress_bar(console, "inverse model") as bar:
             found = identify_record(
                 read,
@@ -126,10 +132,11 @@ def identify_axis(
                 recall=run.recall,
                 progress=lambda share, doing: bar.show(share, doing=doing),
             )
-        write_text(folder / "results.json", as_json(found.to_dict() | {"provenance": made.to_dict()}))
-        write_text(folder / "report.html", axis_report(found, read, made))
+        with folder.replaced() as new:
+            write_text(new / "results.json", as_json(found.to_dict() | {"provenance": made.to_dict()}))
+            write_text(new / "report.html", axis_report(found, read, made))
     _show(found, console)
-    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)
+    console.print(str(folder.path / "report.html"), soft_wrap=True)
 
 
 def _show(found: AxisIdentification, console: Console) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification.axis.driveline import (
     DrivelineBounds,
     DrivelineFit,
@@ -31,8 +31,11 @@ from ballbot.report.driveline_page import (
 )
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
+from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
+
+_WRITTEN = ("report.html", "results.json", "robot.toml")
 
 #: share of a wheel's work that the fit to its pieces is
 _PIECES = 0.5
@@ -80,7 +83,6 @@ def identify_driveline(
     read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
     bounds = DrivelineBounds(lower=lower, upper=upper)
-    folder = check_folder(out)
     words = ["ballbot", "identify-driveline", robot, str(log), "--out", str(out), "--seed", str(seed)]
     words += ["--mapping", str(mapping)] if mapping else []
     words += [] if speed_limit is None else ["--speed-limit", str(speed_limit)]
@@ -89,13 +91,15 @@ def identify_driveline(
     made = provenance(command=shlex.join(words), files=files, seed=seed)
 
     console = standard_output()
-    fits, printed = _fit(sweeps, bounds, seed, console)
-    write_text(folder / "results.json", as_json(driveline_results(fits, printed, made)))
-    write_text(folder / "report.html", driveline_report(described.name, sweeps, fits, printed, made))
-    friction = _friction(fits, rolling=described.friction.rolling)
-    write_robot(described.replace(friction=friction), folder / "robot.toml")
+    with result_folder(out, command="identify-driveline", names=_WRITTEN, inputs=files) as folder:
+        fits, printed = _fit(sweeps, bounds, seed, console)
+        friction = _friction(fits, rolling=described.friction.rolling)
+        with folder.replaced() as new:
+            write_text(new / "results.json", as_json(driveline_results(fits, printed, made)))
+            write_text(new / "report.html", driveline_report(described.name, sweeps, fits, printed, made))
+            write_robot(described.replace(friction=friction), new / "robot.toml")
     _show(fits, printed, console)
-    console.print(str(folder / "report.html"), markup=False, soft_wrap=True)
+    console.print(str(folder.path / "report.html"), soft_wrap=True)
 
 
 def _fit(

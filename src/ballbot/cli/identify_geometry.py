@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 from ballbot.cli.output import standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.errors import InputError
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification.geometry import (
     Geometry,
     Measured,
@@ -19,9 +18,13 @@ from ballbot.identification.geometry import (
     survey_geometry,
 )
 from ballbot.log import Log
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+
+_WRITTEN = ("robot.toml", "results.json")
 
 
 def identify_geometry(
@@ -56,26 +59,11 @@ def identify_geometry(
     out
         The folder to write into.
     """
-    described, folder = Robot.load(robot), check_folder(out)
+    described = Robot.load(robot)
     on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
     if len(runs) != len(films):
         raise InputError(
             f"For {len(runs)} of --balancing there are {len(films)} of --motion-capture; give one for each, in order."
-        )
-    found = survey_geometry(
-        described,
-        upside_down=list(read_logs(tuple(on_wheels), mapping).values()) if on_wheels else (),
-        balancing=[
-            (log, Log.read(film))
-            for log, film in zip(read_logs(tuple(runs), mapping).values() if runs else (), films, strict=True)
-        ],
-    )
-    remarks = geometry_remarks(found)
-    try:
-        write_robot(robot_with_geometry(described, found), folder / "robot.toml")
-    except InputError as error:
-        remarks.append(
-            f"No robot.toml was written, for the geometry found makes no robot of this file: {error}"
         )
     options = {
         "--upside-down": on_wheels,
@@ -88,10 +76,29 @@ def identify_geometry(
     files = [path for paths in options.values() for path in paths]
     files += [] if robot in Robot.presets() else [Path(robot)]
     made = provenance(command=shlex.join(words), files=files, seed=0)
-    results = found.to_dict() | {"remarks": remarks, "provenance": made.to_dict()}
-    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+    with result_folder(out, command="identify-geometry", names=_WRITTEN, inputs=files) as folder:
+        found = survey_geometry(
+            described,
+            upside_down=list(read_logs(tuple(on_wheels), mapping).values()) if on_wheels else (),
+            balancing=[
+                (log, Log.read(film))
+                for log, film in zip(
+                    read_logs(tuple(runs), mapping).values() if runs else (), films, strict=True
+                )
+            ],
+        )
+        remarks = geometry_remarks(found)
+        with folder.replaced() as new:
+            try:
+                write_robot(robot_with_geometry(described, found), new / "robot.toml")
+            except InputError as error:
+                remarks.append(
+                    f"No robot.toml was written, for the geometry found makes no robot of this file: {error}"
+                )
+            results = found.to_dict() | {"remarks": remarks, "provenance": made.to_dict()}
+            write_text(new / "results.json", as_json(results))
     _show(found, remarks)
-    standard_output().print(str(folder / "results.json"), markup=False, soft_wrap=True)
+    standard_output().print(str(folder.path / "results.json"), soft_wrap=True)
 
 
 def _show(found: Geometry, remarks: list[str]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from pathlib import Path
 
@@ -13,19 +12,22 @@ from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.experiments.ball_movement import ball_movement
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification import Progress, read_bounds
 from ballbot.identification.checkpoint import identity
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
+from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
 from ballbot.report.upside_down_figures import movement_figure, prediction_figure
+from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
 
+_WRITTEN = ("robot.toml", "results.json", "prediction.svg", "movement.svg")
 _UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
 
 
@@ -72,7 +74,7 @@ def identify_upside_down(
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
     within = read_bounds(bounds) if bounds else None
-    folder, console = check_folder(out), standard_output()
+    console = standard_output()
     options = {"--mapping": mapping, "--bounds": bounds}
     given = {option: path for option, path in options.items() if path}
     words = ["ballbot", "identify-upside-down", robot, *map(str, logs), "--out", str(out)]
@@ -82,7 +84,12 @@ def identify_upside_down(
     belongs_to = identity(described, list(named.values()), depends_on)
     files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]
     made = provenance(command=shlex.join(words), files=files, seed=seed)
-    with long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run:
+    with (
+        result_folder(
+            out, command="identify-upside-down", names=_WRITTEN, inputs=files, resumes=True
+        ) as folder,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+    ):
         with progress_bar(console, "identifying") as bar:
 
             def tell(progress: Progress) -> None:
@@ -97,17 +104,18 @@ def identify_upside_down(
                 recall=run.recall,
                 progress=tell,
             )
-        _write(found, next(iter(named.values())), made, folder)
+        with folder.replaced() as new:
+            _write(found, next(iter(named.values())), made, new)
     _show(found, described, console)
     for name in ("robot.toml", "prediction.svg", "movement.svg"):
-        console.print(str(folder / name), markup=False, soft_wrap=True)
+        console.print(str(folder.path / name), soft_wrap=True)
 
 
 def _write(found: UpsideDown, log: Log, made: Provenance, folder: Path) -> None:
     movement = ball_movement(found.robot)
     results = found.to_dict() | {"movement": movement.to_dict(), "provenance": made.to_dict()}
     write_robot(found.robot, folder / "robot.toml")
-    write_text(folder / "results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+    write_text(folder / "results.json", as_json(results))
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
     write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))
 

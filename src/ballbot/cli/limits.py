@@ -18,7 +18,7 @@ from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.report.json_text import as_json
 from ballbot.report.limits_figures import (
     MOST_CONTROLLERS,
@@ -28,6 +28,7 @@ from ballbot.report.limits_figures import (
 )
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.style import drawn
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:  # MuJoCo is an extra
 
 #: directions tried on the twin, of the model's
 _ON_TWIN = (0, 9, 18, 27)
+_WRITTEN = ("results.json", "planes.svg", "directions.svg", "heights.svg")
 _MOST_REFINEMENTS = 6  # four million points a plane
 
 
@@ -92,18 +94,7 @@ def limits(
     chosen = {one.name: _law(one.name, one.controller(described)) for one in entrants}
     _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
     truth = _truth(scenario, described) if twin else None
-    folder, console, found = check_folder(out), standard_output(), _Found()
-    with progress_bar(console, "limits") as bar:
-        for place, (one, controller) in enumerate(zip(entrants, chosen.values(), strict=True)):
-
-            def tell(share: float, place: int = place, name: str = one.name) -> None:
-                bar.show((place + share) / len(chosen), note=name)
-
-            loop = Loop(robot=described, controller=controller, grip=grip)
-            found.model[one.name] = find_limits(loop, refinements=refinements, tell=tell)
-            if truth is not None:
-                bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
-                found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], one.estimator, seed)
+    console, found = standard_output(), _Found()
     words = [
         "ballbot",
         "limits",
@@ -116,9 +107,23 @@ def limits(
     ]
     words += [*(["--twin"] if twin else []), "--scenario", scenario, "--seed", str(seed), "--out", str(out)]
     files = origins(robot, entrants, scenario if twin else "")
-    _write(found, described, grip, provenance(command=shlex.join(words), files=files, seed=seed), folder)
+    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    with result_folder(out, command="limits", names=_WRITTEN, inputs=files) as folder:
+        with progress_bar(console, "limits") as bar:
+            for place, (one, controller) in enumerate(zip(entrants, chosen.values(), strict=True)):
+
+                def tell(share: float, place: int = place, name: str = one.name) -> None:
+                    bar.show((place + share) / len(chosen), note=name)
+
+                loop = Loop(robot=described, controller=controller, grip=grip)
+                found.model[one.name] = find_limits(loop, refinements=refinements, tell=tell)
+                if truth is not None:
+                    bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
+                    found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], one.estimator, seed)
+        with folder.replaced() as new:
+            _write(found, described, grip, made, new)
     _show(found, console)
-    console.print(str(folder / "results.json"), soft_wrap=True)
+    console.print(str(folder.path / "results.json"), soft_wrap=True)
 
 
 def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 
@@ -13,14 +13,19 @@ from ballbot.cli.findings import finding_line
 from ballbot.cli.log_proposal import propose_mapping
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import is_foreign
 from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
 from ballbot.log.summary import ColumnSummary, summarize
+from ballbot.report.json_text import as_json
+from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
+
+_WRITTEN = ("results.json",)
+_PROPOSED = ("results.json", "mapping.toml", "log.csv")  # of a foreign file
 
 
 def check_log(
@@ -46,17 +51,26 @@ def check_log(
         A folder for results.json and, of a foreign file, the mapping and the log that it makes.
     """
     described = Robot.load(robot) if robot else None
-    if out:
-        check_folder(out)
-    if described and mapping is None and is_foreign(file):
-        propose_mapping(file, described, out=out)
-        return
+    files = [path for path in (file, mapping, Path(robot) if robot else None) if path]
+    proposes = described is not None and mapping is None and is_foreign(file)
+    names = _PROPOSED if proposes else _WRITTEN
+    held = result_folder(out, command="check-log", names=names, inputs=files) if out else nullcontext()
+    with held as folder:
+        if described and proposes:
+            propose_mapping(file, described, folder=folder)
+        else:
+            _check(file, described, mapping, folder)
+
+
+def _check(file: Path, described: Robot | None, mapping: Path | None, folder: ResultFolder | None) -> None:
+    """Show a log and what is wrong with it; raise InputError if that is an error."""
     log = Log.read(file, mapping=mapping)
     summaries, findings = summarize(log), check(log, robot=described)
     wheels = wheel_agreement(log, described) if described else None
     _show(file, log, summaries, findings, wheels)
-    if out:
-        write_text(out / "results.json", _results(file, log, summaries, findings, wheels))
+    if folder:
+        with folder.replaced() as new:
+            write_text(new / "results.json", as_json(_results(file, log, summaries, findings, wheels)))
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
         more = f" (and {len(errors) - 1} more, above)" if len(errors) > 1 else ""
@@ -113,8 +127,8 @@ def _results(
     summaries: tuple[ColumnSummary, ...],
     findings: tuple[Finding, ...],
     wheels: WheelAgreement | None,
-) -> str:
-    results = {
+) -> dict[str, object]:
+    return {
         "file": str(file),
         "rows": len(log),
         "start": float(log.t[0]),
@@ -124,4 +138,3 @@ def _results(
         "findings": [asdict(finding) for finding in findings],
         "wheels": asdict(wheels) if wheels else None,
     }
-    return json.dumps(results, indent=2) + "\n"

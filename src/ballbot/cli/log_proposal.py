@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shlex
 from dataclasses import asdict
@@ -19,11 +18,13 @@ from ballbot.log.odometry import with_odometry
 from ballbot.log.proposal.findings import findings_of
 from ballbot.log.proposal.mapping_text import mapping_text
 from ballbot.log.proposal.proposal import Proposal, propose
+from ballbot.report.json_text import as_json
+from ballbot.result_folder import ResultFolder
 from ballbot.robot import Robot
 
 
-def propose_mapping(file: Path, robot: Robot, *, out: Path | None) -> tuple[Finding, ...]:
-    """Show the mapping proposed for a foreign file; with `out`, write it, the log it makes and results.json."""
+def propose_mapping(file: Path, robot: Robot, *, folder: ResultFolder | None) -> tuple[Finding, ...]:
+    """Show the mapping proposed for a foreign file; with a folder, write it, the log it makes and results.json."""
     console = standard_output()
     with console.status("reading the encoders' times"):
         proposal = propose(file, robot)
@@ -34,14 +35,16 @@ def propose_mapping(file: Path, robot: Robot, *, out: Path | None) -> tuple[Find
         console.print(_placement_table(proposal, framed=console.is_terminal))
     for finding in findings:
         console.print(Text(f"{finding.severity}: {finding.text}"), soft_wrap=True)
-    if out is None:
+    if folder is None:
         console.print(Text("\n" + text), soft_wrap=True)
         return findings
+    out = folder.path
     log = Log.read(file, mapping=parse_mapping(text, source=str(out / "mapping.toml")))
     complete = with_odometry(log, robot) if proposal.roles.attitude else log
-    write_text(out / "mapping.toml", text)
-    complete.write(out / "log.csv")
-    write_text(out / "results.json", _results(file, proposal, complete, findings))
+    with folder.replaced() as new:
+        write_text(new / "mapping.toml", text)
+        complete.write(new / "log.csv")
+        write_text(new / "results.json", as_json(_results(file, proposal, complete, findings)))
     for name in ("mapping.toml", "log.csv"):
         console.print(str(out / name), markup=False, soft_wrap=True)
     if proposal.commands:
@@ -106,9 +109,9 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
     return table("Wheels, by how the lean answers them", headings, rows, framed=framed)
 
 
-def _results(file: Path, proposal: Proposal, log: Log, findings: tuple[Finding, ...]) -> str:
+def _results(file: Path, proposal: Proposal, log: Log, findings: tuple[Finding, ...]) -> dict[str, object]:
     tested, heading, commands = proposal.lean_test, proposal.heading, proposal.commands
-    results = {
+    return {
         "file": str(file),
         "roles": asdict(proposal.roles),
         "wheel_unit": asdict(proposal.wheel),
@@ -133,4 +136,3 @@ def _results(file: Path, proposal: Proposal, log: Log, findings: tuple[Finding, 
         "columns": list(log.names),
         "findings": [asdict(finding) for finding in findings],
     }
-    return json.dumps(results, indent=2) + "\n"

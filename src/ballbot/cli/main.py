@@ -12,12 +12,14 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 
 from cyclopts import App, CycloptsError, UnknownCommandError
 
 from ballbot.errors import InputError
+from ballbot.printable import printable_line
 
 _ABOUT = """Model, identify, validate and control ball-balancing robots.
 
@@ -162,17 +164,21 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"this needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
         )
     except KeyboardInterrupt as interrupt:
-        print(f"ballbot: {str(interrupt) or 'interrupted; files written so far are whole.'}", file=sys.stderr)
+        _say(str(interrupt) or "interrupted; files written so far are whole.")
         return 130
-    except BrokenPipeError:
-        # the reader has gone (`ballbot check alten | head`); Python must not find that out again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader has gone (`ballbot check alten | head`)
+        _close_standard_output()
         return 1
+    except OSError as error:
+        _close_standard_output()
+        what = "standard output" if error.filename is None else repr(os.fspath(error.filename))
+        return _refuse(f"{what} cannot be used: {error.strerror or error}.")
 
 
 def _run(tokens: list[str]) -> int:
     build_app(tokens)(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-    sys.stdout.flush()
+    if sys.stdout is not None:  # as with `>&-`
+        sys.stdout.flush()
     return 0
 
 
@@ -185,8 +191,19 @@ def _refuse(sentence: str) -> int:
     if len(sentence) > _LONGEST_SENTENCE:  # it quotes what a file holds
         half = _LONGEST_SENTENCE // 2
         sentence = f"{sentence[:half]} [..] {sentence[-half:]}"
-    print(f"ballbot: {sentence}", file=sys.stderr)
+    _say(sentence)
     return 2
+
+
+def _say(sentence: str) -> None:
+    with suppress(OSError):  # nobody is there to hear it
+        print(f"ballbot: {printable_line(sentence)}", file=sys.stderr, flush=True)
+
+
+def _close_standard_output() -> None:
+    """Let Python not find out again at exit that nothing can be written there."""
+    with suppress(OSError, AttributeError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _unknown_command(tokens: list[str]) -> str:

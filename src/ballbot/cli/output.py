@@ -8,27 +8,42 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from threading import Timer
 from time import monotonic
-from typing import Protocol
+from typing import IO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from rich import box
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
 from ballbot.pace import Pace, as_clock
+from ballbot.printable import printable, printable_line
 
 _WIDTH = 100  #: columns where no terminal says how many there are
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
-def standard_output() -> Console:
+class PlainConsole(Console):
+    """A console that shows text as it is: what looks like markup, emoji or an escape sequence is not obeyed."""
+
+    def __init__(self, *, file: IO[str] | None = None, width: int | None = None) -> None:
+        """Print to a file, standard output by default; the width is the terminal's by default."""
+        super().__init__(file=file, width=width, highlight=False, markup=False, emoji=False)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Render as rich does, what a terminal would obey in texts escaped."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
+def standard_output() -> PlainConsole:
     """Return the console that commands print to, plain where it is no terminal."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=_WIDTH)
+    console = PlainConsole()
+    return console if console.is_terminal else PlainConsole(width=_WIDTH)
 
 
 class Bar(Protocol):
@@ -47,7 +62,10 @@ class _DrawnBar:
 
     def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
         left = _time_left(self._pace.seconds_left(share))
-        self._progress.update(self._task, completed=share, description=doing, note=note, left=left)
+        shown = None if doing is None else printable_line(doing)
+        self._progress.update(
+            self._task, completed=share, description=shown, note=printable_line(note), left=left
+        )
 
 
 class _WrittenLines:
@@ -80,7 +98,7 @@ class _WrittenLines:
         self._first.cancel()
         self._written_of = self._doing
         self._next = monotonic() + _BETWEEN_LINES
-        print(f"ballbot: {self._line}", file=sys.stderr, flush=True)
+        print(f"ballbot: {printable_line(self._line)}", file=sys.stderr, flush=True)
 
 
 def _time_left(seconds: float | None) -> str:
@@ -106,21 +124,21 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
             lines.end()
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        yield _DrawnBar(progress, progress.add_task(doing, total=1.0, note="", left=""))
+        yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=1.0, note="", left=""))
 
 
 def as_text(parts: Sequence[RenderableType]) -> str:
     """Return what printing these parts would put into a file: no frames, no colours."""
     buffer = io.StringIO()
-    console = Console(file=buffer, highlight=False, width=_WIDTH)
+    console = PlainConsole(file=buffer, width=_WIDTH)
     for part in parts:
         console.print(part)
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
@@ -128,12 +146,17 @@ def as_text(parts: Sequence[RenderableType]) -> str:
 
 def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, framed: bool) -> Table:
     """Return a table of texts; the columns after the first are set flush right where they hold numbers."""
-    made = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED if framed else None)
+    made = Table(
+        title=Text(printable_line(title)),
+        title_justify="left",
+        title_style="bold",
+        box=box.ROUNDED if framed else None,
+    )
     for index, heading in enumerate(headings):
         numeric = bool(rows) and all(_is_number(row[index]) for row in rows)
-        made.add_column(heading, justify="right" if numeric else "left")
+        made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
     for row in rows:
-        made.add_row(*(Text(cell) for cell in row))
+        made.add_row(*(Text(printable(cell)) for cell in row))
     return made
 
 

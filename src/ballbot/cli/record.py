@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
+from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.output import progress_bar, standard_output
@@ -14,7 +15,7 @@ from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.reference_file import reference_of
 from ballbot.estimation.named import EstimatorName
-from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs
+from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs, recorded
 from ballbot.files import check_folder
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed
@@ -37,6 +38,7 @@ def record(
     controller: Path | None = None,
     estimator: EstimatorName = "onboard",
     format: LogFormat = "csv",
+    resume: Annotated[bool, Parameter(negative="")] = False,
     out: Path,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
@@ -63,7 +65,7 @@ def record(
         Equal seeds give equal recordings, bit for bit.
     seeds
         Many at once, as 1-200 or 1,4,7-9, over all cores, each into a folder of its own. Runs that are whole in it
-        are kept.
+        are kept, with --resume and without.
     compensation
         What the controller does about the friction in the robot's file.
     controller
@@ -73,6 +75,8 @@ def record(
         kalman, a filter that also listens to the scenario's fixes.
     format
         Of the log, the truth and the motion capture.
+    resume
+        Keep a run that is whole in the folder: made with the same settings, and every file as it was written.
     out
         The folder to write into.
     """
@@ -101,16 +105,21 @@ def record(
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
     if all_seeds is None:
-        _one(job, seed, out, console)
+        _one(job, seed, out, console, resume=resume)
     else:
         _many(job, all_seeds, out, console)
 
 
-def _one(job: Job, seed: int, out: Path, console: Console) -> None:
-    with progress_bar(console, f"recording {job.duration:g} s") as bar:
-        outcome = record_run(job, seed, out, progress=bar.show)
+def _one(job: Job, seed: int, out: Path, console: Console, *, resume: bool) -> None:
+    outcome = recorded(job, seed, out) if resume else None
+    if outcome is None:
+        with progress_bar(console, f"recording {job.duration:g} s") as bar:
+            outcome = record_run(job, seed, out, progress=bar.show)
+    else:
+        console.print("The run is whole and was kept.")
     for path in sorted(out.iterdir()):
-        console.print(str(path), soft_wrap=True)
+        if not path.name.startswith("."):
+            console.print(str(path), soft_wrap=True)
     if outcome.ended:
         console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
 

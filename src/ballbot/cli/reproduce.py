@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.files import check_folder
 from ballbot.report.provenance import provenance
+from ballbot.result_folder import result_folder
 from ballbot.seeds import check_seed
 
 #: share of the work that is done when drawing begins
@@ -32,23 +32,29 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
     check_seed(seed)
     # imported late: the twin and the vision are extras
     from ballbot.experiments.reproduce import reproduce as remake
-    from ballbot.report.reproduce.page import write_reproduction
+    from ballbot.report.reproduce.page import REPRODUCTION_FILES, write_reproduction
 
-    folder, console = check_folder(out), standard_output()
+    console = standard_output()
     words = ["ballbot", "reproduce", "--out", str(out), "--seed", str(seed)]
     made = provenance(command=shlex.join(words), files=[], seed=seed)
-    with progress_bar(console, "the thesis remade") as bar:
+    with (
+        result_folder(out, command="reproduce", names=REPRODUCTION_FILES) as folder,
+        progress_bar(console, "the thesis remade") as bar,
+    ):
         found = remake(
-            folder / "runs", seed=seed, progress=lambda share, doing: bar.show(_MEASURED * share, doing=doing)
+            folder.path / "runs",
+            seed=seed,
+            progress=lambda share, doing: bar.show(_MEASURED * share, doing=doing),
         )
-        index = write_reproduction(
-            found,
-            folder,
-            provenance=made,
-            progress=lambda share, doing: bar.show(_MEASURED + (1.0 - _MEASURED) * share, doing=doing),
-        )
+        with folder.replaced() as new:
+            write_reproduction(
+                found,
+                new,
+                provenance=made,
+                progress=lambda share, doing: bar.show(_MEASURED + (1.0 - _MEASURED) * share, doing=doing),
+            )
     rows = [[item.name, item.title, item.verdict] for item in found.items]
     console.print(table("The thesis remade", ("", "shows", "ours"), rows, framed=console.is_terminal))
     proven = sum(mistake.proven for mistake in found.mistakes)
     console.print(f"Of {len(found.mistakes)} misprints and mistakes, {proven} are shown by their numbers.")
-    console.print(str(index), markup=False, soft_wrap=True)
+    console.print(str(folder.path / "index.html"), soft_wrap=True)

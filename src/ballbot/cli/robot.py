@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,9 +18,12 @@ from rich.text import Text
 from ballbot.cli.findings import Accept, check_input, finding_line, show_findings
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
 from ballbot.errors import InputError
-from ballbot.files import write_text
+from ballbot.files import check_file, write_text
 from ballbot.findings import Finding, by_severity, check_codes, finding_results, stop_on_errors
+from ballbot.printable import printable_line, shell_line
+from ballbot.report.json_text import as_json
 from ballbot.report.linearization import MISTAKEN_MATRICES, state_order
+from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.deviations import uncertain
@@ -36,6 +39,8 @@ if TYPE_CHECKING:
     from ballbot.experiments.prediction_band import PredictionBand
     from ballbot.log.checked import CheckedLogs
     from ballbot.mechanics.linear import LinearModel
+
+_WRITTEN = ("results.json", "check.txt", "swing.svg")
 
 #: the thesis's names of the matrices, with what each does
 _MATRICES = {
@@ -74,13 +79,17 @@ def new(
         Replace a file that is there already.
     """
     path = out or Path(f"{name}.toml")
+    if printable_line(name) != name:
+        raise InputError(f"{name!r} cannot be a robot's name; leave out what cannot be shown.")
     robot = Robot.load(from_).replace(name=name)
     if out is None and Path(name).name != name:
         raise InputError(f"{name!r} cannot be both a robot's name and a file's; give the file with --out.")
+    check_file(path)
     if path.exists() and not force:
         raise InputError(f"{path} is there already; choose another name, or replace it with --force.")
     write_robot(robot, path)
-    print(f"Wrote {path}. Change its values, then run: ballbot check {path}")
+    hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
+    standard_output().print(hint, soft_wrap=True)
 
 
 def check(
@@ -134,24 +143,36 @@ def check(
     out : Path
         Folder for results.json and check.txt; with a swing, swing.svg too.
     """
-    hung = Robot.load(robot)
+    hung, console = Robot.load(robot), standard_output()
     findings = _robot_findings(hung, accept)
-    swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
-    log = None if predict is None else _log(hung, predict, accept)
-    checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
-    console = standard_output()
-    for part in _report(checked, framed=console.is_terminal):
-        console.print(part)
     if figure is not None:
-        _save_figure(checked.robot, figure)
-        console.print(f"Wrote {figure}.")
-    if out is not None:
-        write_text(out / "results.json", json.dumps(_results(checked), indent=2) + "\n")
-        write_text(out / "check.txt", as_text(_report(checked, framed=False)))
-        console.print(f"Wrote {out / 'results.json'} and {out / 'check.txt'}.")
+        check_file(figure)
+    named = (robot, predict, reference, controller, swing)
+    inputs = [Path(one) for one in named if one is not None and Path(one).is_file()]
+    held = result_folder(out, command="check", names=_WRITTEN, inputs=inputs) if out else nullcontext()
+    with held as folder:
+        swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
+        log = None if predict is None else _log(hung, predict, accept)
+        checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
+        for part in _report(checked, framed=console.is_terminal):
+            console.print(part)
+        if figure is not None:
+            _save_figure(checked.robot, figure)
+            console.print(f"Wrote {figure}.", soft_wrap=True)
+        if folder is not None:
+            for path in _write(checked, folder):
+                console.print(f"Wrote {path}.", soft_wrap=True)
+
+
+def _write(checked: _Checked, folder: ResultFolder) -> list[Path]:
+    """Write the result and return its files."""
+    with folder.replaced() as new:
+        write_text(new / "results.json", as_json(_results(checked)))
+        write_text(new / "check.txt", as_text(_report(checked, framed=False)))
         if checked.swing is not None:
-            _save_swing(checked.swing, out / "swing.svg")
-            console.print(f"Wrote {out / 'swing.svg'}.")
+            _save_swing(checked.swing, new / "swing.svg")
+        names = [name for name in _WRITTEN if (new / name).exists()]
+    return [folder.path / name for name in names]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from ballbot.control.file import controller_text
 from ballbot.errors import InputError
 from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
 from ballbot.experiments.robust_design.perturbed import Spread
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.identification.checkpoint import identity
 from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
@@ -25,7 +25,11 @@ from ballbot.report.linearization import linearization_results
 from ballbot.report.provenance import provenance
 from ballbot.report.robust_figures import robust_figure
 from ballbot.report.style import drawn
+from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
+
+#: of a design with and without a search
+DESIGN_FILES = ("controller.toml", "results.json", "robust.svg")
 
 
 @Parameter(name="*")
@@ -75,12 +79,14 @@ def design_robustly(
         population=options.population,
         fresh=options.fresh,
     )
-    folder, console = check_folder(out), standard_output()
-    words = _words(source, sample_time, compensation, options, folder)
+    console = standard_output()
+    words = _words(source, sample_time, compensation, options, out)
+    files = [Path(source)] if Path(source).is_file() else []
     asked = {"compensation": compensation, "seed": options.seed, **asdict(spread), **asdict(effort)}
     with (
+        result_folder(out, command="design", names=DESIGN_FILES, inputs=files, resumes=True) as folder,
         long_run(
-            folder,
+            folder.path,
             words=words,
             belongs_to=identity(robot, [], asked),
             resume=options.resume,
@@ -98,7 +104,6 @@ def design_robustly(
             recall=run.recall,
         )
         command = shlex.join(words)
-        files = [Path(source)] if Path(source).is_file() else []
         made = provenance(command=command, files=files, seed=options.seed)
         results = {
             "robot": robot.name,
@@ -113,11 +118,13 @@ def design_robustly(
             "perturbed": asdict(spread),
             "provenance": made.to_dict(),
         }
-        write_text(folder / "controller.toml", _how(found, command) + controller_text(found.controller))
-        write_text(folder / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
-        write_text(folder / "results.json", as_json(results))
+        with folder.replaced() as new:
+            how = _how(found, command) + controller_text(found.controller)
+            write_text(new / "controller.toml", how)
+            write_text(new / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
+            write_text(new / "results.json", as_json(results))
     _show(found, console)
-    console.print(str(folder / "controller.toml"), soft_wrap=True)
+    console.print(str(folder.path / "controller.toml"), soft_wrap=True)
 
 
 def spread_of(text: str) -> Spread:
@@ -143,14 +150,14 @@ def spread_of(text: str) -> Spread:
 
 
 def _words(
-    source: str, sample_time: float | None, compensation: str, options: RobustOptions, folder: Path
+    source: str, sample_time: float | None, compensation: str, options: RobustOptions, out: Path
 ) -> list[str]:
     words = ["ballbot", "design", source, "--robust", "--compensation", compensation]
     words += [] if sample_time is None else ["--sample-time", repr(sample_time)]
     words += ["--perturb", options.perturb] if options.perturb else []
     for name in ("robots", "generations", "population", "fresh", "seed"):
         words += [f"--{name}", str(getattr(options, name))]
-    return [*words, "--out", str(folder)]
+    return [*words, "--out", str(out)]
 
 
 def _how(found: RobustDesign, command: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -20,8 +19,12 @@ from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.report.json_text import as_json
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate as run
+
+_WRITTEN = ("log.csv", "log.parquet", "results.json")
 
 
 def simulate(
@@ -72,17 +75,20 @@ def simulate(
     console = standard_output()
     if controller:
         warn_of_pumping({str(controller): chosen}, described, console)
-    with progress_bar(console, f"simulating {duration:g} s") as bar:
-        log = run(
-            Model(described, formulation),
-            chosen,
-            path,
-            duration=duration,
-            progress=bar.show,
-        )
-    log.write(out / f"log.{format}")
-    write_text(out / "results.json", json.dumps(_results(log), indent=2) + "\n")
-    console.print(str(out / f"log.{format}"), soft_wrap=True)
+    inputs = [Path(one) for one in (robot, reference, controller) if one and Path(one).is_file()]
+    with result_folder(out, command="simulate", names=_WRITTEN, inputs=inputs) as folder:
+        with progress_bar(console, f"simulating {duration:g} s") as bar:
+            log = run(
+                Model(described, formulation),
+                chosen,
+                path,
+                duration=duration,
+                progress=bar.show,
+            )
+        with folder.replaced() as new:
+            log.write(new / f"log.{format}")
+            write_text(new / "results.json", as_json(_results(log)))
+    console.print(str(folder.path / f"log.{format}"), soft_wrap=True)
     if log.ended:
         console.print(f"The run ended early: {log.ended}.", soft_wrap=True)
 

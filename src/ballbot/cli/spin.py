@@ -11,13 +11,14 @@ from scipy.spatial.transform import Rotation
 from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
-from ballbot.files import check_folder, write_bytes, write_text
+from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
 from ballbot.report.spin_figures import difference_figure, velocity_figure
 from ballbot.report.spin_results import spin_results
 from ballbot.report.style import drawn
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin
 from ballbot.vision.overlay import overlay
@@ -25,6 +26,8 @@ from ballbot.vision.seams import seam_named
 from ballbot.vision.spin import Setup, Spin, facing, measure_spin
 from ballbot.vision.video import open_video
 from ballbot.vision.words import spin_findings
+
+_WRITTEN = ("spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
 
 
 def spin(
@@ -92,34 +95,35 @@ def spin(
     described = Robot.load(robot) if robot is not None else None
     findings = check_input(None, {log: run}, accept=accept) if log and run else ()
     film = open_video(video, frame_rate=frame_rate)
-    folder, console = check_folder(out), standard_output()
-    with progress_bar(console, "looking") as bar:
-        found = measure_spin(
-            film, setup, progress=lambda share, doing: bar.show(share, doing=doing, note=video.stem)
-        )
-    comparison = None
-    if run is not None and described is not None:
-        try:
-            comparison = compare_with_wheels(found, run, described, known=turn)
-        except InputError as error:
-            raise InputError(f"{video} and {log}: {error}") from None
-        turn = turn or comparison.robot_camera
-    found = found.turned(turn) if turn is not None else found
-    options = {"seam": seam, "colour": colour, "circle": circle, "distance": distance, "forward": forward,
-               "frame-rate": frame_rate, "log": log, "robot": robot, "mapping": mapping}  # fmt: skip
-    words = ["ballbot", "spin", str(video), "--out", str(out)]
-    words += [
-        word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
-    ]
-    words += accept_words(accept)
-    files = [path for path in (video, log, mapping) if path is not None]
-    made = provenance(command=shlex.join(words), files=files, seed=0)
-    results = spin_results(found, comparison, log_findings=findings) | {"provenance": made.to_dict()}
-    write_text(folder / "results.json", as_json(results))
-    _write(folder, found, comparison, run)
+    console, files = standard_output(), [path for path in (video, log, mapping) if path is not None]
+    with result_folder(out, command="spin", names=_WRITTEN, inputs=files) as folder:
+        with progress_bar(console, "looking") as bar:
+            found = measure_spin(
+                film, setup, progress=lambda share, doing: bar.show(share, doing=doing, note=video.stem)
+            )
+        comparison = None
+        if run is not None and described is not None:
+            try:
+                comparison = compare_with_wheels(found, run, described, known=turn)
+            except InputError as error:
+                raise InputError(f"{video} and {log}: {error}") from None
+            turn = turn or comparison.robot_camera
+        found = found.turned(turn) if turn is not None else found
+        options = {"seam": seam, "colour": colour, "circle": circle, "distance": distance, "forward": forward,
+                   "frame-rate": frame_rate, "log": log, "robot": robot, "mapping": mapping}  # fmt: skip
+        words = ["ballbot", "spin", str(video), "--out", str(out)]
+        words += [
+            word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
+        ]
+        words += accept_words(accept)
+        made = provenance(command=shlex.join(words), files=files, seed=0)
+        with folder.replaced() as new:
+            results = spin_results(found, comparison, log_findings=findings)
+            write_text(new / "results.json", as_json(results | {"provenance": made.to_dict()}))
+            _write(new, found, comparison, run)
     for sentence in spin_findings(found, comparison):
         console.print(sentence, markup=False, soft_wrap=True)
-    console.print(str(folder / "spin.csv"), markup=False, soft_wrap=True)
+    console.print(str(folder.path / "spin.csv"), soft_wrap=True)
 
 
 def _write(folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None) -> None:

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from rich.text import Text
+
 from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.experiments.study import study as run_study
-from ballbot.files import check_folder
 from ballbot.identification import read_bounds
 from ballbot.identification.back_emf import back_emf_of
 from ballbot.identification.checkpoint import identity
@@ -20,8 +21,9 @@ from ballbot.log import Log
 from ballbot.log.checked import CheckedLogs
 from ballbot.log.odometry import with_position
 from ballbot.report.provenance import provenance
-from ballbot.report.study_files import write_study
+from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.report.summary import summary
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 
 
@@ -73,7 +75,6 @@ def study(
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     within = read_bounds(bounds) if bounds else None
     findings = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
-    folder = check_folder(out)
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
     words = _words(
         robot, logs, out=out, plant=plant, leave_out=leave_out, mapping=mapping, bounds=bounds, seed=seed
@@ -86,7 +87,8 @@ def study(
     options = {"bounds": within, "left_out": left_out, "back_emf": back_emf, "seed": seed, "plant": plant}
     belongs_to = identity(described, list(named.values()), options)
     with (
-        long_run(folder, words=words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run,
+        result_folder(out, command="study", names=STUDY_FILES, inputs=files, resumes=True) as folder,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run,
         progress_bar(console, "reading") as bar,
     ):
         result = run_study(
@@ -102,11 +104,12 @@ def study(
             progress=lambda stage, share: bar.show(share, doing=stage),
         )
         bar.show(1.0, doing="writing the report")
-        report = write_study(result, folder, made=made)
+        with folder.replaced() as new:
+            write_study(result, new, made=made)
     for heading, sentences in summary(result):
-        console.print(f"[bold]{heading}[/]: ", end="")
-        console.print(sentences, markup=False, soft_wrap=True)
-    console.print(str(report), markup=False, soft_wrap=True)
+        console.print(Text(f"{heading}: ", style="bold"), end="")
+        console.print(sentences, soft_wrap=True)
+    console.print(str(folder.path / "report.html"), soft_wrap=True)
 
 
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +10,9 @@ from cyclopts import App
 
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.seeds import parse_seeds
-from ballbot.files import write_text
+from ballbot.files import check_file, write_text
+from ballbot.report.json_text import as_json
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, twin_mjcf
 from ballbot.twin.mjcf import Mounting
@@ -54,6 +54,7 @@ def export(
         The file to write.
     """
     described = Robot.load(robot)
+    check_file(out)
     write_text(out, twin_mjcf(described, Scenario.load(scenario, described), mounting=mounting) + "\n")
     standard_output().print(str(out), soft_wrap=True)
 
@@ -102,24 +103,22 @@ def recommendations(
     from ballbot.experiments.twin_recommendations import HEADINGS, rows, try_recommendations
 
     console = standard_output()
-    with progress_bar(console, "trying the recommendations") as bar:
-        found = try_recommendations(
-            Robot.load(robot),
-            seeds=parse_seeds(seeds),
-            duration=duration,
-            threads=os.cpu_count() or 1,
-            progress=bar.show,
-        )
-    scores = {
-        name: {kind: [_finite(asdict(one)) for one in runs] for kind, runs in comparison.scores.items()}
-        for name, comparison in found.items()
-    }
-    write_text(out / "results.json", json.dumps(scores, indent=2) + "\n")
+    inputs = [] if robot in Robot.presets() else [Path(robot)]
+    with result_folder(out, command="twin recommendations", names=("results.json",), inputs=inputs) as folder:
+        with progress_bar(console, "trying the recommendations") as bar:
+            found = try_recommendations(
+                Robot.load(robot),
+                seeds=parse_seeds(seeds),
+                duration=duration,
+                threads=os.cpu_count() or 1,
+                progress=bar.show,
+            )
+        scores = {
+            name: {kind: [asdict(one) for one in runs] for kind, runs in comparison.scores.items()}
+            for name, comparison in found.items()
+        }
+        with folder.replaced() as new:
+            write_text(new / "results.json", as_json(scores))
     title = "Position error once settled, and torque noise"
     console.print(table(title, HEADINGS, rows(found), framed=console.is_terminal))
-    console.print(str(out / "results.json"), soft_wrap=True)
-
-
-def _finite(values: dict[str, object]) -> dict[str, object]:
-    """JSON knows no NaN."""
-    return {key: None if isinstance(one, float) and math.isnan(one) else one for key, one in values.items()}
+    console.print(str(folder.path / "results.json"), soft_wrap=True)

@@ -16,7 +16,7 @@ from ballbot.cli.study import read_logs
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.files import check_folder, write_text
+from ballbot.files import write_text
 from ballbot.findings import finding_results
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.odometry import with_position
@@ -27,6 +27,7 @@ from ballbot.report.provenance import provenance
 from ballbot.report.tables import digits
 from ballbot.report.validation_page import validation_report
 from ballbot.report.validation_results import validation_results
+from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed
 from ballbot.validation import (
@@ -37,6 +38,8 @@ from ballbot.validation import (
     join_validations,
     validate_pair,
 )
+
+_WRITTEN = ("report.html", "results.json")
 
 
 def validate(
@@ -88,7 +91,6 @@ def validate(
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
     driver = read_controller(controller, described) if controller else None
     found = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
-    folder = check_folder(out)
     words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]
     words += ["--against", against] if against else []
     words += ["--formulation", formulation] if formulation != "exact" else []
@@ -98,19 +100,21 @@ def validate(
     files = [*logs, *(path for path in (controller, mapping) if path)]
     made = provenance(command=shlex.join(words), files=files, seed=seed)
 
-    parts = _validate(models, named, driver, seed)
-    validation = replace(join_validations(tuple(parts.values())), log_findings=found)
-    results = validation_results(validation)
-    results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
-    whole = {"validation": results, "findings": finding_results(found), "provenance": made.to_dict()}
-    write_text(folder / "results.json", as_json(whole))
-    first, second = models.names
-    title = f"{described.name}: the model {first} and {second} against its logs"
-    page = validation_report(
-        validation, title=title, lead=f"On {', '.join(named)}.", example_of=next(iter(named)), made=made
-    )
-    write_text(folder / "report.html", page)
-    _show(validation, folder / "report.html")
+    with result_folder(out, command="validate", names=_WRITTEN, inputs=files) as folder:
+        parts = _validate(models, named, driver, seed)
+        validation = replace(join_validations(tuple(parts.values())), log_findings=found)
+        results = validation_results(validation)
+        results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
+        whole = {"validation": results, "findings": finding_results(found), "provenance": made.to_dict()}
+        first, second = models.names
+        title = f"{described.name}: the model {first} and {second} against its logs"
+        page = validation_report(
+            validation, title=title, lead=f"On {', '.join(named)}.", example_of=next(iter(named)), made=made
+        )
+        with folder.replaced() as new:
+            write_text(new / "results.json", as_json(whole))
+            write_text(new / "report.html", page)
+    _show(validation, folder.path / "report.html")
 
 
 def _models(robot: str, against: str | None, formulation: Formulation) -> ModelPair:

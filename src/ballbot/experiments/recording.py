@@ -3,9 +3,10 @@
 log, truth, motion_capture   see `ballbot.twin.recording`; .csv or .parquet
 results.json                 the run in numbers
 robot.toml, scenario.toml, controller.toml
-record.toml                  seed, experiment, the cameras' frame and clock; written last
+record.toml                  seed, experiment, the cameras' frame and clock
 
-A folder that has record.toml is whole, and so a batch that was stopped goes on where it was.
+The files appear together (`ballbot.result_folder`), so that a folder that has them is whole, and a batch that was
+stopped goes on where it was: what is there is held against its checksums.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
@@ -26,8 +27,9 @@ from ballbot.control.file import controller_text
 from ballbot.control.reference_file import is_file, reference_of, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, named_estimator
-from ballbot.experiments.children import deaf_children, die_quietly
 from ballbot.files import write_text
+from ballbot.processes import uninterrupted, worker_pool
+from ballbot.result_folder import read_manifest, result_folder
 from ballbot.robot.file import robot_text
 from ballbot.robot.robot import Robot
 from ballbot.twin.motion_capture import MotionCapture
@@ -37,6 +39,15 @@ from ballbot.twin.scenario_text import scenario_text
 from ballbot.twin.twin import Twin
 
 LogFormat = Literal["csv", "parquet"]
+
+_LOGS = ("log", "truth", "motion_capture")
+_SETTINGS = ("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml")
+#: all that a run may leave
+_FILES = (
+    *(f"{name}.{ending}" for name in _LOGS for ending in ("csv", "parquet")),
+    "results.json",
+    *_SETTINGS,
+)
 
 _HEADER = """\
 # How this run of the twin was made. The command, run in this folder, makes an equal run, bit for bit.
@@ -82,23 +93,25 @@ def record_run(
     seed : int
         Of all that is random.
     folder : Path
-        Made where it is not there; what is in it is overwritten.
+        Made if it is not there; a run that is in it is replaced.
     progress : callable, optional
         Called with the share that is done, from 0 to 1, from time to time.
 
     Raises
     ------
     InputError
-        Where the job cannot be run, or a file not be written.
+        If the job cannot be run, a file not be written, or the folder is another result's.
     """
-    recording = _record(job, seed, progress)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "record.toml").unlink(missing_ok=True)  # not whole from here on
-    for name, log in recording.logs.items():
-        log.write(folder / f"{name}.{job.log_format}")
-    write_text(folder / "results.json", json.dumps(recording.results, indent=2) + "\n")
-    for name, text in settings(job, seed).items():
-        write_text(folder / name, text)
+    if _seed_folders(folder):
+        raise InputError(f"{folder} holds runs of several seeds (--seeds); choose another folder with --out.")
+    with result_folder(folder, command="record", names=_FILES, inputs=_inputs(job)) as held:
+        recording = _record(job, seed, progress)
+        with held.replaced() as new:
+            for name, log in recording.logs.items():
+                log.write(new / f"{name}.{job.log_format}")
+            write_text(new / "results.json", json.dumps(recording.results, indent=2) + "\n")
+            for name, text in settings(job, seed).items():
+                write_text(new / name, text)
     return Outcome(seed=seed, folder=folder, ended=recording.ended)
 
 
@@ -133,21 +146,41 @@ def record_runs(
     InputError
         Where the folder holds a run of other settings, or a run cannot be made.
     """
-    outcomes = {seed: one for seed in seeds if (one := _from_before(job, seed, seed_folder(folder, seed)))}
+    # the folder has no files of its own but the seeds' folders
+    with result_folder(folder, command="record --seeds", names=()):
+        return _record_missing(job, seeds, folder, processes=processes, progress=progress)
+
+
+def _record_missing(
+    job: Job,
+    seeds: Sequence[int],
+    folder: Path,
+    *,
+    processes: int | None,
+    progress: Callable[[int], None] | None,
+) -> list[Outcome]:
+    """Record the runs that are not whole in the folder."""
+    for seed, other in sorted(_seed_folders(folder).items()):
+        if seed not in seeds:  # those are held against their checksums, too
+            _check_settings(job, seed, other)
+    outcomes = {seed: one for seed in seeds if (one := recorded(job, seed, seed_folder(folder, seed)))}
     missing = [seed for seed in dict.fromkeys(seeds) if seed not in outcomes]
     if progress:
         progress(len(outcomes))
     if missing:
         workers = min(processes or os.cpu_count() or 1, len(missing))
-        # spawned: a fork of a process with threads may hang
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=die_quietly) as pool:
-            with deaf_children():
+        with worker_pool(workers) as pool:
+            with uninterrupted():
                 runs = [pool.submit(record_run, job, seed, seed_folder(folder, seed)) for seed in missing]
             try:
                 for run in as_completed(runs):
                     outcomes[run.result().seed] = run.result()
                     if progress:
                         progress(len(outcomes))
+            except BrokenProcessPool:
+                raise InputError(
+                    "A process that recorded was killed, perhaps for want of memory; the runs recorded before are kept."
+                ) from None
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
@@ -157,6 +190,13 @@ def record_runs(
 def seed_folder(folder: Path, seed: int) -> Path:
     """Return the folder of one seed's run."""
     return folder / f"seed_{seed:04d}"
+
+
+def _seed_folders(folder: Path) -> dict[int, Path]:
+    """Return the folders of runs that are in a folder, by their seeds."""
+    found = {path.parent for path in folder.glob("seed_*/record.toml")}
+    numbers = {path: path.name.removeprefix("seed_") for path in found}
+    return {int(number): path for path, number in numbers.items() if number.isdecimal()}
 
 
 def settings(job: Job, seed: int) -> dict[str, str]:
@@ -203,15 +243,38 @@ def _record(job: Job, seed: int, progress: Callable[[float], None] | None) -> Re
     )
 
 
-def _from_before(job: Job, seed: int, folder: Path) -> Outcome | None:
-    """Return the outcome of a run that is whole on disk, or None where there is none."""
-    if not (folder / "record.toml").exists():
+def recorded(job: Job, seed: int, folder: Path) -> Outcome | None:
+    """Return the outcome of a run that is whole in its folder, every file as it was written, or None if there is none.
+
+    Raises
+    ------
+    InputError
+        If the run has other settings, or a file of it was changed.
+    """
+    manifest = read_manifest(folder)
+    if manifest is None or manifest.command != "record":
         return None
+    changed = manifest.changed_file(folder)
+    if changed:
+        raise InputError(
+            f"{folder / changed} was changed since it was recorded; delete {folder} to record that run again."
+        )
+    if manifest.missing_file(folder):
+        return None
+    _check_settings(job, seed, folder)
+    ended = json.loads((folder / "results.json").read_text(encoding="utf-8"))["ended"]
+    return Outcome(seed=seed, folder=folder, ended=ended, was_there=True)
+
+
+def _check_settings(job: Job, seed: int, folder: Path) -> None:
+    """Raise InputError unless the run in the folder is made as this job's."""
     for name, text in settings(job, seed).items():
         path = folder / name
-        if not path.exists() or path.read_text(encoding="utf-8") != text:
+        if not path.is_file() or path.read_bytes() != text.encode():
             raise InputError(
                 f"{folder} holds a run of other settings ({name} differs); choose another folder with --out."
             )
-    ended = json.loads((folder / "results.json").read_text(encoding="utf-8"))["ended"]
-    return Outcome(seed=seed, folder=folder, ended=ended, was_there=True)
+
+
+def _inputs(job: Job) -> list[Path]:
+    return [Path(job.reference)] if is_file(job.reference) else []

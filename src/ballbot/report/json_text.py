@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
+from ballbot.printable import json_escaped
 
 
 def as_json(results: Mapping[str, object]) -> str:
     """Return results as JSON text: arrays as lists, what is not finite as null."""
-    return json.dumps(_plain(results), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_escaped(json.dumps(_plain(results), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"
 
 
 def by_state(values: NDArray[np.float64]) -> dict[str, float]:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from ballbot.printable import printable
+
 
 def render(template: str, values: Mapping[str, object]) -> str:
     """Return the page of a template of this package as HTML; a name that the template lacks is an error."""
@@ -14,10 +16,16 @@ def render(template: str, values: Mapping[str, object]) -> str:
         loader=PackageLoader("ballbot.report", "."),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     return environment.get_template(f"{template}.html.j2").render(values)
+
+
+def _shown(value: object) -> object:
+    """Return what a template puts into the page: text of others' making with nothing hidden in it."""
+    return printable(value) if type(value) is str else value
 
 
 def figure_markup(svg: str) -> Markup:

@@ -13,6 +13,8 @@ from ballbot.report.results import study_results
 from ballbot.report.study_page import study_report
 from ballbot.robot.file import write_robot
 
+STUDY_FILES = ("report.html", "results.json", "robot.toml", "controller.toml")
+
 
 def write_study(study: Study, out: str | Path, *, made: Provenance) -> Path:
     """Write a study into a folder, each file whole or not at all, and return the report's path."""

@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
 from types import MappingProxyType, TracebackType
 
 import numpy as np
@@ -21,13 +20,13 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName
-from ballbot.experiments.children import deaf_children, die_quietly
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
 from ballbot.experiments.score import Score, score
 from ballbot.identification.checkpoint import Arrays, Recall, afresh
 from ballbot.log import Log
+from ballbot.processes import uninterrupted, worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 
@@ -168,13 +167,8 @@ class _Players:
         if min(self._processes, len(self._games) - place) < 2 and not self._pool:
             return _play(self._robot, self._games[place])
         if not self._pool:
-            # spawned: a fork of a process with threads may hang
-            self._pool = ProcessPoolExecutor(
-                min(self._processes, len(self._games) - place),
-                mp_context=get_context("spawn"),
-                initializer=die_quietly,
-            )
-            with deaf_children():
+            self._pool = worker_pool(min(self._processes, len(self._games) - place))
+            with uninterrupted():
                 for later in range(place, len(self._games)):
                     self._ahead[later] = self._pool.submit(_play, self._robot, self._games[later])
         try:

@@ -10,11 +10,10 @@ import hashlib
 import io
 import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -25,9 +24,9 @@ from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
-from ballbot.experiments.children import deaf_children, die_quietly
 from ballbot.files import write_bytes
 from ballbot.log import Log
+from ballbot.processes import uninterrupted, worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
@@ -134,9 +133,8 @@ def record_all(
     done = sum(one.seconds for one in recordings if one.name in found)
     if missing:
         workers = min(os.cpu_count() or 1, len(missing))
-        # spawned: a fork of a process with threads may hang
-        with ProcessPoolExecutor(workers, get_context("spawn"), initializer=die_quietly) as pool:
-            with deaf_children():
+        with worker_pool(workers) as pool:
+            with uninterrupted():
                 made = {pool.submit(one.make, robot, seed): one for one in missing}
             try:
                 for future in as_completed(made):

@@ -18,6 +18,13 @@ from ballbot.report.reproduce.markdown import reproduction_markdown
 from ballbot.report.style import drawn
 from ballbot.report.tables import with_symbols
 
+REPRODUCTION_FILES = (
+    "index.html",
+    "reproduce.md",
+    "results.json",
+    *(f"figures/{key}.svg" for key in DRAWINGS),
+)
+
 
 def write_reproduction(
     made: Reproduction, folder: Path, *, provenance: Provenance, progress: Callable[[float, str], None]

@@ -1,0 +1,259 @@
+"""A folder that belongs to one result: locked while it is worked on, its files replaced together or not at all.
+
+What a command writes is collected out of sight, in STAGED. When all of it is there, the folder of that name becomes
+READY, the files of the result before are deleted and the new ones take their places. A process that is killed on the
+way leaves the old result, or READY, from which the next command that opens the folder finishes the move: never files
+of two results side by side. MANIFEST has the command and each file's checksum, so that files of the user's are known
+from the result's, and are neither replaced nor deleted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from ballbot.errors import InputError
+from ballbot.files import check_folder, sha256_of, write_text
+from ballbot.folder_lock import locked
+from ballbot.processes import uninterrupted
+
+MANIFEST = ".ballbot.json"
+STAGED = ".ballbot-staged"
+READY = ".ballbot-ready"
+CHECKPOINT = "checkpoint.jsonl"
+
+_FORMAT = "ballbot result 1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """What a folder's result is made of."""
+
+    command: str  #: as "study"
+    files: Mapping[str, str]  #: SHA-256 by path below the folder, with forward slashes
+
+    def changed_file(self, folder: Path) -> str | None:
+        """Return a file that is there and is not as it was written, or None."""
+        for name, checksum in self.files.items():
+            if (folder / name).exists() and not _has(folder / name, checksum):
+                return name
+        return None
+
+    def missing_file(self, folder: Path) -> str | None:
+        """Return a file that is not there, or None."""
+        return next((name for name in self.files if not (folder / name).exists()), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultFolder:
+    """A folder that is held for one command; made by `result_folder`."""
+
+    path: Path
+    command: str
+    names: frozenset[str]
+
+    @contextmanager
+    def replaced(self) -> Iterator[Path]:
+        """Give a folder to write the new result into, which replaces the old one as a whole when the block ends well.
+
+        Raises
+        ------
+        InputError
+            If the new result cannot take the old one's place; the old one is then as it was.
+        """
+        staged = self.path / STAGED
+        _delete(staged)
+        try:
+            staged.mkdir()
+        except OSError as error:
+            raise InputError(f"Nothing can be written into {self.path}: {error.strerror or error}.") from None
+        try:
+            yield staged
+            files = [path for path in sorted(staged.rglob("*")) if path.is_file()]
+            checksums = {path.relative_to(staged).as_posix(): sha256_of(path) for path in files}
+            undeclared = set(checksums) - self.names
+            assert not undeclared, f"written but not declared: {undeclared}"
+            manifest = {"format": _FORMAT, "command": self.command, "files": checksums}
+            write_text(staged / MANIFEST, json.dumps(manifest, indent=2) + "\n")
+            with uninterrupted():
+                _move(staged, self.path / READY)
+                _finish_move(self.path)
+        finally:
+            _delete(staged)
+
+
+@contextmanager
+def result_folder(
+    out: str | Path,
+    *,
+    command: str,
+    names: Collection[str],
+    inputs: Sequence[Path] = (),
+    resumes: bool = False,
+) -> Iterator[ResultFolder]:
+    """Hold a folder for the result of one command while the block runs.
+
+    Parameters
+    ----------
+    out : str or Path
+        Made if it is not there.
+    command : str
+        Whose result it is to be, as "study".
+    names : collection of str
+        The files that the command may write there, as "report.html" or "figures/one.svg".
+    inputs : sequence of Path
+        The files that the result is made from.
+    resumes : bool
+        Whether the command goes on with a checkpoint in the folder.
+
+    Raises
+    ------
+    InputError
+        If another process holds the folder; if it has another command's result or unfinished run, or files by these
+        names that are no result's or were changed since; or if an input would be replaced.
+    """
+    was_there = os.path.exists(out)
+    folder = check_folder(out)
+    try:
+        with locked(folder):
+            _prepare(folder, command=command, names=names, inputs=inputs, resumes=resumes)
+            yield ResultFolder(path=folder, command=command, names=frozenset(names))
+    finally:
+        if not was_there:
+            with suppress(OSError):  # it is of use to somebody
+                folder.rmdir()
+
+
+def _prepare(
+    folder: Path, *, command: str, names: Collection[str], inputs: Sequence[Path], resumes: bool
+) -> None:
+    """Finish or clear what a killed process left, and raise InputError unless the folder may have a new result."""
+    _finish_move(folder)
+    _delete(folder / STAGED)
+    if not resumes and (folder / CHECKPOINT).exists():
+        raise InputError(
+            f"{folder / CHECKPOINT} holds a run that was not finished; resume that run (--resume), delete it, or "
+            "choose another folder with --out."
+        )
+    _check_replaceable(folder, read_manifest(folder), command=command, names=names, inputs=inputs)
+
+
+def read_manifest(folder: Path) -> Manifest | None:
+    """Return what a folder's result is made of, or None if it has none; InputError if that is damaged."""
+    path = folder / MANIFEST
+    try:
+        read = json.loads(path.read_bytes())
+        if read["format"] != _FORMAT:
+            raise ValueError
+        return Manifest(
+            command=_text(read["command"]), files={_inside(k): _text(v) for k, v in read["files"].items()}
+        )
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise InputError(
+            f"{path}, which lists the files of the result there, is damaged; choose another folder with --out, or "
+            "delete the result."
+        ) from None
+
+
+def _check_replaceable(
+    folder: Path, old: Manifest | None, *, command: str, names: Collection[str], inputs: Sequence[Path]
+) -> None:
+    """Raise InputError unless the result in the folder, if there is one, may give way to a new one."""
+    files = {} if old is None else old.files
+    if old and old.command != command:
+        raise InputError(
+            f"{folder} holds a result of ballbot {old.command}; choose another folder with --out, so that results are "
+            "not mixed."
+        )
+    read = {os.path.realpath(path) for path in inputs}
+    for name in sorted({*files, *names}):
+        path = folder / name
+        if os.path.realpath(path) in read:
+            raise InputError(
+                f"{path} is read by this run, whose result would replace it; choose another folder with --out."
+            )
+        if name not in files and (path.exists() or path.is_symlink()):
+            raise InputError(
+                f"{path} is there already and belongs to no result of ballbot {command}; move it, or choose another "
+                "folder with --out."
+            )
+    changed = old.changed_file(folder) if old else None
+    if changed:
+        raise InputError(
+            f"{folder / changed} was changed since ballbot {command} wrote it; move it, or choose another folder with "
+            "--out."
+        )
+
+
+def _finish_move(folder: Path) -> None:
+    """Put the files of READY, if it is there, into the places of the old result's; begun again where it stopped."""
+    ready = folder / READY
+    new = read_manifest(ready) if ready.is_dir() else None
+    if new is None:
+        _delete(ready)  # empty: the move was finished but for this
+        return
+    old = read_manifest(folder)
+    try:
+        for name in old.files if old else ():
+            (folder / name).unlink(missing_ok=True)
+            _prune(folder / name, folder)
+        (folder / MANIFEST).unlink(missing_ok=True)
+        for name in new.files:
+            if (ready / name).exists():  # not moved before
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (ready / name).replace(folder / name)
+        (ready / MANIFEST).replace(folder / MANIFEST)
+    except OSError as error:
+        raise InputError(f"The result cannot be moved from {ready}: {error.strerror or error}.") from None
+    _delete(ready)
+
+
+def _prune(path: Path, folder: Path) -> None:
+    """Delete the folders between a deleted file and `folder` that are empty now."""
+    for parent in path.parents:
+        if parent == folder or not parent.is_dir() or any(parent.iterdir()):
+            return
+        parent.rmdir()
+
+
+def _move(source: Path, target: Path) -> None:
+    try:
+        source.replace(target)
+    except OSError as error:
+        raise InputError(f"The result cannot be moved to {target}: {error.strerror or error}.") from None
+
+
+def _delete(path: Path) -> None:
+    """Delete a folder of ours with all in it; a link or a file in its place is deleted itself."""
+    if path.is_symlink() or path.is_file():
+        path.unlink()
+    elif path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def _has(path: Path, checksum: str) -> bool:
+    try:
+        return path.is_file() and sha256_of(path) == checksum
+    except OSError:
+        return False
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _inside(name: object) -> str:
+    """Return a manifest's path; ValueError if it leads out of the folder."""
+    path = PurePosixPath(_text(name))
+    if path.is_absolute() or ".." in path.parts or not path.parts:
+        raise ValueError
+    return str(path)

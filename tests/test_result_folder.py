@@ -1,0 +1,214 @@
+"""A folder belongs to one result: held by one process, its files replaced together, the user's own left alone."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ballbot import InputError
+from ballbot.files import write_text
+from ballbot.result_folder import CHECKPOINT, MANIFEST, READY, STAGED, read_manifest, result_folder
+
+NAMES = ("report.html", "results.json", "robot.toml", "figures/one.svg", "figures/two.svg")
+OLD = {"report.html": "old", "results.json": "old", "figures/one.svg": "old"}
+NEW = {"report.html": "new", "robot.toml": "new", "figures/two.svg": "new"}
+
+
+def leave(folder: Path, texts: dict[str, str], *, command: str = "study", inputs: tuple[Path, ...] = ()) -> None:
+    """Write a result of these files."""
+    with result_folder(folder, command=command, names=NAMES, inputs=inputs) as held, held.replaced() as new:
+        for name, text in texts.items():
+            write_text(new / name, text)
+
+
+def shown(folder: Path) -> dict[str, str]:
+    """Return the texts of what a person sees in a folder."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    names = {path: path.relative_to(folder).as_posix() for path in files}
+    return {name: path.read_text() for path, name in names.items() if not name.startswith(".")}
+
+
+def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
+    leave(tmp_path, OLD)
+    (tmp_path / "notes.txt").write_text("mine")
+    leave(tmp_path, NEW)
+    assert shown(tmp_path) == NEW | {"notes.txt": "mine"}
+    assert {path.name for path in tmp_path.iterdir() if path.name.startswith(".")} == {MANIFEST}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError])
+def test_a_run_that_stops_leaves_the_old_result(tmp_path, error):
+    leave(tmp_path, OLD)
+    with pytest.raises(error), result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
+        write_text(new / "results.json", "new")
+        raise error
+    assert shown(tmp_path) == OLD
+    leave(tmp_path, NEW)
+
+
+class KilledError(BaseException):
+    """Stands for the end of the process."""
+
+
+@pytest.mark.parametrize("steps", range(12))
+def test_a_move_that_is_killed_never_mixes_two_results_and_is_finished_later(tmp_path, monkeypatch, steps):
+    leave(tmp_path, OLD)
+    left = steps
+
+    def counted(method):
+        def call(*args, **options):
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise KilledError
+            return method(*args, **options)
+
+        return call
+
+    with monkeypatch.context() as patch:
+        with result_folder(tmp_path, command="study", names=NAMES) as held:
+            try:
+                with held.replaced() as new:
+                    for name, text in NEW.items():
+                        write_text(new / name, text)
+                    for method in ("replace", "unlink", "rmdir", "mkdir"):
+                        patch.setattr(Path, method, counted(getattr(Path, method)))
+                killed = False
+            except KilledError:
+                killed = True
+            patch.undo()
+    seen = shown(tmp_path)
+    assert set(seen.values()) in ({"old"}, {"new"}, set())
+    assert killed or steps == 11
+    with result_folder(tmp_path, command="study", names=NAMES):
+        pass
+    assert shown(tmp_path) in (OLD, NEW)
+    assert not (tmp_path / READY).exists()
+
+
+def test_another_commands_result_is_refused(tmp_path):
+    leave(tmp_path, OLD, command="identify")
+    with pytest.raises(InputError, match=r"holds a result of ballbot identify; choose another folder"):
+        leave(tmp_path, NEW)
+    assert shown(tmp_path) == OLD
+
+
+def test_files_of_the_users_are_not_replaced(tmp_path):
+    (tmp_path / "robot.toml").write_text("mine")
+    with pytest.raises(InputError, match=r"robot\.toml is there already and belongs to no result"):
+        leave(tmp_path, NEW)
+
+
+def test_a_result_that_was_edited_is_not_replaced(tmp_path):
+    leave(tmp_path, OLD)
+    (tmp_path / "results.json").write_text("edited")
+    with pytest.raises(InputError, match=r"results\.json was changed since ballbot study wrote it"):
+        leave(tmp_path, NEW)
+
+
+def test_an_input_is_not_replaced_by_what_is_made_from_it(tmp_path, monkeypatch):
+    leave(tmp_path / "found", OLD | {"robot.toml": "old"})
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"robot\.toml is read by this run"):
+        leave(tmp_path / "found", NEW, inputs=(Path("found/../found/robot.toml"),))
+
+
+def test_an_unfinished_run_is_not_mixed_with(tmp_path):
+    (tmp_path / CHECKPOINT).write_text("{}")
+    with pytest.raises(InputError, match="a run that was not finished"):
+        leave(tmp_path, NEW)
+    with result_folder(tmp_path, command="study", names=NAMES, resumes=True):
+        pass
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{}", '{"format": "ballbot result 1"}', '{"format": "ballbot result 1", "command": 1, "files": {}}']
+    + ['{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}', "[" * 100_000],
+)
+def test_a_damaged_manifest_is_refused(tmp_path, text):
+    leave(tmp_path, OLD)
+    (tmp_path / MANIFEST).write_text(text)
+    with pytest.raises(InputError, match="is damaged"):
+        leave(tmp_path, NEW)
+
+
+HOLD = """
+import sys, time
+from ballbot.result_folder import result_folder
+with result_folder(sys.argv[1], command="study", names=()):
+    print("held", flush=True)
+    time.sleep(60.0)
+"""
+
+
+def test_a_folder_is_one_processs_until_it_dies(tmp_path):
+    holder = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    with pytest.raises(InputError, match=rf"Another ballbot \(process {holder.pid}\) is writing into"):
+        leave(tmp_path, NEW)
+    os.kill(holder.pid, signal.SIGKILL)
+    holder.wait()
+    holder.stdout.close()
+    leave(tmp_path, NEW)
+    assert shown(tmp_path) == NEW
+
+
+def test_what_a_killed_process_left_is_cleared(tmp_path):
+    leave(tmp_path, OLD)
+    (tmp_path / STAGED).mkdir()
+    (tmp_path / STAGED / "results.json").write_text("half")
+    leave(tmp_path, NEW)
+    assert shown(tmp_path) == NEW
+    assert not (tmp_path / STAGED).exists()
+    manifest = read_manifest(tmp_path)
+    assert manifest is not None
+    assert set(manifest.files) == set(NEW)
+
+
+@pytest.mark.parametrize("kind", ["file", "pipe", "loop", "device"])
+def test_only_folders_are_written_into(tmp_path, kind):
+    out = tmp_path / "out"
+    if kind == "file":
+        out.touch()
+    elif kind == "pipe":
+        os.mkfifo(out)
+    elif kind == "loop":
+        out.symlink_to(out)
+    else:
+        out = Path("/dev/full")
+    with pytest.raises(InputError):
+        leave(out, NEW)
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
+def test_only_regular_files_are_written(tmp_path, kind):
+    path = tmp_path / "file"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "loop":
+        path.symlink_to(path)
+    else:
+        path = Path("/dev/null")
+    with pytest.raises(InputError):
+        write_text(path, "text")
+    assert not path.is_file()
+
+
+def test_a_link_is_written_through(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    write_text(tmp_path / "link", "text")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text() == "text"
+
+
+def test_names_may_be_as_long_as_the_system_allows(tmp_path):
+    write_text(tmp_path / ("n" * 255), "text")
+    with pytest.raises(InputError, match="cannot be written: File name too long"):
+        write_text(tmp_path / ("n" * 256), "text")
