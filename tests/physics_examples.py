@@ -4,11 +4,12 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ballbot import Model, Robot, simulate
+from ballbot import Controller, Model, Robot, simulate
 from ballbot.control import references
 from ballbot.control.nominal import nominal_controller
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Friction
 from ballbot.robot.scaled import scaled_body
 
@@ -21,8 +22,8 @@ FRICTION = Friction(
     stribeck_exponent=1.1,
     rolling=0.007,
 )
-#: of lean [rad] and of rates [rad/s], as an IMU's, and of ball speeds [m/s]
-NOISE = {"theta": 1.7e-3, "phi": 1.7e-3, "theta_dot": 2e-3, "phi_dot": 2e-3, "x_dot": 1e-3, "y_dot": 1e-3}
+#: of x y theta phi psi and their rates, as of an IMU and of encoders [m, rad, m/s, rad/s]
+NOISE = np.array([1e-5, 1e-5, 1.7e-3, 1.7e-3, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3, 2e-3])
 TORQUES = ("u1", "u2", "u3")
 
 
@@ -31,12 +32,30 @@ def balancing(name: str = "alten", *, seed: int = 1, mass: float = 1.0) -> tuple
     """Return a log of 12 s around a square on a robot with friction, and the robot; `mass` scales the true body."""
     robot = Robot.load(name)
     true = robot.replace(friction=FRICTION, body=scaled_body(robot.body, mass=mass, height=1.0))
-    log = simulate(
-        Model(true), nominal_controller(robot), references.square(side=0.5, period=12.0), duration=12.0
-    )
-    rng = np.random.default_rng(seed)
-    noisy = {name: log[name] + size * rng.standard_normal(len(log)) for name, size in NOISE.items()}
-    return log.without_truth().with_columns(noisy), robot
+    feedback = NoisyFeedback(nominal_controller(robot), seed)
+    log = simulate(Model(true), feedback, references.square(side=0.5, period=12.0), duration=12.0)
+    measured = np.array(feedback.measured[: len(log)])
+    return log.without_truth().with_columns(dict(zip(STATE_NAMES, measured.T, strict=True))), robot
+
+
+class NoisyFeedback:
+    """A controller that feeds back noisy states, and keeps them."""
+
+    def __init__(self, controller: Controller, seed: int) -> None:
+        self._controller, self._seed = controller, seed
+        self.sample_time = controller.sample_time
+        self.reset()
+
+    def reset(self) -> None:
+        self._controller.reset()
+        self._random = np.random.default_rng(self._seed)
+        self.measured: list[NDArray[np.float64]] = []
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        self.measured.append(state + NOISE * self._random.standard_normal(10))
+        return self._controller.update(t, self.measured[-1], reference)
 
 
 def exchanged(log: Log, *pairs: tuple[str, str]) -> Log:
@@ -116,4 +135,6 @@ MISTAKES: dict[str, tuple[Callable[[Log], Log], str, str]] = {
         "torque-unrelated",
         "nothing to do with the motion",
     ),
+    "torques 80 ms late": (lambda log: delayed(log, 0.08, *TORQUES), "torque-delay", "80 ms too late"),
+    "torques 50 ms early": (lambda log: delayed(log, -0.05, *TORQUES), "torque-delay", "50 ms too early"),
 }

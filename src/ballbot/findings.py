@@ -64,6 +64,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "swing-unit": "the angle of a swing looks to be in degrees, or hardly swings",
         "time": "time does not increase throughout a foreign file",
         "timing": "rows' times differ from the moments of sampling",
+        "torque-delay": "the torques stand too late or too early beside the states that they answer",
         "torque-limit": "torques exceed the robot's limit",
         "torque-order": "the torques drive other wheels than the columns say",
         "torque-scale": "the torques are larger or smaller than the motion needs",

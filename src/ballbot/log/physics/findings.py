@@ -5,6 +5,7 @@ from __future__ import annotations
 from ballbot.findings import Finding
 from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
+from ballbot.log.physics.delay import answer_of, delay_findings
 from ballbot.log.physics.lean import lean_evidence, lean_findings
 from ballbot.log.physics.motion import motion_of, usable_rows
 from ballbot.log.physics.torque import driving_of, torque_evidence, torque_findings
@@ -24,6 +25,10 @@ def physics_findings(log: Log, robot: Robot) -> list[Finding]:
     robot : Robot
         Its rigid body and geometry; its friction is not used.
     """
+    names = torque_names(robot.wheel_count)
+    late = delay_findings(answer_of(log, robot), names=names)
+    if late:
+        return late
     rows = usable_rows(log, robot)
     if rows is None:
         return []
@@ -41,4 +46,4 @@ def physics_findings(log: Log, robot: Robot) -> list[Finding]:
     driving = driving_of(log, rows, motion, robot)
     if driving is None:
         return []
-    return torque_findings(torque_evidence(driving), names=torque_names(robot.wheel_count))
+    return torque_findings(torque_evidence(driving), names=names)

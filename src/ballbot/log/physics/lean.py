@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place
-from ballbot.log.physics.evidence import clarity, without
+from ballbot.log.physics.evidence import block_sums, clarity, without
 from ballbot.log.physics.motion import Complex, Motion, as_complex, as_plane
 from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.robot import Robot
@@ -34,6 +34,9 @@ LARGEST_TURN = np.radians(12.0)
 SURE = 3.0
 #: relative standard error of gravity's gain from which nothing can be concluded
 KNOWN = 0.15
+#: gains of gravity beyond these, or a turn that another reading of the columns would have taken away, are believed only
+#: if the law explains nearly all
+USUAL, BETWEEN, MOSTLY = (0.3, 3.0), np.radians(50.0), 0.85
 #: gain of the rates over gravity's on a correct log: the filter and a gyro's noise take from the rates' term
 RATE_SHARE = (0.55, 1.2)
 #: ball speed under which the direction of rolling friction is not known [m/s]
@@ -83,11 +86,18 @@ class LeanEvidence:
     rate_gain: complex  #: of the term of the lean rates
     gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
     gravity_error: float  #: standard error of the latter
+    reverse_gain: (
+        float  #: size of the latter if the lean is regressed on the acceleration; noise of the lean lowers
+    )
+    #: the gain itself and raises this one
 
     @property
     def conclusive(self) -> bool:
         """Whether the log shows anything about the lean; wheels that slip or shake show accelerations of their own."""
-        return self.explained >= EXPLAINED and self.gravity_error < KNOWN * abs(self.gravity_gain)
+        size = abs(self.gravity_gain)
+        usual = USUAL[0] < size < USUAL[1] and abs(np.angle(self.gravity_gain)) < BETWEEN
+        enough = EXPLAINED if usual else MOSTLY
+        return self.explained >= enough and self.gravity_error < KNOWN * size
 
     @property
     def misread(self) -> bool:
@@ -112,16 +122,17 @@ def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     good = [k for k in range(len(pairs)) if total[k] <= AS_GOOD * total[best]]
     good.sort(key=lambda k: (pairs[k][0].changes + pairs[k][1].changes, total[k]))
     own = pairs.index((AS_LOGGED, AS_LOGGED))
-    rate_gain, gravity_gain, error, explained = _gains(terms, weights[good[0]], block)
+    gains = _gains(terms, weights[good[0]], block)
     return LeanEvidence(
         angles=tuple(pairs[k][0] for k in good),
         rates=tuple(pairs[k][1] for k in good),
         clearness=clarity((left[own] - left[best]) / (left[own] + left[best])),
         ratio=float(total[own] / total[best]),
-        explained=explained,
-        rate_gain=rate_gain,
-        gravity_gain=gravity_gain,
-        gravity_error=error,
+        explained=gains.explained,
+        rate_gain=gains.rates,
+        gravity_gain=gains.gravity,
+        gravity_error=gains.error,
+        reverse_gain=gains.reverse,
     )
 
 
@@ -134,7 +145,7 @@ def lean_findings(found: LeanEvidence) -> list[Finding]:
     size, turn = abs(found.gravity_gain), float(np.angle(found.gravity_gain))
     low, high = GAIN_RANGE
     sure = SURE * found.gravity_error
-    if size + sure < low or size - sure > high:
+    if found.reverse_gain + sure < low or size - sure > high:
         return [_scaled(size, found.rate_gain)]
     if abs(turn) - sure / size > LARGEST_TURN:
         degrees = np.degrees(turn)
@@ -183,27 +194,39 @@ def _placed(reading: Reading) -> NDArray[np.float64]:
     return np.array([0, second, first, 0] if reading.swapped else [first, 0, 0, second], dtype=np.float64)
 
 
-def _gains(
-    terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArray[np.intp]
-) -> tuple[complex, complex, float, float]:
-    """Return the gains of rates and gravity, the latter's standard error, and the share that they explain."""
+@dataclass(frozen=True, kw_only=True)
+class _Gains:
+    """Complex gains of both terms of the law; see `LeanEvidence`."""
+
+    rates: complex
+    gravity: complex
+    error: float
+    reverse: float
+    explained: float
+
+
+def _gains(terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArray[np.intp]) -> _Gains:
+    """Fit the gains of rates and gravity; the standard error is that of blocks, whose rows are not independent."""
     y = terms[0]
-    X = -np.column_stack(
-        [np.tensordot(weights[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9))]
+    rates, gravity = (
+        -np.tensordot(weights[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9))
     )
+    X = np.column_stack([rates, gravity])
     gains = np.linalg.lstsq(X, y, rcond=None)[0]
     residual = y - X @ gains
-    blocks = int(block[-1]) + 1
-    scores = np.array(
-        [np.bincount(block, weights=(x.conj() * residual).real) for x in X.T]
-        + [np.bincount(block, weights=(x.conj() * residual).imag) for x in X.T]
+    # gravity's gain by itself, with the rates' term removed from both sides
+    alone, left = without(rates[:, None], gravity), without(rates[:, None], y)
+    scores = block_sums((alone.conj() * residual).real, block) + 1j * block_sums(
+        (alone.conj() * residual).imag, block
     )
-    inverse = np.linalg.inv(X.conj().T @ X)
-    # a sandwich: scores of blocks are independent, rows within a block are not
-    spread = inverse @ (scores[:2] + 1j * scores[2:])
-    error = float(np.sqrt(np.sum(np.abs(spread[1]) ** 2) * blocks / (blocks - 1)))
-    explained = 1.0 - float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(y) ** 2))
-    return complex(gains[0]), complex(gains[1]), error, explained
+    common = abs(np.vdot(alone, left))
+    return _Gains(
+        rates=complex(gains[0]),
+        gravity=complex(gains[1]),
+        error=float(np.sqrt(np.sum(np.abs(scores) ** 2)) / np.vdot(alone, alone).real),
+        reverse=float(np.vdot(left, left).real / common) if common > 0.0 else float("inf"),
+        explained=1.0 - float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(y) ** 2)),
+    )
 
 
 def _misread(angles: Sequence[Reading], rates: Sequence[Reading]) -> Finding:

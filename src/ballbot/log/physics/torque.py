@@ -36,14 +36,17 @@ from ballbot.robot import Robot
 CLEAR_GAIN, CLEARLY_BETTER = 0.2, 3.0
 #: assignments whose share is within this of the best's cannot be told apart
 AS_GOOD = 0.03
-#: share of the torques that must be explained before anything is concluded
-EXPLAINED = 0.3
+#: share of the torques that must be explained before a scale is concluded, or an order or sign
+EXPLAINED, BELIEVED = 0.3, 0.45
 #: share under which torques have nothing to do with the motion
 UNRELATED = 0.15
-#: k by regression of need on torque under which torques are too small, and of torque on need over which too large
-SCALE_RANGE = (0.8, 1.3)
-#: most of the second over the first with which they say anything
-BRACKET = 2.2
+#: scale k that is an error, and one that is a warning; the larger the bracket (k by regression of need on torque over k
+#: by regression of torque on need) the farther from one, as sticking wheels' friction follows the need
+TOO_LARGE, LARGE, BRACKET_POWER = 1.25, 1.15, 0.75
+#: too small by the second regression, or by the first if the bracket is narrow
+TOO_SMALL, TOO_SMALL_IF_NARROW, NARROW = 0.77, 0.62, 1.7
+#: scales of the first kind with which an order or sign is believed, and the widest bracket
+LEAST_SCALE, WIDEST = 0.4, 4.5
 #: variance of a torque over the largest one's under which its column is dead
 DEAD = 1e-8
 SURE = 3.0
@@ -167,20 +170,18 @@ def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Fi
     """Return what is wrong with the torques: order, sign, scale, or that they do not belong to the motion."""
     where = Place(columns=names)
     best, (forward, reverse) = found.assignments[0], found.scale
-    coherent = 0.0 < reverse < BRACKET * forward
+    coherent = forward > LEAST_SCALE and 0.0 < reverse < WIDEST * forward
     clear = found.differing > CLEAR_GAIN and found.clearness > CLEARLY_BETTER
-    if found.explained < UNRELATED or (found.as_logged < UNRELATED and not coherent):
+    if best.changes and clear and coherent and found.explained > BELIEVED:
+        return [_misplaced(found, where)]
+    if found.as_logged < UNRELATED:
         sentence = (
             "The torques have nothing to do with the motion: as logged they explain "
             f"{100 * max(found.as_logged, 0.0):.0f} % of what the motion needs, and no other order or signs fit. They "
             "are of another log, shifted in time, or not the motors' torques."
         )
         return [Finding(code="torque-unrelated", severity="error", text=sentence, where=where)]
-    if found.explained < EXPLAINED or not coherent:
-        return []
-    if best.changes and clear:
-        return [_misplaced(found, where)]
-    return _scale_findings(found, where)
+    return _scale_findings(found, where) if found.explained > EXPLAINED else []
 
 
 def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
@@ -198,18 +199,21 @@ def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
 
 
 def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
-    low, high = SCALE_RANGE
     forward, reverse = found.scale
-    sure = SURE * found.scale_error
-    small, large = reverse + sure < low, forward - sure > high
+    sure, bracket = SURE * found.scale_error, reverse / forward if forward > 0.0 else float("inf")
+    small = reverse + sure < TOO_SMALL or (bracket < NARROW and forward + sure < TOO_SMALL_IF_NARROW)
+    large = forward - sure > LARGE * bracket**BRACKET_POWER
     if not small and not large:
         return []
+    error = small or forward - sure > TOO_LARGE * bracket**BRACKET_POWER
     sentence = (
-        f"The torques are {forward if large else 0.5 * (forward + reverse):.2g} times what the motion needs of this "
-        "robot: u1, u2 .. are scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the "
-        f"robot is {'heavier' if large else 'lighter'} than its file says."
+        f"The torques are {forward if large else reverse:.2g} times what the motion needs of this robot: u1, u2 .. are "
+        "scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the robot is "
+        f"{'heavier' if large else 'lighter'} than its file says."
     )
-    return [Finding(code="torque-scale", severity="error", text=sentence, where=where)]
+    return [
+        Finding(code="torque-scale", severity="error" if error else "warning", text=sentence, where=where)
+    ]
 
 
 def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
