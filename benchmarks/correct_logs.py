@@ -20,7 +20,7 @@ from ballbot.robot.scaled import scaled_body, scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push, Timing
+from ballbot.twin.faults import Push, Softness, Timing
 
 PRESETS = ("alten", "cmu", "kugle", "rezero", "rob311")
 REFERENCES = ("hold", "square", "circle", "figure_eight", "change_pose")
@@ -106,7 +106,14 @@ def _scenario(robot: Robot, name: str, random: np.random.Generator) -> Scenario:
         timing=_timing(sensors.sample_time, random),
         pushes=_pushes(robot, random),
         sensor_faults=_sensor_faults(sensors.sample_time, random),
+        softness=_softness(base, heavier),
     )
+
+
+def _softness(base: Scenario, heavier: float) -> Softness | None:
+    """Return the scenario's softness for a robot of another weight, which sinks in as deep."""
+    soft = base.softness
+    return soft and Softness(stiffness=heavier * soft.stiffness, damping=heavier * soft.damping)
 
 
 def _timing(sample_time: float, random: np.random.Generator) -> Timing | None:

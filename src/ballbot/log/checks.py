@@ -9,17 +9,19 @@ from types import MappingProxyType
 from ballbot.findings import Finding, Place, by_severity
 from ballbot.log.angle_checks import check_gyro, check_lean, check_rates, check_wrap
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
+from ballbot.log.course_checks import check_jumps, check_lean_course
 from ballbot.log.disturbance_check import check_disturbance
 from ballbot.log.kinematic_check import check_wheels
 from ballbot.log.log import Log
+from ballbot.log.repetition_checks import check_copied, check_held, check_stuck
 from ballbot.log.spikes import check_spikes
 from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values, check_rows
+from ballbot.log.torque_checks import check_torques
 from ballbot.log.value_checks import (
     check_constant,
     check_names,
     check_saturation,
     check_speed_limit,
-    check_stuck,
 )
 from ballbot.robot import Robot
 
@@ -48,6 +50,11 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         *check_wrap(log),
         *check_constant(log),
         *check_stuck(log),
+        *check_held(log),
+        *check_copied(log),
+        *check_jumps(log),
+        *check_lean_course(log),
+        *check_torques(log, robot=robot),
         *check_saturation(log, torque_limit=limit),
         *(_of_robot(log, robot) if robot else []),
         *check_names(log),

@@ -3,21 +3,16 @@
 import difflib
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place
-from ballbot.log.columns import KNOWN_NAMES, TRUE_PREFIX, wheel_speed_names
+from ballbot.log.columns import KNOWN_NAMES, STATE_NAMES, TRUE_PREFIX, wheel_speed_names
 from ballbot.log.log import Log
+from ballbot.log.repetition_checks import standstill
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
-#: columns of sensors with noise; an encoder that stands still may be right
-NOISY_PREFIXES = ("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_")
-#: a column that changes at this share of the rows is a live one, whose standing still is a fault
-LIVE_SHARE = 0.9
-#: shortest standstill of a live column that is told [s]
-STUCK_TIME = 0.1
-STUCK_ROWS = 10
+#: standard deviation of a state that moves [m, rad, m/s, rad/s]
+LEAST_MOVING = 1e-3
 #: a limit shows as at least this many equal extreme torques in a row
 SATURATED_ROWS = 3
 
@@ -36,7 +31,7 @@ def check_names(log: Log) -> list[Finding]:
 
 
 def check_constant(log: Log) -> list[Finding]:
-    """Return a warning for each sensor or torque column that never changes, and a note for references."""
+    """Return a finding for each sensor or torque column that never changes, and a note for references."""
     findings = []
     for name in log.names:
         values = log[name]
@@ -48,36 +43,21 @@ def check_constant(log: Log) -> list[Finding]:
                 Finding(severity="note", code="constant", text=sentence, where=Place(columns=(name,)))
             )
         elif not name.startswith(TRUE_PREFIX):
-            sentence = f"{name} is {values[0]:g} throughout, as if its sensor or cable were dead."
-            findings.append(
-                Finding(severity="warning", code="constant", text=sentence, where=Place(columns=(name,)))
-            )
+            findings.append(_dead_column(log, name))
     return findings
 
 
-def check_stuck(log: Log) -> list[Finding]:
-    """Return a warning for each noisy column that for a while repeats one value to the last bit.
-
-    Columns that do not change at nearly every other row (a slow sensor's) are left out.
-    """
-    findings = []
-    if len(log) < 2 * STUCK_ROWS:
-        return []
-    shortest = max(STUCK_ROWS, round(STUCK_TIME / log.sample_time))
-    for name in (n for n in log.names if n.startswith(NOISY_PREFIXES)):
-        start, length, others_change = _longest_run(log[name])
-        if length < shortest or others_change < LIVE_SHARE:
-            continue
-        time = float(log.t[start])
-        sentence = (
-            f"{name} repeats {log[name][start]:.6g} for {length} rows from row {start + 1} "
-            f"(t = {time:.6g} s), though it changes at nearly all others: "
-            "the sensor froze, messages were lost, or all was at rest."
-        )
-        findings.append(
-            Finding(severity="warning", code="stuck", text=sentence, where=Place(columns=(name,), time=time))
-        )
-    return findings
+def _dead_column(log: Log, name: str) -> Finding:
+    """Return the finding on a column that never changes: an error if it is a state whose rate, or angle, does."""
+    other = name.removesuffix("_dot") if name.endswith("_dot") else f"{name}_dot"
+    moving = name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING
+    though = f" though {other} changes" if moving else ""
+    return Finding(
+        severity="error" if moving else "warning",
+        code="constant",
+        text=f"{name} is {log[name][0]:g} throughout{though}, as if its sensor or cable were dead.",
+        where=Place(columns=(name,)),
+    )
 
 
 def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Finding]:
@@ -94,7 +74,8 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
     for name in (n for n in log.names if n.startswith("u") and n[1:].isdigit()):
         size = np.nan_to_num(np.abs(log[name]))
         peak = float(size.max())
-        start, length, _ = _longest_run(np.where(size == peak, 1.0, np.arange(len(size)) + 2.0))
+        longest = standstill(np.where(size == peak, 1.0, np.arange(len(size)) + 2.0))
+        start, length = longest.start, longest.rows
         if peak > 0.0 and length >= SATURATED_ROWS and length < len(log):
             share = float(np.mean(size == peak))
             sentence = (
@@ -147,13 +128,3 @@ def check_speed_limit(log: Log, robot: Robot) -> list[Finding]:
                 )
             )
     return findings
-
-
-def _longest_run(values: NDArray[np.float64]) -> tuple[int, int, float]:
-    """Return start and length of the longest run of equal values, and the share of changes outside it."""
-    changed = np.flatnonzero(values[1:] != values[:-1]) + 1
-    starts = np.concatenate(([0], changed))
-    lengths = np.diff(np.concatenate((starts, [len(values)])))
-    k = int(np.argmax(lengths))
-    outside = len(values) - int(lengths[k])
-    return int(starts[k]), int(lengths[k]), len(changed) / outside if outside else 0.0

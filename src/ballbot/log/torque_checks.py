@@ -1,0 +1,171 @@
+"""Torque columns that are not what the motors of a balancing robot did: dead, constant, random, of another motion.
+
+A balancing robot's torques are feedback: a linear law in states and reference, in the frame that turns with the
+heading, explains most of every torque's variance, and a torque hardly changes from row to row. These checks need no
+model of the robot.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.log.columns import STATE_NAMES, torque_names, wheel_speed_names
+from ballbot.log.log import Log
+from ballbot.robot import Robot
+
+#: fewer complete rows show no law
+LEAST_ROWS = 200
+#: a torque varies less than this share of the others' where its motor is dead
+DEAD_SHARE = 0.02
+#: a wheel that moves at least this share of what the others do would need its motor
+MOVING_SHARE = 0.2
+#: share of a torque's variance that a law explains, below which it is no feedback, and above which it is some
+UNRELATED, RELATED = 0.1, 0.4
+_REFERENCE = ("ref_x", "ref_y", "ref_psi")
+#: correlation of a torque with itself a row later, below which it is random
+RANDOM = 0.3
+
+
+def check_torques(log: Log, *, robot: Robot | None = None) -> list[Finding]:
+    """Return an error for torques of a balancing log that no balancing robot's motors gave.
+
+    Parameters
+    ----------
+    log : Log
+        Logs without the ten states are not of a balancing robot, and anything may be commanded there.
+    robot : Robot, optional
+        Gives the wheels' motion where the log does not have it.
+    """
+    names = torque_names(_torque_count(log))
+    if not names or not {*STATE_NAMES} <= set(log.names):
+        return []
+    table = np.column_stack([log[name] for name in (*names, *STATE_NAMES)])
+    rows: NDArray[np.bool_] = np.all(np.isfinite(table), axis=1)
+    if rows.sum() < LEAST_ROWS:
+        return []
+    torques, states = table[rows, : len(names)], table[rows, len(names) :]
+    reference = np.column_stack(
+        [np.nan_to_num(log[n][rows]) if n in log else 0.0 * log.t[rows] for n in _REFERENCE]
+    )
+    moving = _moving_wheels(log, rows, states, len(names), robot)
+    dead = _dead(torques, moving)
+    if dead.any():
+        return [_dead_finding(names, dead, torques)]
+    if not states.std(axis=0).all() or (torques.std(axis=0) == 0.0).any():
+        return []
+    return _unrelated_findings(names, torques, feedback_share(torques, states, reference))
+
+
+def feedback_share(
+    torques: NDArray[np.float64], states: NDArray[np.float64], reference: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the share of each torque's variance (n,) that a linear law in states and reference explains.
+
+    Parameters
+    ----------
+    torques : ndarray (N, n)
+        [N m]; each varies.
+    states : ndarray (N, 10)
+        SI units and radians.
+    reference : ndarray (N, 3)
+        x, y [m], psi [rad].
+    """
+    turn = np.exp(-1j * states[:, 4])
+    # x + j y, theta + j phi, their rates and the reference, by the world's axes and by the body's
+    pairs = [states[:, k] + 1j * states[:, k + 1] for k in (0, 2, 5, 7)]
+    pairs.append(reference[:, 0] + 1j * reference[:, 1])
+    pairs += [pair * turn for pair in pairs]
+    features = [part for pair in pairs for part in (pair.real, pair.imag)]
+    design = np.column_stack([*features, states[:, [4, 9]], reference[:, 2], np.ones(len(states))])
+    design /= np.maximum(np.abs(design).max(axis=0), 1e-300)
+    law = np.linalg.lstsq(design, torques, rcond=None)[0]
+    return 1.0 - (torques - design @ law).var(axis=0) / torques.var(axis=0)
+
+
+def _torque_count(log: Log) -> int:
+    count = 0
+    while f"u{count + 1}" in log:
+        count += 1
+    return count
+
+
+def _moving_wheels(
+    log: Log, rows: NDArray[np.bool_], states: NDArray[np.float64], count: int, robot: Robot | None
+) -> NDArray[np.bool_]:
+    """Return which wheels (n,) move, by the states and the robot, else by encoders; none if neither is known."""
+    from ballbot.log.kinematic_check import LEAST_MOTION, wheel_speeds_of_states
+
+    if robot is not None and robot.wheel_count == count:
+        speeds = wheel_speeds_of_states(states, robot)
+    elif {*wheel_speed_names(count)} <= set(log.names):
+        speeds = np.nan_to_num(np.column_stack([log[name][rows] for name in wheel_speed_names(count)]))
+    else:
+        return np.zeros(count, dtype=np.bool_)
+    size = speeds.std(axis=0)
+    return (size > LEAST_MOTION) & (size > MOVING_SHARE * np.median(size))
+
+
+def _dead(torques: NDArray[np.float64], moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which wheels (n,) move though their torque does not vary."""
+    size = torques.std(axis=0)
+    constant = np.ptp(torques, axis=0) == 0.0
+    return moving & (constant | (size < DEAD_SHARE * np.median(size)))
+
+
+def _dead_finding(names: tuple[str, ...], dead: NDArray[np.bool_], torques: NDArray[np.float64]) -> Finding:
+    silent = tuple(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
+    level = torques[:, dead].mean(axis=0)
+    zero = bool((np.abs(level) <= DEAD_SHARE * max(1e-9, float(np.abs(torques).max()))).all())
+    listed = _listed(silent)
+    if dead.all():
+        sentence = (
+            f"The torques {listed} are {'zero' if zero else 'constant'} throughout though the robot moves: the motors "
+            "were off, or the torques were not recorded. Record the torques that acted."
+        )
+    elif zero:
+        sentence = (
+            f"{listed} is zero throughout though its wheel moves and the other motors work: a dead motor, or a torque "
+            "that was not recorded. Identification and validation take it for the torque that acted."
+        )
+    else:
+        values = ", ".join(f"{value:.3g}" for value in level)
+        sentence = (
+            f"{listed} is constant throughout ({values} N m) though its wheel moves and the other torques vary: a "
+            "torque that was not recorded, or a motor that does not obey."
+        )
+    return Finding(severity="error", code="dead-motor", text=sentence, where=Place(columns=silent))
+
+
+def _unrelated_findings(
+    names: tuple[str, ...], torques: NDArray[np.float64], share: NDArray[np.float64]
+) -> list[Finding]:
+    alien = share < UNRELATED
+    if not (alien.all() or (alien.any() and share.max() > RELATED)):
+        return []
+    centred = torques - torques.mean(axis=0)
+    memory = np.mean(centred[1:] * centred[:-1], axis=0) / np.mean(centred**2, axis=0)
+    columns = tuple(name for name, is_alien in zip(names, alien, strict=True) if is_alien)
+    most = 100.0 * float(share[alien].max())
+    listed = _listed(columns)
+    if (memory[alien] < RANDOM).all():
+        sentence = (
+            f"{listed} {_verb(columns)} random: unrelated from row to row (correlation {memory[alien].max():.2f}) and "
+            f"to the motion, which explains {most:.0f} % of it. No balancing robot's feedback does that: the column "
+            "is noise or another quantity."
+        )
+    else:
+        sentence = (
+            f"{listed} {_verb(columns)} unrelated to the motion, which explains {most:.0f} % of it, where feedback "
+            "gives more than half: torques of another log, shifted in time by much, or of a robot that is held."
+        )
+    return [Finding(severity="error", code="unrelated-torques", text=sentence, where=Place(columns=columns))]
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _verb(names: tuple[str, ...]) -> str:
+    return "is" if len(names) == 1 else "are"
