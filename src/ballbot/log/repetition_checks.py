@@ -26,14 +26,15 @@ STUCK_TIME, STUCK_ROWS = 0.1, 10
 FROZEN_TIME = 0.4
 #: shortest standstill of a torque that is neither zero nor at its extreme [s]
 FROZEN_TORQUE_TIME = 1.0
-#: a rate is no rest's from this share of its usual size
-MOVING_RATE = 0.1
+#: a state moves, and a rate is not that of a rest, from this share of its standard deviation
+MOVING = 0.2
 #: a slower column is held at least so many rows, at least so often, and nearly always as long
 HELD_ROWS, HELD_TIMES, HELD_SHARE = 2, 20, 0.8
 #: delay by holding from which states are wrong [s]
 HELD_TIME = 0.04
 #: rows that come again, one after the other, from which they were copied
 COPIED_ROWS = 10
+_GYRO = ("gyro_x", "gyro_y", "gyro_z")
 _TORQUES = torque_names(MAX_WHEELS)
 
 
@@ -78,7 +79,7 @@ def check_held(log: Log) -> list[Finding]:
     """Return what is wrong where columns repeat each value for a fixed number of rows, or rows come again."""
     if len(log) < HELD_ROWS * HELD_TIMES:
         return []
-    names = [n for n in (*STATE_NAMES, "gyro_x", "gyro_y", "gyro_z", *_TORQUES) if n in log]
+    names = [n for n in (*STATE_NAMES, *_GYRO, *_TORQUES) if n in log]
     held = {name: rows for name in names if (rows := _held_rows(log[name])) >= HELD_ROWS}
     if not held:
         return []
@@ -156,13 +157,11 @@ def _together(stuck: dict[str, Standstill]) -> list[str]:
 def _frozen_log(log: Log, names: list[str], one: Standstill) -> Finding:
     start, time = one.start, float(log.t[one.start])
     lasting = float(log.t[start + one.rows - 1] - time)
-    rates = [name for name in STATE_NAMES[5:] if name in log]
-    moved = any(abs(log[name][start]) > MOVING_RATE * np.nanstd(log[name]) for name in rates)
-    others = any(
-        standstill(log[name][start : start + one.rows]).rows < one.rows / 2
-        for name in (*_TORQUES, *STATE_NAMES)
-        if name in log and name not in names
-    )
+    rows = slice(start, start + one.rows)
+    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in log]
+    moved = any(abs(log[name][start]) > MOVING * np.nanstd(log[name]) for name in rates)
+    # rates of zero to the last bit are a rest's
+    others = any(log[name][start] for name in names) and _others_move(log, rows, names)
     severity = "error" if (moved or others) and lasting >= FROZEN_TIME else "warning"
     end = "" if severity == "error" else ", or all was at rest"
     sentence = (
@@ -178,7 +177,7 @@ def _frozen_log(log: Log, names: list[str], one: Standstill) -> Finding:
 def _stuck_column(log: Log, name: str, one: Standstill) -> Finding:
     time = float(log.t[one.start])
     lasting = float(log.t[one.start + one.rows - 1] - time)
-    moved = _others_move(log, name, one)
+    moved = _others_move(log, slice(one.start, one.start + one.rows), (name,))
     severity = "error" if moved and lasting >= FROZEN_TIME else "warning"
     cause = (
         "the sensor froze or messages were lost"
@@ -192,11 +191,10 @@ def _stuck_column(log: Log, name: str, one: Standstill) -> Finding:
     return Finding(severity=severity, code="stuck", text=sentence, where=Place(columns=(name,), time=time))
 
 
-def _others_move(log: Log, name: str, one: Standstill) -> bool:
-    """Return whether another noisy column keeps changing while this one stands still."""
-    rows = slice(one.start, one.start + one.rows)
-    others = (other for other in log.names if other.startswith(NOISY_PREFIXES) and other != name)
-    return any(standstill(log[other][rows]).rows < one.rows / 2 for other in others)
+def _others_move(log: Log, rows: slice, names: Sequence[str]) -> bool:
+    """Return whether states other than these move in those rows, by more than their noise."""
+    others = (log[other] for other in STATE_NAMES[2:] if other in log and other not in names)
+    return any(np.nanstd(values[rows]) > MOVING * np.nanstd(values) for values in others)
 
 
 def _stuck_torques(log: Log) -> list[Finding]:
