@@ -17,12 +17,7 @@ from ballbot.log.repetition_checks import check_copied, check_held, check_stuck
 from ballbot.log.spikes import check_spikes
 from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values, check_rows
 from ballbot.log.torque_checks import check_torques
-from ballbot.log.value_checks import (
-    check_constant,
-    check_names,
-    check_saturation,
-    check_speed_limit,
-)
+from ballbot.log.value_checks import check_constant, check_names, check_saturation, check_speed_limit
 from ballbot.robot import Robot
 
 

@@ -158,7 +158,7 @@ def _frozen_log(log: Log, names: list[str], one: Standstill) -> Finding:
     start, time = one.start, float(log.t[one.start])
     lasting = float(log.t[start + one.rows - 1] - time)
     rows = slice(start, start + one.rows)
-    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in log]
+    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in names]
     moved = any(abs(log[name][start]) > MOVING * np.nanstd(log[name]) for name in rates)
     # rates of zero to the last bit are a rest's
     others = any(log[name][start] for name in names) and _others_move(log, rows, names)
