@@ -80,10 +80,10 @@ def test_numbers():
     assert real_number(np.array(2), "It") == real_number(np.float32(2.0), "It") == 2.0
     assert whole_number(np.int64(3), "It", least=0) == 3
     for wrong in ("1", 1j, None, np.nan, np.inf, [1.0], True, 10**400):
-        with pytest.raises(InputError, match="^It is "):
+        with pytest.raises(InputError, match=r"^It is "):
             real_number(wrong, "It")
     for wrong in (1.0, "1", True, -1):
-        with pytest.raises(InputError, match="^It is "):
+        with pytest.raises(InputError, match=r"^It is "):
             whole_number(wrong, "It", least=0)
     with pytest.raises(InputError, match="above zero"):
         positive_number(0.0, "It")
@@ -92,7 +92,7 @@ def test_numbers():
 def test_indices_name_rows():
     assert index_array([1, 0], "It", count=2, length=2).dtype == np.int64
     for wrong in ([0, 2], [-1, 0], [0.0, 1.0], [0], [[0, 1]], ["0", "1"], [[0], [1, 2]]):
-        with pytest.raises(InputError, match="^It "):
+        with pytest.raises(InputError, match=r"^It "):
             index_array(wrong, "It", count=2, length=2)
 
 

@@ -245,7 +245,7 @@ def test_refuses_what_it_cannot_do() -> None:
     twin.reset(None, seed=1)
     with pytest.raises(InputError, match=r"read every 0\.005 s"):
         twin.step(np.zeros(3), 0.004)
-    with pytest.raises(InputError, match="ten finite numbers"):
+    with pytest.raises(InputError, match="initial state holds a value that is not finite"):
         twin.reset(np.full(10, np.nan), seed=1)
     with pytest.raises(InputError, match="nominal"):
         Scenario.named("nominall", ALTEN)

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import real_array
 from ballbot.control.law import ALLOWED, control_law
 from ballbot.control.law_row import MEMORY, drag, given_back, pack_law, scales
 from ballbot.control.parts import Parts
@@ -144,8 +145,8 @@ class Controller:
     def update(
         self,
         t: float,  # noqa: ARG002
-        state: NDArray[np.float64],
-        reference: NDArray[np.float64],
+        state: ArrayLike,
+        reference: ArrayLike,
     ) -> NDArray[np.float64]:
         """Return the wheel torques.
 
@@ -153,31 +154,28 @@ class Controller:
         ----------
         t : float
             [s]; the same at any time.
-        state : array (10,)
-            What was measured.
-        reference : array (10,)
+        state : array_like (10,)
+            What was measured. If a value is missing (NaN), infinite or beyond `LARGEST_STATE`, the state is invalid:
+            the torques are zero and what the controller remembers stays as it is.
+        reference : array_like (10,)
             x, y and psi may differ from zero.
 
         Returns
         -------
         ndarray (n,)
-            [N m], within the torque limit. NaN where a measurement is NaN.
+            [N m], within the torque limit.
 
         Raises
         ------
         InputError
-            Where the shapes are wrong, or the reference asks for a lean or a rate.
+            If a shape is wrong, the reference holds a value that is not finite or asks for a lean or a rate.
         """
-        both = np.concatenate((state, reference), dtype=np.float64)
-        if both.shape != (20,) or len(state) != 10:
-            raise InputError(
-                f"The state and the reference have the shapes {np.shape(state)} and {np.shape(reference)}; "
-                "each must be ten numbers."
-            )
+        measured = real_array(state, (10,), "The state", finite=False)
+        wanted = real_array(reference, (10,), "The reference")
         torques = np.empty(len(self.gain))
-        place = control_law(self.packed, self._memory, both[:10], both[10:], torques)
+        place = control_law(self.packed, self._memory, measured, wanted, torques)
         if place != ALLOWED:
-            raise InputError(refusal(place, float(both[10 + place])))
+            raise InputError(refusal(place, float(wanted[place])))
         return torques
 
     @property

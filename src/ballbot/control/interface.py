@@ -7,6 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+#: a measured state that holds a larger number, or no number, is invalid: nothing on a robot is a million metres away
+LARGEST_STATE = 1e6
+
 
 class Feedback(Protocol):
     """A controller: `ballbot.Controller`, or a user's own."""

@@ -24,6 +24,7 @@ from ballbot.control.driveline_adaptation import ROLLING, judge, tells, widen
 from ballbot.control.feed_forward import load_flat, motion_torque, times
 from ballbot.control.floor_adaptation import direction, tell_apart
 from ballbot.control.integral import integrate
+from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.lean_bound import asks_much, bounded
 from ballbot.control.load_scaling import dry_share, specific_force
 from ballbot.control.notch import NOTCH_MEMORY, notched
@@ -40,7 +41,7 @@ from ballbot.control.past import (
 from ballbot.control.prediction import as_it_acted, predict, remembered
 from ballbot.control.reference_shaping import Smooth, load_shaping, shaped
 from ballbot.control.torque_balance import accelerations, lost_to_force, remember_rates, torque_needed
-from ballbot.mechanics.compiled import compiled, inlined
+from ballbot.mechanics.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
 
 #: what `control_law` returns where the reference may be followed
@@ -218,8 +219,7 @@ def _give_back(row, memory, torques):
         torques[i] = _limited(torques[i], limit)
         memory[past(at.PAST, 0, GIVEN, i)] = torques[i]
         effective = torques[i] - memory[past(at.PAST, 0, COMPENSATED, i)] - memory[at.BACK + i]
-        known = effective == effective  # a measurement that was no number is not remembered
-        memory[past(at.PAST, 0, EFFECTIVE, i)] = effective if known else 0.0
+        memory[past(at.PAST, 0, EFFECTIVE, i)] = effective
     for i in range(len(torques)):
         memory[past(at.PAST, 0, BEYOND, i)] = 1.0 if beyond else 0.0
     return beyond
@@ -246,20 +246,18 @@ def _when_it_acts(row, memory, a, measured, n):
     return memory[at.AHEAD : at.AHEAD + 10]
 
 
-@compiled
-def control_law(row, memory, measured, reference, torques):
-    """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
+@inlined
+def _is_state(measured):
+    """Return whether every number of a measured state is one that a robot can have."""
+    for i in range(10):  # noqa: SIM110 (compiled code has no generators)
+        if not abs(measured[i]) <= LARGEST_STATE:  # a NaN is not
+            return False
+    return True
 
-    Parameters
-    ----------
-    row : ndarray
-        From `pack_law`.
-    memory : ndarray (`MEMORY`,)
-        What the law remembers; changed. All zero at the start of a run.
-    measured, reference : ndarray (10,)
-    torques : ndarray (n,)
-        [N m]
-    """
+
+@called
+def _decide(row, memory, measured, reference, torques):
+    """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
     F = load_friction(row, at.FRICTION)
     a = attitude((measured[2], measured[3], measured[4]))
     if row[at.OBSERVER] + row[at.ADAPTATION] > 0.0:
@@ -283,4 +281,28 @@ def control_law(row, memory, measured, reference, torques):
         if row[at.FLOOR] > 0.0 and not (beyond or much):
             d_x, d_y = direction(row, at.FLOOR, wanted[0].rate, wanted[1].rate)
             tell_apart(row, at.FLOOR, memory, at.DRAG, at.SUMS, d_x, d_y)
-    return _forbidden(reference)
+
+
+@compiled
+def control_law(row, memory, measured, reference, torques):
+    """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
+
+    Without a valid state, or with a reference that is refused, the torques are zero and the memory stays as it is.
+
+    Parameters
+    ----------
+    row : ndarray
+        From `pack_law`.
+    memory : ndarray (`MEMORY`,)
+        What the law remembers; changed. All zero at the start of a run.
+    measured, reference : ndarray (10,)
+    torques : ndarray (n,)
+        [N m]
+    """
+    refused = _forbidden(reference)
+    if refused != ALLOWED or not _is_state(measured):
+        for i in range(len(torques)):
+            torques[i] = 0.0
+        return refused
+    _decide(row, memory, measured, reference, torques)
+    return ALLOWED

@@ -86,8 +86,6 @@ def pack_notch(notch: Notch | None, sample_time: float) -> list[float]:
 @inlined
 def notched(row, place, memory, first, torque):
     """Return a wheel's torque through the notch at that place of a row, and step its memory (2,)."""
-    if torque != torque:  # a NaN is passed on and not remembered
-        return torque
     left = row[place] * torque + memory[first]
     memory[first] = row[place + 1] * torque - row[place + 3] * left + memory[first + 1]
     memory[first + 1] = row[place + 2] * torque - row[place + 4] * left

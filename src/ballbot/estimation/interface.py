@@ -10,9 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import real_array
 from ballbot.errors import InputError
+
+#: a value beyond this is none that a sensor says: angles [rad], speeds [rad/s]
+_LARGEST = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +37,9 @@ class Fix:
     heading_deviation: float = 0.02  #: [rad]
 
     def __post_init__(self) -> None:
-        if self.position is not None and self.position.shape != (2,):
-            raise InputError(f"position of a fix must be (2,), x and y, not {self.position.shape}.")
+        if self.position is not None:
+            position = real_array(self.position, (2,), "position of a fix", finite=False)
+            object.__setattr__(self, "position", position)
         for name in ("position_deviation", "heading_deviation"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} of a fix must be above 0, not {getattr(self, name)}.")
@@ -42,7 +47,7 @@ class Fix:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What all sensors say at one instant; n is the number of wheels."""
+    """What all sensors say at one instant; n is the number of wheels. A value that is missing is NaN."""
 
     wheel_angles: NDArray[np.float64]  #: (n,) encoder angles, relative to the body [rad]
     wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]
@@ -55,9 +60,38 @@ class Reading:
     )
     fix: Fix | None = None  #: seldom there
 
+    @property
+    def whole(self) -> bool:
+        """Whether encoders, gyro and attitude have every value; else an estimator predicts what is missing."""
+        needed = (self.wheel_angles, self.wheel_speeds, self.gyro, self.attitude)
+        return all(bool(known(values).all()) for values in needed)
+
+
+def known(values: ArrayLike) -> NDArray[np.bool_]:
+    """Return which of a sensor's values (...) are there: finite, and of a size that a sensor can say."""
+    return np.abs(values) <= _LARGEST
+
+
+def checked_reading(
+    reading: Reading, wheel_count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN where a value is missing.
+
+    Raises
+    ------
+    InputError
+        If a shape is another, or values are not numbers.
+    """
+    return (
+        real_array(reading.wheel_angles, (wheel_count,), "wheel_angles of a reading", finite=False),
+        real_array(reading.wheel_speeds, (wheel_count,), "wheel_speeds of a reading", finite=False),
+        real_array(reading.gyro, (3,), "gyro of a reading", finite=False),
+        real_array(reading.attitude, (3,), "attitude of a reading", finite=False),
+    )
+
 
 class Estimator(Protocol):
-    """Readings in, states out."""
+    """Readings in, states out. Over values that are missing (NaN) it predicts."""
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Forget the past; the robot stands still at (x, y) [m] when the next reading comes."""

@@ -8,6 +8,9 @@ What it knows that `OnboardState` does not:
   gives speed from lean and lean from speed, whatever friction and play the driveline has;
 - how sure it is of each state, so that a fix corrects each by as much as it should.
 
+What a reading lacks (NaN) is predicted: the gyro stays as it was, and encoders or attitude correct nothing in that
+sample.
+
 Place and heading stay relative to the start where no fix comes: their covariance grows, as their errors do.
 `ballbot.estimation.kalman_model` has the states and equations.
 """
@@ -21,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
-from ballbot.estimation.interface import Fix, Reading
+from ballbot.estimation.interface import Fix, Reading, checked_reading, known
 from ballbot.estimation.kalman_model import (
     BIAS,
     DRIFT,
@@ -80,6 +83,7 @@ class KalmanFilter:
         self._x[X : X + 2] = position
         self._P = _first_covariance(self.noise)
         self._angles: NDArray[np.float64] | None = None
+        self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
         self._pivoting = 0.0
 
@@ -89,36 +93,53 @@ class KalmanFilter:
         Parameters
         ----------
         reading : Reading
-            Encoder angles, gyro and attitude are used, and the fix where there is one.
+            Encoder angles, gyro and attitude are used, and the fix where there is one. Values that are missing are
+            predicted.
 
         Returns
         -------
         array (10,)
-            x, y [m], theta, phi, psi [rad] and their rates, world frame.
+            x, y [m], theta, phi, psi [rad] and their rates, world frame. All NaN until a reading is whole: there is
+            nothing to predict from before.
+
+        Raises
+        ------
+        InputError
+            If the reading is of another number of wheels, or not of numbers.
         """
-        theta, phi, psi = reading.attitude.tolist()
-        lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
+        angles, _, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
+        turned, leans = bool(known(angles).all()), bool(known(attitude).all())
+        gyro = np.where(known(gyro), gyro, np.nan if self._angles is None else self._gyro)
+        if self._angles is None and not (turned and leans and known(gyro).all()):
+            return np.full(10, np.nan)
+        lean, heading = np.full(2, np.nan), math.nan
+        if leans:
+            theta, phi, psi = attitude.tolist()
+            lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
         if self._angles is None:
             self._x[PSI] = heading
             self._x[G : G + 2] = lean
-            self._x[S : S + 2] = self._model.lever @ reading.gyro  # v = 0
+            self._x[S : S + 2] = self._model.lever @ gyro  # v = 0
         else:
-            ball_rate = self._ball_from_wheels @ (reading.wheel_angles - self._angles) / self.sample_time
+            ball_rate = self._ball_rate(angles, self._angles) if turned else np.full(3, np.nan)
             pivoting = sample(
                 self._x,
                 self._P,
                 self._model,
                 ball_rate,
                 self._gyro,
-                reading.gyro,
+                gyro,
                 lean,
                 heading,
                 self.pivots,
             )
-            share = min(1.0, self.sample_time / self.noise.pivoting_time)
-            self._pivoting += share * (pivoting - self._pivoting)
-        self._angles = reading.wheel_angles
-        self._gyro = reading.gyro
+            if turned:
+                share = min(1.0, self.sample_time / self.noise.pivoting_time)
+                self._pivoting += share * (pivoting - self._pivoting)
+        self._without_angles = 0 if turned else self._without_angles + 1
+        if turned:
+            self._angles = angles.copy()
+        self._gyro = gyro
         if reading.fix is not None:
             self._take_fix(reading.fix)
         return self._state()
@@ -160,6 +181,10 @@ class KalmanFilter:
         covariance[5:, 5:] += self._model.gyro_variance * by_gyro @ by_gyro.T
         return covariance
 
+    def _ball_rate(self, angles: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the ball's mean turning relative to the body (3,) [rad/s] since the angles (n,) [rad] before."""
+        return self._ball_from_wheels @ (angles - before) / (self.sample_time * (1 + self._without_angles))
+
     def _velocity(self) -> NDArray[np.float64]:
         """Return the ball's velocity (2,), heading frame."""
         x = self._x
@@ -177,8 +202,8 @@ class KalmanFilter:
     def _take_fix(self, fix: Fix) -> None:
         seen = np.full(3, np.nan)
         if fix.position is not None:
-            seen[:2] = fix.position - self._x[X : X + 2]
-        if fix.heading is not None and math.isfinite(fix.heading):
+            seen[:2] = np.where(known(fix.position), fix.position, np.nan) - self._x[X : X + 2]
+        if fix.heading is not None and known(fix.heading):
             seen[2] = math.remainder(fix.heading - self._x[PSI], 2 * math.pi)
         deviations = np.array([fix.position_deviation, fix.position_deviation, fix.heading_deviation])
         rows = np.eye(STATES)[[X, X + 1, PSI]]

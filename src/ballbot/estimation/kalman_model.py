@@ -17,8 +17,8 @@
                   v = r_b (Omega_y, -Omega_x)    Omega_z = 0
     the AHRS      g + a,  psi + d
 
-C and Lambda are those of `ballbot.mechanics.contact_momentum`. All but place and heading is in frames that turn with the
-robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
+C and Lambda are those of `ballbot.mechanics.contact_momentum`. All but place and heading is in frames that turn with
+the robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
 world frame, each linearisation at another estimate would draw a little knowledge of the heading out of nothing
 (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3 to 6). This psi differs from the
 state's by 2 atan(tan(theta/2) tan(phi/2)), 0.07 degrees where both lean by 2.
@@ -68,6 +68,8 @@ def sample(
 ) -> float:
     """Take the state x (14,) and its covariance P (14, 14) over a sample, in place.
 
+    A ball_rate or an attitude that is NaN is missing; it corrects nothing.
+
     Parameters
     ----------
     ball_rate : array (3,)
@@ -93,9 +95,12 @@ def sample(
     residuals, rows = wheels_seen(x, model, ball_rate, middle, velocity)
     pivoting = residuals[2]
     used = 2 if pivots else 3
+    if pivoting != pivoting:
+        used = 0
     absorb(x, P, residuals[:used], rows[:used], model.wheel_variances[:used])
     residuals, rows = attitude_seen(x, lean, heading)
-    absorb(x, P, residuals, rows, model.attitude_variances)
+    if heading == heading:
+        absorb(x, P, residuals, rows, model.attitude_variances)
     return pivoting
 
 

@@ -6,7 +6,8 @@
     Phi_dot = B^-1 w               rates of theta, phi, psi
     x, y                           the sum of v from the start: an error here is never corrected
 
-What it cannot see: slip, the play between encoder and wheel, the drift of its own heading.
+What it cannot see: slip, the play between encoder and wheel, the drift of its own heading. A value that is missing
+(NaN) is predicted: the gyro's and v stay as they were, theta, phi and psi go on at their last rates.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
-from ballbot.estimation.interface import Reading
+from ballbot.estimation.interface import Reading, checked_reading, known
 from ballbot.mechanics.geometry import rotation, transforms
 from ballbot.robot.robot import Robot
 
@@ -45,6 +46,7 @@ class OnboardState:
         self._ball_from_wheels = transforms(robot).T_obw
         self._position = np.zeros(2)
         self._velocity: NDArray[np.float64] | None = None
+        self._gyro, self._attitude = np.zeros(3), np.zeros(3)
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Forget the past and call the present position (x, y) [m] so."""
@@ -57,19 +59,42 @@ class OnboardState:
         Parameters
         ----------
         reading : Reading
-            Wheel speeds, gyro and attitude are used; the thesis's robot has no use for a fix.
+            Wheel speeds, gyro and attitude are used; the thesis's robot has no use for a fix. Values that are missing
+            are predicted.
 
         Returns
         -------
         array (10,)
-            x, y [m], theta, phi, psi [rad] and their rates, world frame.
+            x, y [m], theta, phi, psi [rad] and their rates, world frame. All NaN until a reading is whole: there is
+            nothing to predict from before.
+
+        Raises
+        ------
+        InputError
+            If the reading is of another number of wheels, or not of numbers.
         """
-        attitude, gyro = reading.attitude, reading.gyro
-        theta, phi, psi = attitude
-        ball_rate = rotation(theta, phi, psi) @ (self._ball_from_wheels @ reading.wheel_speeds + gyro)
-        radius = self.robot.ball.radius
-        velocity = np.array([radius * ball_rate[1], -radius * ball_rate[0]])
+        _, speeds, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
+        rolls = bool(known(speeds).all())
+        if self._velocity is None and not (rolls and known(gyro).all() and known(attitude).all()):
+            return np.full(10, np.nan)
+        gyro = np.where(known(gyro), gyro, self._gyro)
+        if not known(attitude).all():
+            ahead = self._attitude + self.sample_time * angle_rates(self._attitude, self._gyro)
+            attitude = np.where(known(attitude), attitude, ahead)
+        self._gyro, self._attitude = gyro, attitude
+        velocity = (
+            self._rolling(speeds, gyro, attitude) if rolls or self._velocity is None else self._velocity
+        )
         if self._velocity is not None:  # trapezoid between this sample and the one before
             self._position = self._position + 0.5 * self.sample_time * (velocity + self._velocity)
         self._velocity = velocity
         return np.concatenate((self._position, attitude, velocity, angle_rates(attitude, gyro)))
+
+    def _rolling(
+        self, speeds: NDArray[np.float64], gyro: NDArray[np.float64], attitude: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return v (2,) [m/s] of the ball."""
+        theta, phi, psi = attitude
+        ball_rate = rotation(theta, phi, psi) @ (self._ball_from_wheels @ speeds + gyro)
+        radius = self.robot.ball.radius
+        return np.array([radius * ball_rate[1], -radius * ball_rate[0]])

@@ -205,6 +205,8 @@ def run_closed_loop_block(
             if ended[robot] == samples and settled[robot] == samples:
                 row = conditions[_row_of(conditions, robot)]
                 _measure(selected, work, lane, row, state)
+                if row[len(row) - 2] <= sample < row[len(row) - 1]:
+                    state[0] = np.nan
                 law, memory = laws[_row_of(laws, robot)], memories[robot - first]
                 control_law(law, memory, state, references[sample], held)
                 fill(late[sample % len(late), robot - first], held)

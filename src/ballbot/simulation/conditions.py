@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
@@ -35,8 +36,8 @@ class Conditions:
     Raises
     ------
     InputError
-        Where the delay is no whole number of samples, the speed is not positive, or the slope is not that of a floor
-        to stand on.
+        If the delay or the missing samples are not whole numbers, the speed is not positive, or the slope is not that
+        of a floor to stand on.
     """
 
     delay: int = 0  #: samples by which torques come later than they were computed
@@ -44,8 +45,13 @@ class Conditions:
         math.inf
     )  #: of a wheel, at which its motor has no torque left to drive it faster [rad/s]
     slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
+    #: samples without a measurement, in a row from sample `missing_from` on; the law gives no torque in them
+    missing: int = 0
+    missing_from: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("missing", "missing_from"):
+            whole_number(getattr(self, name), f"{name} of the conditions", least=0)
         if not isinstance(self.delay, int) or self.delay < 0:
             raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number, zero or more.")
         if not self.top_speed > 0.0:
@@ -67,10 +73,11 @@ def rest_on_slope(
 
 
 def pack_conditions(conditions: Sequence[Conditions], robots: Sequence[Robot]) -> NDArray[np.float64]:
-    """Return the rows (1 or lanes, 5 + 2 n) that compiled code reads; one condition or one robot may stand for all.
+    """Return the rows (1 or lanes, 7 + 2 n) that compiled code reads; one condition or one robot may stand for all.
 
-    A row is the delay, theta_0, phi_0, the highest speed of a wheel and its motor's torque limit, and for each wheel a
-    and b of u_0 = a cos(psi) + b sin(psi): the wheels turn with the body.
+    A row is the delay, theta_0, phi_0, the highest speed of a wheel and its motor's torque limit, for each wheel a and
+    b of u_0 = a cos(psi) + b sin(psi), since the wheels turn with the body, and the first sample whose measurement is
+    missing and the first after it.
     """
     alike = all(one.slope == (0.0, 0.0) and one.top_speed == math.inf for one in conditions)
     bodies = robots[:1] if alike else robots  # then the robot does not matter
@@ -89,4 +96,5 @@ def _row(one: Conditions, robot: Robot) -> NDArray[np.float64]:
     lean, along = rest_on_slope(robot, (s_x, s_y))
     _, across = rest_on_slope(robot, (s_y, -s_x))
     motor = [one.top_speed, robot.drive.torque_limit]
-    return np.concatenate([[float(one.delay)], lean, motor, np.column_stack([along, across]).ravel()])
+    gap = [float(one.missing_from), float(one.missing_from + one.missing)]
+    return np.concatenate([[float(one.delay)], lean, motor, np.column_stack([along, across]).ravel(), gap])

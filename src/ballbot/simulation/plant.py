@@ -30,6 +30,9 @@ class Measurement:
     gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
     acceleration: NDArray[np.float64] | None = None  #: (3,) specific force, body frame [m/s^2]
     truth: NDArray[np.float64]  #: (10,) the state as it is; no controller may look at it
+    valid: bool = (
+        True  #: whether the sensors gave all that the state needs; if not, it is the estimator's prediction
+    )
     ended: str | None = None  #: why the run must stop ("fallen: ..."), or None
 
 

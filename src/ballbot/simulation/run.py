@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array
 from ballbot.control.interface import Feedback
 from ballbot.control.references import Reference
+from ballbot.control.safety import SafeController
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
@@ -43,7 +44,8 @@ def simulate(
     plant : Plant or Model
         A model is run with perfect sensors (`ModelPlant`).
     controller : Feedback
-        A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`.
+        A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`. It is run
+        behind the safety layer, with the default limits unless it is a `SafeController` with its own.
     reference : callable
         f(t) -> (10,), t in [s]; see `ballbot.control.references`.
     duration : float
@@ -59,32 +61,38 @@ def simulate(
     -------
     Log
         A row for each sample: what was measured at t, the torques held from there on, the reference, and the true
-        state (`log.truth()`). Where the run ended early, as in a fall, the rows end before it and `log.ended`
-        says why.
+        state (`log.truth()`). If the run ended early, in a fall or because the safety layer stopped the motors, the
+        rows end before it and `log.ended` says why.
 
     Raises
     ------
     InputError
-        Where the duration or the initial state is none, or the controller returns what are not n finite torques.
+        If the duration or the initial state is invalid, or the controller returns anything but n numbers.
     """
     samples = sample_count(duration, controller.sample_time)
     active = ModelPlant(plant) if isinstance(plant, Model) else plant
-    controller.reset()
+    guarded = (
+        controller if isinstance(controller, SafeController) else SafeController(controller, active.robot)
+    )
+    guarded.reset()
     measured = active.reset(initial_state, seed=seed)
     names = _column_names(measured)
     table = np.empty((samples, len(names)))
-    rows = 0
-    while rows < samples and measured.ended is None:
+    rows, ended = 0, measured.ended
+    while rows < samples and ended is None:
         wanted = real_array(reference(measured.t), (10,), f"The reference at t = {measured.t:g} s")
-        torques = _decide(controller, measured, wanted, active.robot.wheel_count)
+        torques = guarded.update(measured.t, measured.state, wanted, measured=measured.valid)
+        if guarded.stop is not None:
+            ended = guarded.stop.text
+            break
         table[rows] = _row(measured, torques, wanted)
         measured = active.step(torques, controller.sample_time)
-        rows += 1
+        rows, ended = rows + 1, measured.ended
         if progress and rows % 100 == 0:
             progress(rows / samples)
     if rows == 0:
-        raise InputError(f"The run ends before its first sample: {measured.ended}.")
-    return Log(dict(zip(names, table[:rows].T, strict=True)), ended=measured.ended)
+        raise InputError(f"The run ends before its first sample: {(ended or '').rstrip('.')}.")
+    return Log(dict(zip(names, table[:rows].T, strict=True)), ended=ended)
 
 
 def sample_count(duration: float, sample_time: float) -> int:
@@ -104,22 +112,6 @@ def sample_count(duration: float, sample_time: float) -> int:
             f"The duration is {duration:g} s; it must be at least one sample of {sample_time:g} s."
         )
     return rows_between(duration + 0.5 * sample_time, sample_time, columns=_WIDEST, source="The duration")
-
-
-def _decide(
-    controller: Feedback, measured: Measurement, reference: NDArray[np.float64], wheel_count: int
-) -> NDArray[np.float64]:
-    torques = np.asarray(controller.update(measured.t, measured.state, reference), dtype=np.float64)
-    if torques.shape != (wheel_count,):
-        raise InputError(
-            f"The controller returned torques of the shape {torques.shape} at t = {measured.t:g} s; the robot has "
-            f"{wheel_count} wheels."
-        )
-    if not np.isfinite(torques).all():
-        raise InputError(
-            f"The controller returned torques {torques.tolist()} at t = {measured.t:g} s; all must be finite."
-        )
-    return torques
 
 
 def _column_names(measured: Measurement) -> list[str]:

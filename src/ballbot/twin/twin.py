@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import Estimator
@@ -76,7 +77,7 @@ class Twin:
         self._samples = 0
         self._psi = 0.0
 
-    def reset(self, initial_state: NDArray[np.float64] | None = None, *, seed: int = 0) -> Measurement:
+    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
         """Put the robot in a state, at t = 0, and return what its sensors say.
 
         The rollers' places on the ball, where in its play each gearbox rests and all noise follow from the
@@ -94,11 +95,9 @@ class Twin:
         InputError
             Where the state is not ten finite numbers.
         """
-        state = np.zeros(10) if initial_state is None else np.asarray(initial_state, dtype=np.float64)
-        if state.shape != (10,) or not np.isfinite(state).all():
-            raise InputError(
-                f"an initial state must be ten finite numbers, not an array of shape {state.shape}."
-            )
+        state = (
+            np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The initial state")
+        )
         self._random = np.random.default_rng(seed)
         self._clockwork = self._wound_clockwork(seed)
         self.engine.reset()
@@ -111,7 +110,7 @@ class Twin:
         self._psi = float(state[4])
         return self._measure()
 
-    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+    def step(self, torques: ArrayLike, duration: float) -> Measurement:
         """Hold the torques for a duration and return what the sensors say at its end.
 
         Parameters
@@ -124,8 +123,10 @@ class Twin:
         Raises
         ------
         InputError
-            Where the duration is no such number.
+            If the torques are not n finite numbers, or the duration is no such number.
         """
+        held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
+        duration = positive_number(duration, "The duration")
         sample_time = self.scenario.sensors.sample_time
         samples = round(duration / sample_time)
         if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
@@ -134,9 +135,9 @@ class Twin:
                 f"a whole number of that, not {duration} s."
             )
         for _ in range(samples - 1):
-            self._advance(torques)
+            self._advance(held)
             self._measure()
-        self._advance(torques)
+        self._advance(held)
         return self._measure()
 
     def _lay_out_views(self) -> None:
@@ -208,6 +209,7 @@ class Twin:
             gyro=reading.gyro,
             acceleration=reading.acceleration,
             truth=truth,
+            valid=reading.whole,
             ended=self._why_ended(t, truth),
         )
 
