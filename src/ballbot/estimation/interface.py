@@ -38,7 +38,7 @@ class Fix:
 
     def __post_init__(self) -> None:
         if self.position is not None:
-            position = real_array(self.position, (2,), "position of a fix", finite=False)
+            position = real_array(self.position, (2,), "position of a fix, x and y,", finite=False)
             object.__setattr__(self, "position", position)
         for name in ("position_deviation", "heading_deviation"):
             if not getattr(self, name) > 0:
