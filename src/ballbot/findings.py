@@ -27,7 +27,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "commands": "motor commands do not drive the wheels, or in another order or with other signs",
         "constant": "a column never changes",
         "copied": "a stretch of rows comes twice",
-        "dead-motor": "a torque is zero or constant though its wheel moves",
+        "dead-motor": "a torque is zero or constant though its wheel moves, or a wheel does not answer its torque",
         "degrees": "angles or rates are in degrees, or mixed with radians",
         "disturbance": "something other than wheels and gravity moves the lean",
         "drive": "what a foreign log shows of the delay from command to motor",

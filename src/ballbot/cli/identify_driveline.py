@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 
+from ballbot.cli.findings import Accept, accept_words, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
+from ballbot.findings import Finding, by_severity
 from ballbot.identification.axis.driveline import (
     DrivelineBounds,
     DrivelineFit,
@@ -20,8 +23,10 @@ from ballbot.identification.axis.driveline import (
     fit_driveline,
     sweeps_of,
 )
+from ballbot.identification.axis.sweep_checks import sweep_findings
 from ballbot.identification.back_emf import back_emf_of
 from ballbot.log import Log
+from ballbot.log.checked import bench_findings
 from ballbot.report.driveline_page import (
     driveline_report,
     driveline_results,
@@ -52,6 +57,7 @@ def identify_driveline(
     lower: tuple[float, float, float, float, float] = DrivelineBounds.lower,
     upper: tuple[float, float, float, float, float] = DrivelineBounds.upper,
     seed: int = 0,
+    accept: Accept = None,
 ) -> None:
     """Find b, c, s, v_s and delta of each driveline from a sweep of torque with the wheels free of the ball.
 
@@ -82,10 +88,12 @@ def identify_driveline(
     described = Robot.load(robot)
     read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
+    findings = _checked(described, log, read, sweeps, accept)
     bounds = DrivelineBounds(lower=lower, upper=upper)
     words = ["ballbot", "identify-driveline", robot, str(log), "--out", str(out), "--seed", str(seed)]
     words += ["--mapping", str(mapping)] if mapping else []
     words += [] if speed_limit is None else ["--speed-limit", str(speed_limit)]
+    words += accept_words(accept)
     words += ["--lower", *map(str, lower), "--upper", *map(str, upper)]
     files = [*([] if robot in Robot.presets() else [Path(robot)]), log, *([mapping] if mapping else [])]
     made = provenance(command=shlex.join(words), files=files, seed=seed)
@@ -95,11 +103,25 @@ def identify_driveline(
         fits, printed = _fit(sweeps, bounds, seed, console)
         friction = _friction(fits, rolling=described.friction.rolling)
         with folder.replaced() as new:
-            write_text(new / "results.json", as_json(driveline_results(fits, printed, made)))
-            write_text(new / "report.html", driveline_report(described.name, sweeps, fits, printed, made))
+            write_text(new / "results.json", as_json(driveline_results(fits, printed, made, findings)))
+            write_text(
+                new / "report.html", driveline_report(described.name, sweeps, fits, printed, made, findings)
+            )
             write_robot(described.replace(friction=friction), new / "robot.toml")
     _show(fits, printed, console)
     console.print(str(folder.path / "report.html"), soft_wrap=True)
+
+
+def _checked(
+    robot: Robot, file: Path, log: Log, sweeps: Sequence[Sweep], accept: list[str] | None
+) -> tuple[Finding, ...]:
+    """Return what checks of the robot, the log and the sweeps found; stop on an error that is not accepted."""
+    of_sweeps = (
+        replace(one, where=replace(one.where, file=str(file))) for one in sweep_findings(robot, sweeps)
+    )
+    findings = by_severity([*bench_findings(robot, {str(file): log}), *of_sweeps])
+    stop_or_show(findings, accept=accept)
+    return findings
 
 
 def _fit(
@@ -132,10 +154,16 @@ def _friction(fits: Sequence[DrivelineFit], *, rolling: float) -> Friction:
         viscous=tuple(float(fit.values[0]) for fit in fits),
         coulomb=tuple(float(fit.values[1]) for fit in fits),
         stribeck=tuple(float(fit.values[2]) for fit in fits),
-        stribeck_speed=sum(float(fit.values[3]) for fit in fits) / len(fits),
-        stribeck_exponent=sum(float(fit.values[4]) for fit in fits) / len(fits),
+        stribeck_speed=_mean_of_known(fits, 3),
+        stribeck_exponent=_mean_of_known(fits, 4),
         rolling=rolling,
     )
+
+
+def _mean_of_known(fits: Sequence[DrivelineFit], place: int) -> float:
+    """Return the mean over the wheels that show a parameter; over all if none does, where it has no effect."""
+    known = [fit for fit in fits if not fit.unknown[place]] or fits
+    return sum(float(fit.values[place]) for fit in known) / len(known)
 
 
 def _show(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], console: Console) -> None:

@@ -11,6 +11,9 @@ from ballbot.log.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
+#: what concerns a robot that balances: columns that it needs, and a law that holds below the torque limit
+_OF_BALANCING = ("use", "saturation")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedLogs:
@@ -63,6 +66,19 @@ def checked_logs(
     return CheckedLogs(logs=named, findings=findings)
 
 
+def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
+    """Return what is wrong with a robot and with logs of it on a bench, where it does not balance.
+
+    Parameters
+    ----------
+    robot : Robot
+    logs : mapping of str to Log
+        By the names that messages use.
+    """
+    of_logs = (one for one in _without_robot(logs) if one.code not in _OF_BALANCING)
+    return by_severity([*_of_robot(robot), *of_logs])
+
+
 def _named(logs: Log | Sequence[Log] | Mapping[str, Log]) -> Mapping[str, Log]:
     if isinstance(logs, Log):
         return {"": logs}
@@ -74,11 +90,12 @@ def _named(logs: Log | Sequence[Log] | Mapping[str, Log]) -> Mapping[str, Log]:
 
 
 def _with_robot(robot: Robot, named: Mapping[str, Log]) -> tuple[Finding, ...]:
-    of_robot = (
-        replace(finding, where=replace(finding.where, file=f"robot {robot.name}"))
-        for finding in robot_findings(robot)
-    )
-    return by_severity([*of_robot, *check_logs(named, robot=robot)])
+    return by_severity([*_of_robot(robot), *check_logs(named, robot=robot)])
+
+
+def _of_robot(robot: Robot) -> list[Finding]:
+    name = f"robot {robot.name}"
+    return [replace(one, where=replace(one.where, file=name)) for one in robot_findings(robot)]
 
 
 def _without_robot(named: Mapping[str, Log]) -> tuple[Finding, ...]:

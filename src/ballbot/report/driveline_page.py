@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ballbot.findings import Finding, finding_results
 from ballbot.identification.axis.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.report.driveline_figures import (
     comparison_figure,
@@ -32,6 +35,7 @@ def driveline_report(
     fits: Sequence[DrivelineFit],
     printed: Sequence[PrintedFit],
     made: Provenance,
+    findings: Sequence[Finding] = (),
 ) -> str:
     """Return the page."""
     figures = {
@@ -55,6 +59,7 @@ def driveline_report(
         "remarks": remarks(fits, printed),
         "comparison_figures": comparisons,
         "made": made,
+        "log_findings": findings,
     }
     return render("driveline", values | svgs)
 
@@ -62,9 +67,16 @@ def driveline_report(
 def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
     """Return each parameter's symbol, unit and values by wheel, with standard errors."""
     return [
-        (name, unit, *(with_error(float(fit.values[i]), float(fit.standard_errors[i])) for fit in fits))
+        (name, unit, *(_written(fit, i) for fit in fits))
         for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
     ]
+
+
+def _written(fit: DrivelineFit, place: int) -> str:
+    """Return a parameter with its standard error, or that it is unknown."""
+    if fit.unknown[place]:
+        return "unknown"
+    return with_error(float(fit.values[place]), float(fit.standard_errors[place]))
 
 
 def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[tuple[str, ...]]:
@@ -90,12 +102,18 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
             f"{NAMES[i]} and {NAMES[j]} ({fit.correlation[i, j]:+.2f})"
             for i in range(5)
             for j in range(i + 1, 5)
-            if abs(fit.correlation[i, j]) > _CLOSE
+            if abs(fit.correlation[i, j]) > _CLOSE and not (fit.unknown[i] or fit.unknown[j])
         ]
         close = f" Hard to tell apart: {', '.join(pairs)}." if pairs else ""
-        bound = [NAMES[i] for i in range(5) if not np.isfinite(fit.standard_errors[i])]
+        bound = [NAMES[i] for i in range(5) if not (np.isfinite(fit.standard_errors[i]) or fit.unknown[i])]
         held = f" At a bound, without a standard error: {', '.join(bound)}." if bound else ""
-        sentences.append(f"Wheel {fit.wheel}: {_sureness(fit)}.{close}{held}")
+        open_ones = [NAMES[i] for i in np.flatnonzero(fit.unknown)]
+        unknown = (
+            f" The sweep cannot tell {', '.join(open_ones)}: any value within the bounds fits about as well."
+            if open_ones
+            else ""
+        )
+        sentences.append(f"Wheel {fit.wheel}: {_sureness(fit)}.{close}{held}{unknown}")
     ratio = max(clamp.rmse / fit.rmse for fit, clamp in zip(fits, printed, strict=True))
     sentences.append(
         "A slow sweep dwells at high speeds and passes the low ones, where s, v_s and delta act, in a few tenths of a "
@@ -113,9 +131,8 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
 def _sureness(fit: DrivelineFit) -> str:
     """Return how sure b and the least sure parameter are; at a bound there is no telling."""
     # delta and v_s are above zero, the others may have ended there
-    shares = np.divide(
-        fit.standard_errors, fit.values, out=np.full(len(NAMES), np.nan), where=np.asarray(fit.values) > 0.0
-    )
+    known = (np.asarray(fit.values) > 0.0) & ~fit.unknown
+    shares = np.divide(fit.standard_errors, fit.values, out=np.full(len(NAMES), np.nan), where=known)
     told = np.flatnonzero(np.isfinite(shares))
     if not told.size:
         return "no parameter has a standard error"
@@ -124,15 +141,25 @@ def _sureness(fit: DrivelineFit) -> str:
     return f"{viscous}least sure is {NAMES[worst]}, to {100 * shares[worst]:.2g} %"
 
 
+def _known(fit: DrivelineFit, numbers: NDArray[np.float64], place: int) -> float:
+    """Return a number of a parameter, NaN (null in the file) if the parameter is unknown."""
+    return math.nan if fit.unknown[place] else float(numbers[place])
+
+
 def driveline_results(
-    fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], made: Provenance
+    fits: Sequence[DrivelineFit],
+    printed: Sequence[PrintedFit],
+    made: Provenance,
+    findings: Sequence[Finding] = (),
 ) -> dict[str, object]:
     """Return what results.json holds."""
     return {
-        "parameters": {name: [float(fit.values[i]) for fit in fits] for i, name in enumerate(NAMES)},
+        "parameters": {name: [_known(fit, fit.values, i) for fit in fits] for i, name in enumerate(NAMES)},
         "standard_errors": {
-            name: [float(fit.standard_errors[i]) for fit in fits] for i, name in enumerate(NAMES)
+            name: [_known(fit, fit.standard_errors, i) for fit in fits] for i, name in enumerate(NAMES)
         },
+        "unknown": {f"wheel {fit.wheel}": [NAMES[i] for i in np.flatnonzero(fit.unknown)] for fit in fits},
+        "findings": finding_results(findings),
         "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
         "cost": [fit.cost for fit in fits],
         "samples": [fit.samples for fit in fits],

@@ -37,6 +37,8 @@ _LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
 _DIFFERENCE = 1e-3  # half the central difference, of the bounds' width
 _AT_BOUND = 1e-4
+#: a standard error of this share of the bounds' width leaves a parameter unknown
+_UNKNOWN = 0.5
 _BLOCK = 0.5  # [s]; residuals of one block may depend on each other
 Report = Callable[[float, str], None]
 
@@ -80,6 +82,9 @@ class DrivelineFit:
     values: NDArray[np.float64]  #: (5,) b, c, s, v_s, delta
     standard_errors: NDArray[np.float64]  #: (5,), clustered in time; NaN at a bound
     correlation: NDArray[np.float64]  #: (5, 5)
+    unknown: NDArray[
+        np.bool_
+    ]  #: (5,) what the sweep cannot tell; the value is where the search happened to end
     cost: float  #: (3.5) over the samples compared [rad/s]
     samples: int
     rmse: float  #: [rad/s]
@@ -235,9 +240,7 @@ def fit_driveline(
             f"The sweep of wheel {sweep.wheel} tells none of {', '.join(NAMES)}: all end at a bound, or move nothing; "
             "sweep slowly, well beyond break-away, or widen the bounds."
         )
-    return _result(
-        sweep, pieces, residual, values=bounds.values(z), covariance=covariance, slopes=bounds.slopes(z)
-    )
+    return _result(sweep, pieces, residual, z=z, covariance=covariance, bounds=bounds)
 
 
 def _result(
@@ -245,12 +248,17 @@ def _result(
     pieces: Sequence[tuple[int, int]],
     residual: NDArray[np.float64],
     *,
-    values: NDArray[np.float64],
+    z: NDArray[np.float64],
     covariance: NDArray[np.float64],
-    slopes: NDArray[np.float64],
+    bounds: DrivelineBounds,
 ) -> DrivelineFit:
-    """Return the fit; `covariance` (5, 5) is of the scaled parameters, `slopes` (5,) turn them into SI units."""
+    """Return the fit; z (5,) are the scaled parameters and `covariance` (5, 5) theirs."""
+    values = bounds.values(z)
     scaled_errors = np.sqrt(covariance.diagonal())
+    at_bound = (z <= _AT_BOUND) | (z >= 1.0 - _AT_BOUND)
+    # one without influence has no standard error though it is at no bound; v_s and delta shape nothing if s is zero
+    unknown = np.where(np.isnan(scaled_errors), ~at_bound, scaled_errors > _UNKNOWN)
+    unknown[3:] |= values[2] == 0.0
     predicted = np.full(len(sweep.t), np.nan)
     for piece, (first, end) in zip(_predict_pieces(sweep, pieces, values[None]), pieces, strict=True):
         predicted[first:end] = piece[0]
@@ -258,7 +266,8 @@ def _result(
     return DrivelineFit(
         wheel=sweep.wheel,
         values=values,
-        standard_errors=scaled_errors * slopes,
+        standard_errors=scaled_errors * bounds.slopes(z),
+        unknown=unknown,
         correlation=covariance / np.outer(scaled_errors, scaled_errors),
         cost=float(np.linalg.norm(residual)),
         samples=len(residual),

@@ -1,0 +1,149 @@
+"""Wrong sweeps of free wheels are stopped with their cause; correct ones pass; what a sweep cannot tell is unknown."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ballbot import Log, Robot
+from ballbot.cli.main import main
+from ballbot.identification.axis.driveline import (
+    DrivelineBounds,
+    Sweep,
+    classical,
+    fit_driveline,
+    sweeps_of,
+)
+from ballbot.identification.axis.sweep_checks import sweep_findings
+from ballbot.report.driveline_page import parameter_rows
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
+
+ALTEN = Robot.load("alten")
+SAMPLE_TIME = 5e-3
+Columns = dict[str, NDArray[np.float64]]
+
+
+def simulated(robot: Robot, *, period: float = 20.0, duration: float = 40.0, phase: float = 0.4) -> Columns:
+    """Return the columns of a sweep: sines of torque, each wheel's a little later, and speeds with noise."""
+    t = np.arange(round(duration / SAMPLE_TIME)) * SAMPLE_TIME
+    columns: Columns = {"t": np.asarray(t, dtype=np.float64)}
+    limit = TorqueSpeedCurve(no_load_speed=27.6, stall_torque=200.0)
+    random = np.random.default_rng(1)
+    for wheel in range(robot.wheel_count):
+        torque = np.sin(2.0 * np.pi * t / period - phase * wheel)
+        line = Driveline(
+            inertia=Driveline.of_wheel(robot, wheel).inertia,
+            friction=classical(np.array([0.014, 0.1, 0.05, 0.6, 1.1])),
+            speed_limit=limit,
+        )
+        speed = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME).speeds[0]
+        columns[f"u{wheel + 1}"] = torque
+        # noise of an encoder's differences
+        columns[f"wheel{wheel + 1}_dot"] = np.append(0.0, speed) + 0.02 * random.standard_normal(len(t))
+    return columns
+
+
+GOOD = simulated(ALTEN)
+TORQUES, SPEEDS = [f"u{i}" for i in (1, 2, 3)], [f"wheel{i}_dot" for i in (1, 2, 3)]
+
+
+def silent(share: float, note: str) -> None:
+    assert 0.0 <= share <= 1.0
+    assert note
+
+
+def times(factor: float, *names: str) -> Callable[[Columns], Columns]:
+    return lambda columns: {name: factor * columns[name] for name in names}
+
+
+def frozen(columns: Columns) -> Columns:
+    speed = columns["wheel3_dot"].copy()
+    first = int(np.argmax((speed > 10.0) & (speed < 20.0)))
+    speed[first : first + 200] = speed[first]
+    return {"wheel3_dot": speed}
+
+
+def noise(size: float, name: str) -> Callable[[Columns], Columns]:
+    return lambda columns: {name: size * np.random.default_rng(2).standard_normal(len(columns["t"]))}
+
+
+WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
+    "all torques negated": (
+        times(-1.0, *TORQUES),
+        "torque-sign",
+        "All torques, or all wheel speeds, have the opp",
+    ),
+    "one torque negated": (times(-1.0, "u2"), "torque-sign", "u2 or wheel2_dot has the opposite sign"),
+    "one speed negated": (times(-1.0, "wheel3_dot"), "torque-sign", "u3 or wheel3_dot has the opposite sign"),
+    "two torques exchanged": (
+        lambda columns: {"u2": columns["u3"], "u3": columns["u2"]},
+        "torque-order",
+        "u3 drives wheel 2, u2 drives wheel 3",
+    ),
+    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
+    "the motors' torques": (times(1.0 / 27.6, *TORQUES), "torque-scale", "the motors', before the gear"),
+    "speeds in rpm": (times(30.0 / np.pi, *SPEEDS), "torque-scale", "the speeds are in rpm"),
+    "speeds in deg/s": (times(180.0 / np.pi, *SPEEDS), "torque-scale", "the speeds are in deg/s"),
+    "the motors' speeds": (
+        times(27.6, *SPEEDS),
+        "torque-scale",
+        "the speeds are the motors', before the gear",
+    ),
+    "time in ms": (times(1e3, "t"), "scale", "t looks to be in milliseconds"),
+    "one torque ten times": (
+        times(10.0, "u2"),
+        "torque-scale",
+        "wheel 2 has 10 times the inertia of the others",
+    ),
+    "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Wheel 2 hardly turns"),
+    "torque not logged": (noise(1e-4, "u2"), "dead-motor", "its torque was not logged"),
+    "random torque": (noise(0.5, "u2"), "torque-unrelated", "that torque does not move that wheel"),
+    "random speed": (noise(5.0, "wheel1_dot"), "torque-unrelated", "that torque does not move that wheel"),
+    "frozen encoder": (frozen, "stuck", "wheel3_dot stays at 1"),
+}
+
+
+@pytest.mark.parametrize(("change", "code", "says"), WRONG.values(), ids=WRONG)
+def test_wrong_sweeps_are_stopped_with_their_cause(
+    change: Callable[[Columns], Columns], code: str, says: str
+) -> None:
+    findings = sweep_findings(ALTEN, sweeps_of(ALTEN, Log(GOOD | change(GOOD))))
+    texts = [one.text for one in findings if one.severity == "error" and one.code == code]
+    assert any(says in text for text in texts), findings
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.4])
+@pytest.mark.parametrize("preset", ["alten", "rezero", "kugle", "cmu"])
+def test_correct_sweeps_pass(preset: str, phase: float) -> None:
+    robot = Robot.load(preset)
+    assert sweep_findings(robot, sweeps_of(robot, Log(simulated(robot, phase=phase)))) == ()
+
+
+def test_the_shared_sweep_passes(shared_data) -> None:
+    log = Log.read(shared_data / "bbr" / "driveline_sweep.csv")
+    assert sweep_findings(ALTEN, sweeps_of(ALTEN, log)) == ()
+
+
+def test_the_command_stops_before_it_works(tmp_path, capsys) -> None:
+    Log(GOOD | times(-1.0, *TORQUES)(GOOD)).write(tmp_path / "sweep.csv")
+    out = tmp_path / "out"
+    assert main(["identify-driveline", "alten", str(tmp_path / "sweep.csv"), "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "have the opposite sign" in told
+    assert told.endswith("To go on all the same: --accept torque-sign.\n")
+    assert not out.exists()
+
+
+def test_what_a_sweep_cannot_tell_is_unknown_and_has_no_number() -> None:
+    """A wheel that never slows down to where s, v_s and delta act."""
+    t = np.arange(4000) * SAMPLE_TIME
+    torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)
+    line = Driveline(inertia=0.003, friction=classical(np.array([0.02, 0.1, 0.05, 0.3, 2.0])))
+    motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speeds=20.0)
+    speed = np.append(20.0, motion.speeds[0]) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
+    sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003)
+    fit = fit_driveline(sweep, bounds=DrivelineBounds(), seed=0, generations=30, progress=silent)
+    assert fit.unknown[3:].all()
+    assert not fit.unknown[0]
+    assert [row[2] for row in parameter_rows([fit])][3:] == ["unknown", "unknown"]
