@@ -1,6 +1,7 @@
 """Checkpoints: a search that is stopped anywhere goes on bit for bit, and a file of another run is refused."""
 
 import json
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -124,7 +125,26 @@ def cut(text: str) -> str:
 
 
 def other_format(text: str) -> str:
-    return text.replace("ballbot checkpoint 1", "ballbot checkpoint 2")
+    return text.replace("ballbot checkpoint 2", "ballbot checkpoint 1")
+
+
+def changed_digit(text: str) -> str:
+    """Change the first decimal of the last answer that has one."""
+    place = text.rindex("0.", 0, text.rindex('"sha256"')) + 2
+    return text[:place] + ("3" if text[place] != "3" else "9") + text[place + 1 :]
+
+
+def without_line(number: int) -> Callable[[str], str]:
+    return lambda text: "".join(line for i, line in enumerate(text.splitlines(keepends=True)) if i != number)
+
+
+def lines_swapped(text: str) -> str:
+    header, first, second, *rest = text.splitlines(keepends=True)
+    return "".join((header, second, first, *rest))
+
+
+def other_seed(text: str) -> str:
+    return text.replace('"seed": "7"', '"seed": "8"')
 
 
 @pytest.mark.parametrize(
@@ -135,9 +155,14 @@ def other_format(text: str) -> str:
         (lambda _: "[]\n", "is not a whole checkpoint"),
         (other_format, "is not a whole checkpoint"),
         (cut, "is not a whole checkpoint"),
-        (lambda text: text.replace('"answer"', '"reply"'), "is damaged at line 2"),
-        (lambda text: text.replace("[6]", "[7]"), "is damaged at line 2"),
-        (lambda text: text.replace("evolution", "polish"), "now asks something else"),
+        (lambda _: "[" * 100_000, "is not a whole checkpoint"),
+        (other_seed, "was edited at line 1;"),
+        (lambda text: text.replace('"answer"', '"reply"'), "was edited at line 2;"),
+        (lambda text: text.replace("evolution", "polish"), "was edited at line 2;"),
+        (without_line(1), "was edited at line 2;"),
+        (without_line(5), "was edited at line 6;"),
+        (lines_swapped, "was edited at line 2;"),
+        (changed_digit, "was edited at line 16;"),
     ],
 )
 def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path, spoil: Callable[[str], str], sentence: str):
@@ -145,7 +170,36 @@ def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path, spoil: Callable[[str
     search(begin(path))
     path.write_text(spoil(path.read_text()))
     with pytest.raises(InputError, match=sentence):
-        search(begin(path, resume=True))
+        begin(path, resume=True)
+
+
+@given(data=st.data())
+@settings(deadline=None, max_examples=50)
+def test_no_changed_byte_is_taken_for_what_was_written(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
+    with suppress(StoppedError):
+        search(begin(path), answers=2)
+    written = bytearray(path.read_bytes())
+    place = data.draw(st.integers(0, len(written) - 1))
+    written[place] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(written)
+    with pytest.raises(InputError, match="delete it to begin anew"):
+        begin(path, resume=True)
+
+
+def test_another_question_is_refused(tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    begin(path)("evolution", np.ones(3), list)
+    with pytest.raises(InputError, match="now asks something else"):
+        begin(path, resume=True)("polish", np.ones(3), never)
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe"])
+def test_only_a_file_is_resumed(tmp_path, kind):
+    path = tmp_path / "checkpoint.jsonl"
+    path.mkdir() if kind == "folder" else os.mkfifo(path)
+    with pytest.raises(InputError, match=f"is a {kind}; a file is needed"):
+        begin(path, resume=True)
 
 
 def test_a_question_that_differs_by_one_bit_is_refused(tmp_path):

@@ -17,7 +17,9 @@ OLD = {"report.html": "old", "results.json": "old", "figures/one.svg": "old"}
 NEW = {"report.html": "new", "robot.toml": "new", "figures/two.svg": "new"}
 
 
-def leave(folder: Path, texts: dict[str, str], *, command: str = "study", inputs: tuple[Path, ...] = ()) -> None:
+def leave(
+    folder: Path, texts: dict[str, str], *, command: str = "study", inputs: tuple[Path, ...] = ()
+) -> None:
     """Write a result of these files."""
     with result_folder(folder, command=command, names=NAMES, inputs=inputs) as held, held.replaced() as new:
         for name, text in texts.items():
@@ -42,7 +44,11 @@ def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError])
 def test_a_run_that_stops_leaves_the_old_result(tmp_path, error):
     leave(tmp_path, OLD)
-    with pytest.raises(error), result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
+    with (
+        pytest.raises(error),
+        result_folder(tmp_path, command="study", names=NAMES) as held,
+        held.replaced() as new,
+    ):
         write_text(new / "results.json", "new")
         raise error
     assert shown(tmp_path) == OLD
@@ -126,7 +132,13 @@ def test_an_unfinished_run_is_not_mixed_with(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "[]", "{}", '{"format": "ballbot result 1"}', '{"format": "ballbot result 1", "command": 1, "files": {}}']
+    [
+        "",
+        "[]",
+        "{}",
+        '{"format": "ballbot result 1"}',
+        '{"format": "ballbot result 1", "command": 1, "files": {}}',
+    ]
     + ['{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}', "[" * 100_000],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, text):

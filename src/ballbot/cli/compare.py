@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shlex
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.pumping_words import warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
+from ballbot.control.interface import Feedback
 from ballbot.control.reference_file import is_file
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName
@@ -20,6 +23,7 @@ from ballbot.experiments.league.course_file import PlantName, choose_courses
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results
+from ballbot.experiments.own_controller import OwnController
 from ballbot.files import write_text
 from ballbot.identification.checkpoint import identity_of
 from ballbot.report.json_text import as_json
@@ -83,9 +87,12 @@ def compare(
     estimators: dict[str, EstimatorName] = {one.name: one.estimator for one in entrants}
     words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
     words += ["--seeds", seeds, "--out", str(out)]
+    own = _own_files(made.values())
     files = _files(robot, entrants, courses, scenarios)
+    files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
     origin = provenance(command=shlex.join(words), files=files, seed=seeds)
     belongs_to = _identity(described, entrants, courses, numbers)
+    belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
     warn_of_pumping({one.name: made[one.name] for one in entrants if one.file}, described, console)
     with (
@@ -109,6 +116,16 @@ def compare(
             write_text(new / "report.html", league_report(league, origin))
     _show(league, console)
     console.print(str(folder.path / "report.html"), soft_wrap=True)
+
+
+def _own_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
+    """Return the checksums of the files that users' controllers are made of, by their paths from here."""
+    return {
+        Path(os.path.relpath(path)): checksum
+        for one in controllers
+        if isinstance(one, OwnController)
+        for path, checksum in one.checksums.items()
+    }
 
 
 def _files(

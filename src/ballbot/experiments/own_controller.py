@@ -6,11 +6,15 @@ class Mine:
     def __init__(self, robot: ballbot.Robot) -> None: ...
     def reset(self) -> None: ...
     def update(self, t, state, reference): return torques
+
+What the file imports from its own folder and elsewhere, and what it reads while the controller is made, belongs to the
+controller: with `checksums`, a run that is gone on with and a worker know that none of it was changed.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +25,14 @@ from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
+from ballbot.experiments.own_files import (
+    Checksums,
+    changed_file,
+    checksums_of,
+    files_named,
+    files_opened,
+    modules_imported,
+)
 from ballbot.robot import Robot
 
 _Result = TypeVar("_Result")
@@ -33,27 +45,39 @@ class OwnController:
     """
 
     sample_time: float  #: [s]
+    checksums: Checksums  #: of all files that it is made of
 
     def __init__(self, path: str, made_by: str, robot: Robot) -> None:
         """Make it: `made_by(robot)` in the Python file at `path`."""
         self._path, self._made_by, self._robot = path, made_by, robot
-        make = _attribute(path, made_by)
-        made = self._guarded("when it was made", lambda: make(robot))
-        lacking = [name for name in ("sample_time", "reset", "update") if not hasattr(made, name)]
+        make, read = _attribute(path, made_by)
+        with files_opened(Path(path).parent) as opened:
+            made = self._guarded("when it was made", lambda: make(robot))
+            read = read | opened()
+        self.checksums = checksums_of({*files_named(Path(path)), *modules_imported(), *read})
+        self._take(made)
+
+    def _take(self, made: object) -> None:
+        """Keep what was made, if it is a controller."""
+
+        def lacks(name: str) -> bool:
+            return self._guarded("when it was looked at", lambda: not hasattr(made, name))
+
+        lacking = [name for name in ("sample_time", "reset", "update") if lacks(name)]
         if lacking:
             raise InputError(
                 f"what {self._place} makes has no {lacking[0]}; a controller has sample_time, reset() and "
                 "update(t, state, reference)."
             )
         self._made = cast("Feedback", made)
-        self.sample_time = self._made.sample_time
+        self.sample_time = self._guarded("when it was looked at", lambda: self._made.sample_time)
         if not (isinstance(self.sample_time, int | float) and 0.0 < self.sample_time < np.inf):
             raise InputError(
                 f"the sample_time of {self._place} is {self.sample_time!r}; it must be above zero."
             )
 
-    def __reduce__(self) -> tuple[type[OwnController], tuple[str, str, Robot]]:
-        return OwnController, (self._path, self._made_by, self._robot)
+    def __reduce__(self) -> tuple[Callable[..., OwnController], tuple[str, str, Robot, dict[str, str]]]:
+        return _made_again, (self._path, self._made_by, self._robot, dict(self.checksums))
 
     def reset(self) -> None:
         """Forget everything that happened so far."""
@@ -80,12 +104,33 @@ class OwnController:
             return call()
         except InputError:
             raise
-        except Exception as error:
+        except BaseException as error:  # sys.exit ends nothing but this call
+            if isinstance(error, KeyboardInterrupt):
+                raise
             raise InputError(f"{self._place} failed {moment}: {_told(error, Path(self._path))}.") from error
 
 
-def _attribute(path: str, name: str) -> Callable[[Robot], object]:
-    """Return what a Python file has under a name; the file is run once in each process, until it changes."""
+def _made_again(path: str, made_by: str, robot: Robot, checksums: Checksums) -> OwnController:
+    """Return a copy of a controller, if the files that it is made of are as they were."""
+    changed = changed_file(checksums)
+    if changed:
+        raise InputError(
+            f"{os.path.relpath(changed)} was changed while {path}:{made_by} ran; begin anew, so that all runs are of "
+            "one controller."
+        )
+    return OwnController(path, made_by, robot)
+
+
+#: files that a module read while it was run, by its name
+_read: dict[str, set[Path]] = {}
+
+
+def _attribute(path: str, name: str) -> tuple[Callable[[Robot], object], set[Path]]:
+    """Return what a Python file has under a name, and the files that it read when it was run.
+
+    It is run once in each process, until it changes. Modules beside it can be imported, after Python's and installed
+    ones.
+    """
     file = Path(path)
     if not file.is_file():
         raise InputError(f"there is no Python file {path!r}.")
@@ -96,25 +141,58 @@ def _attribute(path: str, name: str) -> Callable[[Robot], object]:
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         sys.modules[module_name] = module  # dataclasses look their module up
+        folder = str(file.resolve().parent)
+        if folder not in sys.path:
+            sys.path.append(folder)
         try:
-            spec.loader.exec_module(module)
-        except Exception as error:
+            with files_opened(file.parent) as opened:
+                spec.loader.exec_module(module)
+                _read[module_name] = opened()
+        except BaseException as error:
             del sys.modules[module_name]
+            if isinstance(error, KeyboardInterrupt):
+                raise
             raise InputError(f"{path} cannot be run: {_told(error, file)}.") from error
+    _check_names(path)
     make = getattr(sys.modules[module_name], name, None)
     if not callable(make):
         raise InputError(
             f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
         )
-    return make
+    return make, _read[module_name]
 
 
-def _told(error: Exception, file: Path) -> str:
+def _check_names(path: str) -> None:
+    """Raise InputError if a module beside a file is not the one that is imported under its name."""
+    folder = Path(path).resolve().parent
+    for file in files_named(Path(path)):
+        if file == Path(path).resolve() or not file.is_relative_to(folder):
+            continue
+        parts = file.relative_to(folder).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        used = getattr(sys.modules.get(name), "__file__", None)
+        if used and Path(used).resolve() != file:
+            raise InputError(
+                f"{path} imports {name}, but {used} is in use under that name; give {file.name} another name."
+            )
+
+
+def _told(error: BaseException, file: Path) -> str:
     """Return an error in words, with the last line of the user's file that it passed through."""
     line, step = None, error.__traceback__
     while step is not None:
         if Path(step.tb_frame.f_code.co_filename).resolve() == file.resolve():
             line = step.tb_lineno
         step = step.tb_next
-    words = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
+    words = " ".join(f"{type(error).__name__}: {_text(error)}".split()).rstrip(".:")
+    if isinstance(error, SystemExit):
+        words = f"it called sys.exit({_text(error)}), and a controller must not end the program"
     return f"{words} (line {line})" if line else words
+
+
+def _text(error: BaseException) -> str:
+    """Return an error's own words, which it may fail to say."""
+    try:
+        return str(error)
+    except Exception:
+        return "?"

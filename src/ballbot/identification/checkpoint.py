@@ -7,10 +7,12 @@ state of the search or of its random numbers has to be kept. A question that dif
 
 The file is text, a JSON object a line, floats with as many digits as give the same bits back:
 
-    {"format": "ballbot checkpoint 1", "belongs_to": {"robot": "sha256 ...", "seed": "0", ...}}
-    {"stage": "evolution", "question": {"shape": [24, 12], "values": [...]}, "answer": [{"shape": [24], ...}]}
+    {"format": "ballbot checkpoint 2", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
+    {"stage": "evolution", "question": {"shape": [24, 12], ...}, "answer": [...], "sha256": "..."}
 
-It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one.
+It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one. A line ends with the
+SHA-256 of the line before's and of its own text, so that a line that was changed, added or taken out is noticed before
+any of it is used.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
@@ -25,12 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.files import remove, write_bytes
+from ballbot.files import check_file, remove, write_bytes
 from ballbot.identification.machine import machine
 from ballbot.log import Log
 from ballbot.robot import Robot
 
-_FORMAT = "ballbot checkpoint 1"
+_FORMAT = "ballbot checkpoint 2"
+_SEAL = b', "sha256": "'
+_END = b'"}\n'
 
 Arrays = tuple[NDArray[np.float64], ...]
 
@@ -91,7 +96,7 @@ class Checkpoint:
         """
         if self._next == len(self._lines):
             arrays = tuple(np.asarray(array, float) for array in answer())
-            self._lines.append(_line(stage, question, arrays))
+            self._lines.append(_line(stage, question, arrays, after=self._lines[-1]))
             write_bytes(self._path, b"".join(self._lines))
         else:
             arrays = self._on_file(stage, question)
@@ -138,15 +143,16 @@ def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: 
         cannot be read or written.
     """
     path = Path(path)
-    header = json.dumps({"format": _FORMAT, "belongs_to": dict(belongs_to)}, ensure_ascii=False).encode()
-    if not path.exists():
-        return Checkpoint(path, [header + b"\n"])
+    if not check_file(path).exists():
+        return Checkpoint(path, [_sealed({"format": _FORMAT, "belongs_to": dict(belongs_to)}, after=b"")])
     if not resume:
         raise InputError(
             f"{path} holds a run that was not finished; resume it (--resume), or delete it to begin anew."
         )
     lines = _read(path)
-    _check_same(path, _header(path, lines), belongs_to)
+    begun = _header(path, lines)  # first, so that a file of another kind is named as such
+    _check_seals(path, lines)
+    _check_same(path, begun, belongs_to)
     return Checkpoint(path, lines)
 
 
@@ -187,11 +193,25 @@ def _read(path: Path) -> list[bytes]:
 def _header(path: Path, lines: Sequence[bytes]) -> dict[str, str]:
     try:
         header = json.loads(lines[0])
-        if header["format"] == _FORMAT and lines[-1].endswith(b"\n"):
-            return dict(header["belongs_to"])
-    except (IndexError, ValueError, KeyError, TypeError):
-        pass
-    raise InputError(f"{path} is not a whole checkpoint of this version of Ballbot; delete it to begin anew.")
+        whole = header["format"] == _FORMAT and lines[-1].endswith(b"\n")
+        belongs_to = dict(header["belongs_to"])
+    except (IndexError, ValueError, KeyError, TypeError, RecursionError):
+        whole, belongs_to = False, {}
+    if not whole:
+        raise InputError(
+            f"{path} is not a whole checkpoint of this version of Ballbot; delete it to begin anew."
+        )
+    return belongs_to
+
+
+def _check_seals(path: Path, lines: Sequence[bytes]) -> None:
+    """Raise CheckpointError unless every line is as it was written, after the lines that it was written after."""
+    for number, (before, line) in enumerate(pairwise((b"", *lines)), start=1):
+        text, seal, rest = line.rpartition(_SEAL)
+        if not seal or rest != _seal(text, before) + _END:
+            raise CheckpointError(
+                f"{path} is damaged or was edited at line {number}; delete it to begin anew."
+            )
 
 
 def _check_same(path: Path, begun: Mapping[str, str], now: Mapping[str, str]) -> None:
@@ -204,9 +224,20 @@ def _check_same(path: Path, begun: Mapping[str, str], now: Mapping[str, str]) ->
         )
 
 
-def _line(stage: str, question: NDArray[np.float64], answer: Arrays) -> bytes:
+def _line(stage: str, question: NDArray[np.float64], answer: Arrays, *, after: bytes) -> bytes:
     entry = {"stage": stage, "question": _plain(question), "answer": [_plain(array) for array in answer]}
-    return json.dumps(entry).encode() + b"\n"
+    return _sealed(entry, after=after)
+
+
+def _sealed(entry: Mapping[str, object], *, after: bytes) -> bytes:
+    """Return the line of an entry that stands after another line."""
+    text = json.dumps(entry).encode().removesuffix(b"}")
+    return text + _SEAL + _seal(text, after) + _END
+
+
+def _seal(text: bytes, before: bytes) -> bytes:
+    previous = before.rpartition(_SEAL)[2].removesuffix(_END)
+    return hashlib.sha256(previous + text).hexdigest().encode()
 
 
 def _plain(array: NDArray[np.float64]) -> dict[str, list]:
