@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ballbot.experiments.study import StudiedLog
 from ballbot.identification.result import Identification
 from ballbot.report.friction_curve import friction_curve
-from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, thinned
+from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
 
 #: wheel speeds shown reach this quantile of those in the logs
 _SHOWN = 0.995
@@ -41,7 +41,7 @@ def _draw_log(axes: Axes, studied: StudiedLog) -> None:
         axes.plot(t, values, color=color, linestyle=style, linewidth=1.1, label=f"${name}$ [m]")
     t, heading = thinned(log.t, log["psi"])
     axes.plot(t, heading, color=INK, linestyle=":", linewidth=1.1, label=r"$\psi$ [rad]")
-    axes.set_title(studied.name)
+    axes.set_title(label_of(studied.name))
     axes.margins(x=0.01)
 
 

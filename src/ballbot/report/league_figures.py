@@ -12,7 +12,7 @@ from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.play import League
 from ballbot.experiments.league.standings import METRIC_BY_KEY, Metric, Standing, standing
 from ballbot.experiments.metrics import BAND
-from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, REFERENCE, Line
+from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, REFERENCE, Line, label_of
 
 #: told apart by dash and weight as well as by colour; of the first three as in the study's report
 _COLORS = (ORANGE, BLUE, GREEN, INK, "#8a4f7d", MUTED)
@@ -41,7 +41,7 @@ def overview_figure(league: League) -> Figure:
         _plain_ticks(axes)
         axes.set_xlabel(f"{metric.words} [{metric.unit}]")
         axes.grid(visible=False, axis="y")
-    panels[0].set_yticks(range(rows), [course.name.replace("_", " ") for course in league.courses])
+    panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
     panels[0].set_ylim(rows - 0.5, -0.5)
     figure.legend(
         *panels[0].get_legend_handles_labels(),
@@ -64,7 +64,7 @@ def course_figure(league: League, course: Course) -> Figure:
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         line, wanted = line_of(index), _asked(course, track.t)
-        label = f"{name} (fell)" if track.ended else name
+        label = label_of(name) + (" (fell)" if track.ended else "")
         floor.plot(track.x, track.y, **line)
         distance = np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])
         errors.plot(track.t, 1e3 * distance, label=label, **line)
@@ -111,7 +111,7 @@ def _draw_controller(axes: Axes, league: League, index: int, metric: Metric) -> 
         if np.isfinite(one.low):
             ends = metric.scale * np.array([max(one.low, _SHORTEST * one.mean), one.high])
             axes.plot(ends, [place, place], color=color, linewidth=1.4)
-        label = name if row == 0 else None
+        label = label_of(name) if row == 0 else None
         mark = {"marker": marker, "color": color, "markersize": 4, "linestyle": "", "label": label}
         axes.plot(metric.scale * one.mean, place, **mark)
         if found.falls and metric.key == _SHOWN[0]:
@@ -126,7 +126,7 @@ def _tell_falls(axes: Axes, found: Standing, metric: Metric, place: float) -> No
         at, transform = metric.scale * (one.high if np.isfinite(one.high) else one.mean), axes.transData
     else:
         at, transform = 0.01, axes.get_yaxis_transform()
-        words = f"{found.controller}: {words}"
+        words = f"{label_of(found.controller)}: {words}"
     axes.text(at, place, f" {words}", va="center", color=INK, fontsize=7, transform=transform)
 
 

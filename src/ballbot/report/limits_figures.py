@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.experiments.limits.limits import Edges, Kind, RobotLimits, TwinEdge
 from ballbot.experiments.limits.region import Region
-from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE
+from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, label_of
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
 _LOOKS = (
@@ -47,7 +47,7 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
             _draw_region(axes, region, color, style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
-        axes.set_title(f"{name}, towards {np.degrees(one.plane_direction):.0f}°")
+        axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane_direction):.0f}°")
         axes.set_xlabel("lean [degrees]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
@@ -76,7 +76,7 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
     _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "lean at rest [degrees]")
     _draw_polar(right, directions, blows, _marks(on_twin, "blow", 1.0), "blow [N s]")
     handles = [
-        Line2D([], [], color=color, marker=mark if on_twin else "", label=name, linewidth=width)
+        Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
     ]
     handles += [
@@ -94,7 +94,9 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
     figure = Figure(figsize=(7.4, 2.9), layout="constrained")
     axes = figure.subplots()
     for (name, one), (color, _, width) in zip(found.items(), _LOOKS, strict=False):
-        axes.plot(one.blow.sure.sizes.min(axis=1), one.heights, color=color, linewidth=width, label=name)
+        axes.plot(
+            one.blow.sure.sizes.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
+        )
         axes.plot(one.blow.most.sizes.min(axis=1), one.heights, color=color, linewidth=width, linestyle="--")
     axes.set_xlim(left=0.0)
     axes.set_xlabel(

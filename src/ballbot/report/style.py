@@ -8,17 +8,20 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.typing import RcKeyType
 from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
+from ballbot.printable import printable, printable_line
 
 INK = "#22303c"
 MUTED = "#6b7883"
@@ -78,6 +81,9 @@ _POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
 #: most points of a line: more than a page's width in printed dots says nothing and weighs much
 _MOST_POINTS = 900
 
+#: characters of a name in a figure
+_LONGEST_NAME = 40
+
 _RC: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -117,10 +123,17 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     name : str
         Different for each figure of a page; it keeps the figures' inner names apart.
     """
-    with mpl.rc_context(_RC):
-        buffer = io.StringIO()
-        draw().savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    svg = buffer.getvalue()
+    with mpl.rc_context(_RC), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
+        figure = draw()
+        try:
+            svg = _svg(figure)
+        except (ValueError, TypeError):  # what cannot be set, of a name that did not come by `label_of`
+            for one in figure.findobj(Text):
+                text = cast("Text", one)
+                text.set_parse_math(False)
+                text.set_text(printable(text.get_text()))
+            svg = _svg(figure)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\b(id=")', rf"\g<1>{name}-", svg)
@@ -128,6 +141,25 @@ def drawn(draw: Callable[[], Figure], *, name: str) -> str:
     # the width in the page's own measure; the view box keeps the proportions
     svg = re.sub(r' width="([\d.]+)pt" height="[\d.]+pt"', _width_on_page, svg, count=1)
     return re.sub(r"\s*\n\s*", "\n", svg)
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return printable(buffer.getvalue())  # texts stand in comments, too
+
+
+def label_of(name: str) -> str:
+    r"""Return a name of others' making, as of a log or a controller, as text of a figure.
+
+    As it is, `$\frac$` would stop the drawing, `_name` be left out of legends, and long names crowd the axes out.
+    """
+    shown = printable_line(name)
+    if len(shown) > _LONGEST_NAME:
+        half = _LONGEST_NAME // 2
+        shown = f"{shown[:half]}…{shown[-half:]}"
+    shown = shown.replace("$", r"\$")
+    return f" {shown}" if shown.startswith("_") else shown
 
 
 def _width_on_page(size: re.Match[str]) -> str:

@@ -23,6 +23,7 @@ from ballbot.report.style import (
     STATE_UNITS,
     WITH_FRICTION,
     WITHOUT_FRICTION,
+    label_of,
     thinned,
 )
 from ballbot.validation.closed_loop import ClosedLoop
@@ -56,8 +57,8 @@ def _draw_state(axes: Axes, trajectories: Trajectories, names: tuple[str, str], 
     columns = (trajectories.measured, trajectories.first, trajectories.second)
     t, measured, first, second = thinned(trajectories.t, *(c[:, index] for c in columns))
     axes.plot(t, measured, label="measured", **MEASURED)
-    axes.plot(t, first, label=f"model {names[0]}", **WITH_FRICTION)
-    axes.plot(t, second, label=f"model {names[1]}", **WITHOUT_FRICTION)
+    axes.plot(t, first, label=f"model {label_of(names[0])}", **WITH_FRICTION)
+    axes.plot(t, second, label=f"model {label_of(names[1])}", **WITHOUT_FRICTION)
     axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
     axes.margins(x=0.01)
 
@@ -77,9 +78,10 @@ def ratio_figure(
     axes.axhline(1.0, color=INK, linewidth=0.9)
     axes.set_yscale("log")
     axes.set_xticks(places, [STATE_SYMBOLS[name] for name in STATE_NAMES], fontsize=10)
-    axes.set_ylabel(f"error {names[1]}\nover error {names[0]}")
+    axes.set_ylabel(f"error {label_of(names[1])}\nover error {label_of(names[0])}")
     _plain_log_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100))
-    axes.annotate(f"above the line: better {names[0]}", (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
+    better = f"above the line: better {label_of(names[0])}"
+    axes.annotate(better, (places[-1] + 0.5, 1.0), (0, -3), textcoords="offset points",
                   ha="right", va="top", fontsize=7, color=MUTED)  # fmt: skip
     axes.tick_params(axis="x", length=0, pad=5, labelcolor=INK)
     figure.legend(loc="outside upper center", ncols=2)
@@ -114,8 +116,8 @@ def horizon_figure(errors: HorizonErrors, names: tuple[str, str]) -> Figure:
     ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
     for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
         first = errors.first[:, index]
-        axes.loglog(ahead, first, label=names[0], **WITH_FRICTION)
-        axes.loglog(ahead, errors.second[:, index], label=names[1], **WITHOUT_FRICTION)
+        axes.loglog(ahead, first, label=label_of(names[0]), **WITH_FRICTION)
+        axes.loglog(ahead, errors.second[:, index], label=label_of(names[1]), **WITHOUT_FRICTION)
         axes.loglog(ahead, errors.noise_floor[:, index], label="noise of the start alone", **NOISE)
         for which, face in ((better[:, index], BLUE), (~better[:, index], "white")):
             axes.loglog(ahead[which], first[which], "o", color=BLUE, markerfacecolor=face, markersize=3)

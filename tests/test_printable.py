@@ -1,0 +1,160 @@
+"""Text of others' making is shown and never obeyed: on the terminal, in reports, figures and command lines."""
+
+import io
+import json
+import os
+import re
+import subprocess
+import unicodedata
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from ballbot.cli.main import main
+from ballbot.cli.output import PlainConsole, progress_bar, table
+from ballbot.files import write_text
+from ballbot.printable import printable, printable_line, shell_line
+from ballbot.report.json_text import as_json
+from ballbot.report.page import render
+from ballbot.report.style import drawn, label_of
+
+#: what a terminal obeys, markup, mathematics, what is no Unicode, and what is to be left as it is
+NASTY = [
+    "\x1b[2J",
+    "\x9b31m",
+    "\x07",
+    "\r",
+    "\u202eevil",
+    "[/x]",
+    "[bold]",
+    ":smile:",
+    r"$\frac$",
+    "$x$",
+    "\udcff",
+]
+OTHERS = ["_a", "\ud800", "'", '"', "\\", "\n", "é"]
+CHARACTERS = st.one_of(st.sampled_from(NASTY), st.sampled_from(OTHERS), st.characters())
+TEXTS = st.lists(CHARACTERS, max_size=12).map("".join)
+
+
+def obeyed(text: str) -> set[str]:
+    """Return the characters of a text that a terminal may obey."""
+    kinds = {one: unicodedata.category(one) for one in text}
+    bidirectional = set("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+    return {one for one, kind in kinds.items() if kind in ("Cc", "Cs", "Zl", "Zp")} - {"\n", "\t"} | (
+        bidirectional & set(text)
+    )
+
+
+@given(text=TEXTS)
+def test_nothing_in_a_text_is_obeyed(text):
+    assert not obeyed(printable(text))
+    assert not obeyed(printable_line(text))
+    assert "\n" not in printable_line(text)
+    assert printable(printable(text)) == printable(text)
+    if text.isprintable():
+        assert printable(text) == text
+
+
+@given(text=TEXTS)
+def test_a_console_shows_what_it_is_given(text):
+    out = io.StringIO()
+    console = PlainConsole(file=out, width=10_000)
+    console.print(text, soft_wrap=True)
+    console.print(table(text, [text, "b"], [[text, "1"]], framed=True))
+    assert not obeyed(out.getvalue())
+
+
+def test_progress_shows_names_as_they_are():
+    console = PlainConsole(file=io.StringIO())
+    console._force_terminal = True
+    with progress_bar(console, "[/x]") as bar:
+        bar.show(0.5, doing="[/y]\x1b[2J", note="[/z]")
+
+
+@given(name=TEXTS)
+def test_every_name_can_be_drawn_and_written(name):
+    def draw() -> Figure:
+        figure = Figure(figsize=(2, 2))
+        figure.subplots().plot([0, 1], label=label_of(name))
+        figure.legend()
+        figure.suptitle(label_of(name))
+        return figure
+
+    assert draw().legends[0].get_texts() or not printable_line(name)
+    label = label_of(name)
+    assert len(label) <= 90
+    assert label.count("$") == label.count(r"\$")
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_a_nasty_name_can_be_drawn(name, tmp_path):
+    def draw(label: str) -> Figure:
+        figure = Figure(figsize=(2, 2))
+        figure.suptitle(label)
+        return figure
+
+    svg = drawn(lambda: draw(label_of(name)), name="one")
+    assert not obeyed(svg)
+    drawn(lambda: draw(name), name="one")  # even where a name came in by another way
+    write_text(tmp_path / "one.svg", svg)
+
+
+@given(text=TEXTS.filter(lambda one: "\ud800" not in one))  # two halves of a pair are one character in JSON
+def test_results_are_json_whatever_the_names(text):
+    written = as_json({"name": text, text: 1.0})
+    assert not obeyed(written)
+    assert json.loads(written)["name"] == text
+    written.encode("utf-8")
+
+
+def test_a_page_escapes_names(tmp_path):
+    from ballbot.report.provenance import Provenance, SourceFile
+
+    made = Provenance(
+        command="ballbot '<script>\x1b'",
+        files=(SourceFile(name="\udcff<b>", sha256="0"),),
+        seed=0,
+        versions={},
+    )
+    page = render("provenance", {"made": made})
+    assert not obeyed(page)
+    assert "<script>" not in page
+    assert "<b>" not in page
+    write_text(tmp_path / "page.html", page)
+
+
+@given(words=st.lists(TEXTS.filter(lambda one: "\0" not in one), min_size=1, max_size=3))
+def test_a_command_line_is_split_into_the_same_words(words):
+    line = shell_line(words)
+    assert not obeyed(line)
+    assert "\n" not in line
+
+
+@pytest.mark.parametrize(
+    "word", ["a b", "it's", "\x1b[2J", "\udcff\udcfe1", "a\nb", r"back\slash" + "\n'", "$HOME", "é"]
+)
+def test_a_shell_reads_the_words_back(word):
+    script = f"printf %s {shell_line([word])}"
+    shown = subprocess.run(["bash", "-c", script], capture_output=True, check=True).stdout
+    assert shown == os.fsencode(word)
+
+
+@pytest.mark.parametrize(
+    "name", ["[/x]", "\x1b[31m", r"$\frac$", os.fsdecode(b"\xff\xfe"), "a\nb", ":smile:", "-x"]
+)
+def test_names_of_files_end_no_command_and_are_not_obeyed(tmp_path, monkeypatch, capfd, name):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "mine", "--out", f"./{name}.toml"]) == 0
+    assert main(["design", f"./{name}.toml", "--out", f"./{name}"]) == 0
+    shown = capfd.readouterr()
+    assert not obeyed(shown.out + shown.err)
+    assert main(["design", f"./{name}.toml", "--out", f"./{name}.toml"]) == 2
+    shown = capfd.readouterr()
+    assert not obeyed(shown.err)
+    assert shown.err.count("\n") == 1
+    assert re.search("is a file; --out needs a folder", shown.err)
+    assert (Path(f"./{name}") / "results.json").exists()
