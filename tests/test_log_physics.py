@@ -7,8 +7,8 @@ from physics_examples import FRICTION, MISTAKES, balancing, scaled
 
 from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.log.checks import check
-from ballbot.log.physics import physics_findings
+from ballbot.log.checks import check, check_logs
+from ballbot.log.physics import examine
 from ballbot.log.physics.lean import AS_LOGGED, READINGS, lean_evidence
 from ballbot.log.physics.motion import motion_of, usable_rows
 from ballbot.log.physics.torque import driving_of, torque_evidence
@@ -16,7 +16,7 @@ from ballbot.robot import Robot
 
 
 def errors(log: Log, robot: Robot) -> list[Finding]:
-    return [finding for finding in physics_findings(log, robot) if finding.severity == "error"]
+    return [finding for finding in examine(log, robot).findings if finding.severity == "error"]
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -57,7 +57,7 @@ def test_gains_of_a_correct_log_are_one():
 @pytest.mark.parametrize("name", ["theta", "x_dot", "psi"])
 def test_log_without_a_column_is_left_alone(name):
     log, robot = balancing()
-    assert physics_findings(Log({n: log[n] for n in log if n != name}), robot) == []
+    assert examine(Log({n: log[n] for n in log if n != name}), robot).findings == ()
 
 
 def test_log_without_torques_still_has_its_lean_checked():
@@ -69,7 +69,7 @@ def test_log_without_torques_still_has_its_lean_checked():
 
 def test_short_or_still_log_is_no_error():
     log, robot = balancing()
-    assert physics_findings(log.select(slice(0, 400)), robot) == []
+    assert examine(log.select(slice(0, 400)), robot).findings == ()
     still = scaled(log, 1e-9, *(name for name in log if name != "t"))
     assert errors(still, robot) == []
 
@@ -95,4 +95,29 @@ def test_measured_log_with_negated_torques_is_stopped(shared_data):
 
 def test_friction_in_the_robot_s_file_changes_nothing():
     log, robot = balancing()
-    assert physics_findings(log, robot.replace(friction=FRICTION)) == physics_findings(log, robot)
+    assert examine(log, robot.replace(friction=FRICTION)).findings == examine(log, robot).findings
+
+
+def test_logs_of_one_robot_are_not_stopped():
+    first, robot = balancing()
+    second, _ = balancing(seed=2)
+    assert [
+        f.code for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.severity == "error"
+    ] == []
+
+
+def test_heavier_robot_in_one_of_two_logs_is_found():
+    first, robot = balancing()
+    second, _ = balancing(mass=1.5)
+    found = [f for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.code == "robots"]
+    assert [finding.severity for finding in found] == ["error"]
+    assert found[0].where.file == "b.csv"
+    assert "One is heavier" in found[0].text
+
+
+def test_other_wheels_in_one_of_two_logs_are_found():
+    first, robot = balancing()
+    second = scaled(first, 1.3, "x", "y", "x_dot", "y_dot")
+    found = [f for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.code == "robots"]
+    assert any("wheel or ball radius" in finding.text for finding in found)
+    assert {finding.where.file for finding in found} == {"b.csv"}

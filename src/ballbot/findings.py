@@ -56,6 +56,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "robot-sensors": "the robot's sample time, encoders or noise are unusual",
         "robot-twin": "the twin cannot simulate the robot",
         "robot-wheels": "the robot's wheels do not fit its ball or body",
+        "robots": "logs are of different robots, or of one that was changed",
         "rows": "too few rows",
         "saturation": "torques stay at their limit",
         "scale": "a rate, a gain or a unit is off by a factor",

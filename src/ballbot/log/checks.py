@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -32,6 +32,10 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         With it, the wheels' columns are held against the robot's kinematics and the torques against its
         limit.
     """
+    return _checked(log, robot, _physics_of(log, robot) if robot else ())
+
+
+def _checked(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> tuple[Finding, ...]:
     limit = robot.drive.torque_limit if robot else None
     findings = [
         *check_rows(log),
@@ -52,6 +56,7 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         *check_torques(log, robot=robot),
         *check_saturation(log, torque_limit=limit),
         *(_of_robot(log, robot) if robot else []),
+        *physics,
         *check_names(log),
         *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
     ]
@@ -68,22 +73,25 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
     robot : Robot
         Whose logs they are.
     """
-    return by_severity(
+    from ballbot.log.physics import different_robots, examine  # the equations of motion take a while to load
+
+    examined = {name: examine(log, robot) for name, log in logs.items()}
+    findings = [
         replace(finding, where=replace(finding.where, file=name))
         for name, log in logs.items()
-        for finding in check(log, robot=robot)
-    )
+        for finding in _checked(log, robot, examined[name].findings)
+    ]
+    return by_severity([*findings, *different_robots(examined)])
+
+
+def _physics_of(log: Log, robot: Robot) -> tuple[Finding, ...]:
+    from ballbot.log.physics import examine
+
+    return examine(log, robot).findings
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:
-    from ballbot.log.physics import physics_findings  # the equations of motion take a while to load
-
-    return [
-        *check_speed_limit(log, robot),
-        *check_wheels(log, robot),
-        *check_disturbance(log, robot),
-        *physics_findings(log, robot),
-    ]
+    return [*check_speed_limit(log, robot), *check_wheels(log, robot), *check_disturbance(log, robot)]
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:

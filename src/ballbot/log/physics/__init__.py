@@ -1,13 +1,16 @@
-"""Whether a log obeys the robot's own equations: checks that take no friction and no controller.
+"""Whether logs obey the robot's own equations: checks that take no friction and no controller.
 
-`physics_findings(log, robot)` holds one log, `different_robots(logs, robot)` several against each other.
+`examine` checks one log, `different_robots` what several logs of it said.
 
-motion     filtered motion of ball and body, all signals through one filter
-delay      how late the torques answer the states
-lean       lean axes against the ball's acceleration: gravity accelerates the robot towards its lean
-torque     wheel torques against the torques that the motion needs: sign, order, scale
+motion             filtered motion of ball and body, all signals through one filter
+delay              how late the torques answer the states
+lean               lean axes against the ball's acceleration: gravity accelerates the robot towards its lean
+torque             wheel torques against the torques that the motion needs: sign, order, scale
+examine            the checks of one log, in the order in which one rests on another
+different_robots   the scales of several logs against each other
 """
 
-from ballbot.log.physics.findings import physics_findings
+from ballbot.log.physics.different_robots import different_robots
+from ballbot.log.physics.examine import Examined, examine
 
-__all__ = ["physics_findings"]
+__all__ = ["Examined", "different_robots", "examine"]

@@ -27,7 +27,8 @@ from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.local_fit import local_fit
 from ballbot.log.log import Log
 from ballbot.log.physics.evidence import block_sums, clarity, without
-from ballbot.log.physics.motion import Motion, Rows, as_complex, as_plane
+from ballbot.log.physics.motion import EVERY, Motion, Rows, as_complex, as_plane
+from ballbot.log.proposal.signals import INTERVAL
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -50,8 +51,12 @@ LEAST_SCALE, WIDEST = 0.4, 4.5
 #: variance of a torque over the largest one's under which its column is dead
 DEAD = 1e-8
 SURE = 3.0
-#: speed from which a wheel turns for certain [rad/s]
-TURNING = 0.1
+#: speed at which the sign of a wheel's dry friction is nearly certain, and from which it is [rad/s]
+SIGN, TURNING = 0.1, 0.3
+#: how sharply rows count less if the wheel did not turn for certain all the filter's time
+TURNED_POWER = 12
+#: a scale needs this much of such turning, of all wheels together [s]
+LEAST_TURNING = 5.0
 #: speed at which the falling part of friction has fallen to 37 % [rad/s]
 FALLING = 0.6
 
@@ -124,7 +129,7 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
         log, np.column_stack([log[name] for name in names]), late=0.5 * log.sample_time
     ).value
     speed = _wheel_speeds(log, robot)
-    sign = np.tanh(speed / TURNING)
+    sign = np.tanh(speed / SIGN)
     parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
     found = rows.filtered(log, np.hstack(parts)).value
     n = robot.wheel_count
@@ -300,13 +305,14 @@ def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], floa
     """
     xx, xy, yy = (np.zeros(int(driving.block[-1]) + 1) for _ in range(3))
     for j, (i, sign) in enumerate(zip(one.wheels, one.signs, strict=True)):
-        weight = driving.turning[:, i] ** 4
+        weight = driving.turning[:, i] ** TURNED_POWER
         columns = np.column_stack([driving.friction[:, i], np.ones(len(weight))]) * weight[:, None]
         x = without(columns, driving.needed[:, i] * weight)
         y = without(columns, sign * driving.torque[:, j] * weight)
         for sums, product in ((xx, x * x), (xy, x * y), (yy, y * y)):
             sums += block_sums(product, driving.block)
-    if not (xx.sum() > 0.0 and yy.sum() > 0.0 and xy.sum() > 0.0):
+    turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
+    if turned < LEAST_TURNING or not (xx.sum() > 0.0 and yy.sum() > 0.0 and xy.sum() > 0.0):
         return (0.0, float("inf")), float("inf")
     k = xy.sum() / xx.sum()
     error = float(np.sqrt(np.sum((xy - k * xx) ** 2)) / xx.sum())

@@ -1,0 +1,81 @@
+"""What the physics of one log says, in the order in which one check rests on another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballbot.findings import Finding
+from ballbot.log.columns import torque_names
+from ballbot.log.kinematic_check import wheel_agreement
+from ballbot.log.log import Log
+from ballbot.log.physics.delay import answer_of, delay_findings
+from ballbot.log.physics.lean import LeanEvidence, lean_evidence, lean_findings
+from ballbot.log.physics.motion import Motion, Rows, motion_of, usable_rows
+from ballbot.log.physics.torque import TorqueEvidence, driving_of, torque_evidence, torque_findings
+from ballbot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Examined:
+    """What one log says by itself; None where it says nothing or an earlier check failed."""
+
+    findings: tuple[Finding, ...] = ()
+    lean: LeanEvidence | None = None
+    torque: TorqueEvidence | None = None
+    wheel_gain: float | None = None  #: wheel speeds over those that the states make, the wheels' mean
+
+
+def examine(log: Log, robot: Robot) -> Examined:
+    """Return what is wrong with a log of balancing by the robot's own equations, and the scales that it shows.
+
+    The torques are held against a motion that the lean confirms: if the lean does not fit the ball's acceleration, or
+    shows nothing of it, nothing is said of the torques.
+
+    Parameters
+    ----------
+    log : Log
+        If it lacks the states or the torques, the checks that need them are left out.
+    robot : Robot
+        Its rigid body and geometry; its friction is not used.
+    """
+    late = delay_findings(answer_of(log, robot), names=torque_names(robot.wheel_count))
+    rows = usable_rows(log, robot)
+    if rows is None:
+        return Examined(findings=tuple(late))
+    motion = motion_of(log, rows)
+    lean = lean_evidence(motion, robot)
+    gain = _wheel_gain(log, robot)
+    if findings := lean_findings(lean):
+        return Examined(findings=(*late, *findings), lean=lean, wheel_gain=gain)
+    if late:
+        return Examined(findings=tuple(late), lean=lean, wheel_gain=gain)
+    if not lean.conclusive:
+        sentence = (
+            "The signs and scales of lean and torques cannot be checked: the ball's acceleration does not follow the "
+            "lean clearly enough (too little motion, wheels that slip, or a robot that is held)."
+        )
+        return Examined(findings=(Finding(code="physics", severity="note", text=sentence),), wheel_gain=gain)
+    torque, findings = _torque(log, rows, motion, robot)
+    return Examined(findings=tuple(findings), lean=lean, torque=torque, wheel_gain=gain)
+
+
+def _torque(
+    log: Log, rows: Rows, motion: Motion, robot: Robot
+) -> tuple[TorqueEvidence | None, list[Finding]]:
+    """Return what the torques say and what is wrong; their scale only if nothing else is."""
+    driving = driving_of(log, rows, motion, robot)
+    if driving is None:
+        return None, []
+    found = torque_evidence(driving)
+    findings = torque_findings(found, names=torque_names(robot.wheel_count))
+    wrong = any(finding.code != "torque-scale" for finding in findings)
+    return None if wrong else found, findings
+
+
+def _wheel_gain(log: Log, robot: Robot) -> float | None:
+    found = wheel_agreement(log, robot)
+    if found is None or min(found.correlations) < 0.98 or min(found.signs) < 0:
+        return None
+    return float(np.mean(found.gains))
