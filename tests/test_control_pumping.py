@@ -49,7 +49,7 @@ def test_what_is_refused_drives_a_turning_robot_on_and_what_is_not_lets_it_come_
     later = spin_after(controller, 1.0)
     if pumps:
         assert later > 1.2
-        with pytest.raises(InputError, match=r"feeds the motion energy"):
+        with pytest.raises(InputError, match=r"injects energy and can destabilise"):
             refuse_pumping(controller, FRICTION)
     else:
         assert later < 1.0 + 1e-9  # the whole of it: the robot coasts

@@ -173,7 +173,7 @@ def test_a_robot_at_rest_tells_nothing():
     [
         (
             Limits(lean=0.14, floor=1e-4, torque=3.0),
-            "the robot hardly moves, and no reference found tells b1",
+            "the robot hardly moves, and no reference makes b1",
         ),
         (Limits(lean=0.14, floor=0.8, torque=1e-3), "the robot hardly moves"),
     ],
@@ -186,7 +186,7 @@ def test_impossible_limits_are_refused(limits, message):
 def test_a_controller_that_lets_it_fall_is_refused():
     wrong = Controller(alten(), -nominal_controller(alten()).gain)
     small = replace(FRICTION, coulomb=(1e-3,) * 3, stribeck=(1e-3,) * 3)  # too small to hold it upright
-    with pytest.raises(InputError, match="falls along every reference"):
+    with pytest.raises(InputError, match="falls on every reference"):
         design(asked(controller=wrong, robot=alten(small)), effort=Effort(generations=1, population=4))
 
 
@@ -232,7 +232,7 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
 def test_a_design_that_a_square_beats_is_not_praised():
     assert "4.0 times a square's, so that the square tells more" in gain_words(0.25)
     assert "4.0 times smaller than a square's" in gain_words(4.0)
-    assert "leaves parameters untold" in gain_words(math.inf)
+    assert "leaves parameters unidentifiable" in gain_words(math.inf)
 
 
 @pytest.mark.slow
@@ -249,7 +249,7 @@ def test_the_command_tries_it_on_the_twin(tmp_path, capsys):
 def test_bad_input_is_refused_in_one_sentence(tmp_path, capsys):
     path = tmp_path / "none.json"
     path.write_text("{}")
-    with pytest.raises(InputError, match=r"no results\.json of"):
+    with pytest.raises(InputError, match=r"not a results\.json of"):
         deviations_found(path)
     assert main(["excite", "alten", "--lean", "-1", "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

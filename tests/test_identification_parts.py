@@ -170,7 +170,7 @@ def test_bounds_come_from_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("coulom = [0, 1]", "'coulom' is no quantity that can be identified; did you mean 'coulomb'?"),
+        ("coulom = [0, 1]", "'coulom' is not a quantity that can be identified; did you mean 'coulomb'?"),
         ("coulomb = 0.3", "coulomb is 0.3; write two numbers"),
         ("coulomb = [0.3, 0.1]", "write the lower one first"),
         ("stribeck_speed = [0, 1]", "lower bound of stribeck_speed is 0; it must be above zero"),

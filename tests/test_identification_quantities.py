@@ -77,7 +77,7 @@ def test_what_is_not_sought_is_held_where_it_was():
 
 def test_a_group_stands_for_its_quantities_and_a_misspelling_is_told():
     assert names_in(["torque", "coulomb"]) == ("coulomb", "torque_gain", "torque_offset", "delay")
-    with pytest.raises(InputError, match=r"'torqe_gain' is no quantity .* did you mean 'torque_gain'\?"):
+    with pytest.raises(InputError, match=r"'torqe_gain' is not a quantity .* did you mean 'torque_gain'\?"):
         names_in(["torqe_gain"])
 
 

@@ -160,5 +160,5 @@ def test_another_file_is_refused_in_a_sentence(tmp_path, text, capsys):
     command = ["identify", "alten", "log.csv", "--sweep", str(path), "--out", str(tmp_path / "out")]
     assert main(command) == 2
     told = capsys.readouterr().err
-    assert "is no results.json of `ballbot identify-driveline`" in told
+    assert "is not a results.json of `ballbot identify-driveline`" in told
     assert told.count("\n") == 1

@@ -63,7 +63,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
     bounds = bounds_of(law_named("coulomb"), given)
     assert bounds.viscous == (0.0, 0.02)
     assert bounds.stribeck == (0.0, 0.0)
-    with pytest.raises(InputError, match=r"'colomb' is no friction law; did you mean 'coulomb'\?"):
+    with pytest.raises(InputError, match=r"'colomb' is not a friction law; did you mean 'coulomb'\?"):
         law_named("colomb")
 
 

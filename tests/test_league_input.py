@@ -77,7 +77,7 @@ def test_the_robots_of_the_set_unlike_are_all_corners():
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
-        ("{}/own.py", "say what in it makes the controller"),
+        ("{}/own.py", "Name the class or function that makes the controller"),
         ("{}/own.py:Missing", "has no 'Missing' to call"),
         ("{}/own.py:GAIN", "has no 'GAIN' to call"),
         ("{}/own.py:lazy", "has no sample_time"),
@@ -104,7 +104,7 @@ def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
     ("own", "sentence"),
     [
         ("Late", "failed at t = 0.505 s: ZeroDivisionError: no gain left (line"),
-        ("Odd", "returned str at t = 0 s, which is no array of torques"),
+        ("Odd", "returned str at t = 0 s, but it must return an array of torques"),
     ],
 )
 def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
@@ -187,7 +187,7 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
     ("arguments", "sentence"),
     [
         (["alten", "none", "none"], "two controllers are called 'none'"),
-        (["alten", "none", "--seeds", "0-"], "the seeds are '0-'"),
+        (["alten", "none", "--seeds", "0-"], "The seeds are '0-'"),
         (["alten", "none", "--scenarios", "push"], "choose --plant twin"),
         (
             ["alten", "none", "--scenarios", "moon"],

@@ -23,24 +23,26 @@ _WRITTEN = ("report.html", "results.json", "aligned.csv")
 def align(
     log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None, accept: Accept = None
 ) -> None:
-    """Set a log's sensors against motion capture of the same run, on any clock and in any frame.
+    """Compare a log's sensors with motion capture of the same run, on any clock and in any frame.
 
-    Finds the clock's offset and rate, both frames, the lever arm and jumps of the markers' frame, then errors and
+    Estimates the clock's offset and rate, both frames, the lever arm and jumps of the markers' frame, then errors and
     drifts. Writes report.html (Figures IV.1 to IV.4), results.json and aligned.csv: the log with mocap_x, mocap_y,
-    mocap_z, mocap_theta, mocap_phi, mocap_psi on its own rows and in its own world, empty where nothing was seen.
+    mocap_z, mocap_theta, mocap_phi, mocap_psi at its own times and in its own world frame, empty while the
+    cameras see nothing.
 
     Example: ballbot align run.csv run_mocap.csv --out aligned
 
     Parameters
     ----------
     log
-        With gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles and x, y, their errors come as well.
+        The robot's log, with gyro_x, gyro_y, gyro_z or theta, phi, psi. Errors are computed for the angles and x, y if
+        the log has them.
     mocap
-        t, qw qx qy qz of the body and x y z of the ball's centre, or of any point of the body.
+        The cameras' file: t, qw qx qy qz of the body and x y z of the ball's centre or of any point of the body.
     out
         The folder to write into.
     mapping
-        A TOML file that says how a foreign log becomes Ballbot's.
+        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
     findings = check_input(None, {log: run}, accept=accept)

@@ -48,33 +48,33 @@ def compare(
     resume: bool = False,
     out: Path,
 ) -> None:
-    """Compare controllers in closed loop: the same courses and seeds for all, differences with intervals.
+    """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 
     Example: ballbot compare found/robot.toml none partial mine=mine.py:Mine --plant twin --scenarios league --seeds
     1-20 --out league
 
-    Writes report.html (tables and figures) and results.json (every run's scores). A run that was interrupted or killed
-    goes on with --resume.
+    Writes report.html (tables and figures) and results.json (every run's scores). --resume continues an interrupted
+    or killed run.
 
     Parameters
     ----------
     robot
-        A preset's name or a robot file. Its friction is what is compensated, and what the model has.
+        A preset's name or a robot file. Its friction is compensated, and acts in the model.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
-        Python as FILE.py:NAME, where NAME(robot) makes it; any of them as LABEL=... under another name, and with
-        @kalman behind it fed the Kalman filter's state on the twin. The first is what the others are held against.
+        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one, and a trailing
+        @kalman feeds it the Kalman filter's state on the twin. The others are compared with the first.
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
     scenarios
-        Sets (motions, disturbances, league: both, unlike: robots 20 % off), courses (hold, square, circle,
-        figure_eight, change_pose, push, ramp, payload, floor, heading) and course files, with commas between.
+        Separated by commas: sets (motions, disturbances, league: both, unlike: robots 20 % off), courses (hold, square,
+        circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
-        Runs of each controller on each course, as 1-20 or 1,4,7-9.
+        Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
     processes
-        That work side by side; one for each core where not given. The numbers do not depend on it.
+        Number of parallel processes; by default one for each core. Results do not depend on it.
     resume
-        Go on with what the folder's checkpoint holds.
+        Continue an interrupted comparison in the same folder.
     out
         The folder to write into.
     """

@@ -68,41 +68,41 @@ def design(
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
     Writes controller.toml and results.json (gain, closed-loop poles, A and B). The precise kind is stiff and has
-    integral action, smooth references with feed-forward, a standstill and a disturbance observer; it is made for the
-    Kalman filter's state. Standard deviations in the robot's file are carried through to each entry of the gain; those
-    of its friction limit what is compensated to what is there with 95 % confidence. More than that would feed the
-    motion energy; how near the compensation comes to it is shown, and what exceeds it is refused.
+    integral action, smoothed references with feed-forward, friction handling at standstill and a disturbance observer;
+    it needs the Kalman filter's state. Standard deviations in the robot's file are carried through to each entry of the
+    gain; those of its friction limit the compensation to the friction that is present with 95 % confidence. More than
+    that injects energy and can destabilise the robot: it is refused, and the margin is shown.
 
     Parameters
     ----------
     robot
-        A preset's name or a robot file. Its friction is what is compensated; the gain is designed without it.
+        A preset's name or a robot file. Its friction is compensated; the gain is designed without it.
     kind
-        nominal: the thesis's soft gain; precise: stands where it is asked to.
+        nominal: the thesis's soft gain; precise: a stiff one that holds its position.
     q
-        Weights of x y theta phi psi and of their rates, ten numbers with commas between them; the kind's own where
-        not given.
+        Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the
+        kind.
     r
         Weight of each wheel's torque.
     sample_time
-        Time between two updates [s]; the robot's own where not given.
+        Time between two updates [s]; the robot's own if not given.
     compensation
-        none; full (all friction); partial (only while friction works against the intended motion). Where not given,
+        none; full (all friction); partial (only while friction works against the intended motion). If not given,
         none for the nominal kind and full for the precise one.
     compensation_gain
-        By what the friction that is compensated is multiplied: below 1 where it is not to be trusted whole.
+        Factor on the compensated friction, below 1 if it is uncertain.
     notch
-        A frequency [Hz] that is taken out of the torques: of a resonance, as `ballbot validate` names it.
+        A frequency [Hz] to remove from the torques, such as a resonance that `ballbot validate` reports.
     delay
-        Time from a measurement until the torque computed from it acts [s]: the state of then is predicted and fed
-        back, as the LQR of the delayed robot asks for. `ballbot identify --free delays` finds it.
+        Time from a measurement until the torque computed from it acts [s]. The controller feeds back the state
+        predicted for that time. `ballbot identify --free delays` estimates it.
     adaptive
-        Let the precise kind follow another floor, and any compensation the drivelines as they warm, within bounds.
+        Adapt the precise kind to the floor, and any compensation to drivelines as they warm up, within bounds.
     allow_pumping
-        Write the controller even where it compensates more friction than is certain to be there.
+        Write the controller even if it compensates more friction than is certain.
     robust
-        Seek the weights by search over perturbed robots in simulation, for the worst tenth of them; takes minutes,
-        shows how far it is, and goes on with --resume.
+        Search for the weights on perturbed simulated robots, for the worst tenth of them. Takes minutes; --resume
+        continues an interrupted search.
     out
         The folder to write into.
     """
@@ -114,7 +114,7 @@ def design(
         given = (kind, q, r, compensation_gain, notch, delay, adaptive)
         if given != ("nominal", None, TORQUE_WEIGHT, 1.0, None, None, False):
             raise InputError(
-                "--robust seeks the weights of the nominal kind itself; leave out --kind, --q, --r, "
+                "--robust searches for the weights of the nominal kind; leave out --kind, --q, --r, "
                 "--compensation-gain, --notch, --delay and --adaptive."
             )
         chosen = compensation or "none"
@@ -233,14 +233,18 @@ def _margin(margin: Margin) -> str:
     )
     if margin.adapted:
         told += f"\nadaptation and load may scale that up to {100.0 * margin.adapted:.0f} % of each wheel's friction"
-    return f"{told}\nWARNING: {margin.sentence}; this feeds the motion energy" if margin.pumps else told
+    return (
+        f"{told}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
+        if margin.pumps
+        else told
+    )
 
 
 def _weights(text: str) -> list[float]:
     try:
         return [float(weight) for weight in text.split(",")]
     except ValueError:
-        raise InputError(f"--q is {text!r}; it must be ten numbers with commas between them.") from None
+        raise InputError(f"--q is {text!r}; it must be ten numbers separated by commas.") from None
 
 
 def _certain(found: Friction, compensated: Friction) -> str:

@@ -58,7 +58,7 @@ def excite(
     resume: bool = False,
     out: Path,
 ) -> None:
-    """Design a run whose log tells the friction best, within limits on lean, floor and torque; try it on the twin.
+    """Design an informative excitation within limits on lean, floor and torque, and try it on the twin.
 
     Example: ballbot excite alten --lean 8 --floor 1 --torque 3 --out experiment
 
@@ -70,37 +70,38 @@ def excite(
     Parameters
     ----------
     robot
-        A preset's name or a robot file: with the friction that an identification found, or without any as yet.
+        A preset's name or a robot file, with identified friction or without any.
     duration
-        Of the run [s].
+        Length of the run [s].
     lean
         Largest lean of the axis from the vertical [degrees].
     floor
-        Largest distance from where the run begins [m].
+        Largest distance from the start [m].
     torque
-        Largest torque of a wheel [N m]; half the robot's torque limit where not given.
+        Largest torque of a wheel [N m]; half the robot's torque limit if not given.
     controller
-        The controller file that the robot will be run with; the nominal one without compensation where not given.
+        The controller file that the robot will use. If not given, the nominal controller without compensation.
     found
-        An identification's results.json, for how well the robot's states can be predicted; the twin's where not given.
+        results.json of `ballbot identify`, which shows how well the robot's states can be predicted. If not given, the
+        twin's are used.
     on_twin
-        Try the run and a square of the same length on the twin, and identify from both logs.
+        Run it and a square of the same length on the twin, and identify friction from both logs.
     scenario
-        What is true of the twin: a name or a scenario file, as in ballbot record.
+        The twin's scenario: a name or a scenario file, as in ballbot record.
     law
-        The friction law that identification will seek.
+        The friction law that will be identified.
     bounds
-        Identification's file of bounds; errors count in shares of their width.
+        The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds.
     window
-        Identification's windows, in seconds.
+        Length of the windows of the identification, in seconds.
     generations
-        Of the search, at most.
+        Largest number of generations of the search.
     population
         References tried in each generation.
     seed
-        Equal seeds give equal results.
+        Random seed. The same seed gives the same result.
     resume
-        Go on with a run into the same folder that was interrupted.
+        Continue an interrupted run in the same folder.
     out
         The folder to write into.
     """

@@ -64,7 +64,9 @@ def verdict(result: Excitation) -> list[str]:
 def gain_words(gain: float) -> str:
     """Return what a square's worst standard error over the design's says; infinite where the square tells less."""
     if not np.isfinite(gain):
-        return "A square of that length leaves parameters untold; the design tells all of them."
+        return (
+            "A square of that length leaves parameters unidentifiable; with the design all are identifiable."
+        )
     if gain < 1.0:
         return (
             f"The worst standard error expected is {1.0 / gain:.1f} times a square's, so that the square tells more; "

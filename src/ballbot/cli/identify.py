@@ -68,12 +68,12 @@ def identify(
     resume: bool = False,
     cluster: str | None = None,
 ) -> None:
-    """Find a robot's friction in its logs: b, c, s of each wheel, v_s, delta and C_rr; and more, where asked.
+    """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr; with --free also more.
 
-    Writes robot.toml (the robot with what was found) and results.json; with --law best also ladder.svg.
+    Writes robot.toml (the robot with the identified values) and results.json; with --law best also ladder.svg.
 
-    While it runs, checkpoint.jsonl in the same folder holds what has been computed: a run that was interrupted or
-    killed goes on from there with --resume, and ends in the same bytes as if it had never stopped.
+    While it runs, checkpoint.jsonl in the same folder holds the results so far. --resume continues an interrupted
+    or killed run from there and gives the same result, byte for byte.
 
     Example: ballbot identify alten square.csv hold.csv --out found
 
@@ -88,33 +88,34 @@ def identify(
     out
         The folder to write into.
     free
-        What is sought, with commas between: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
+        What is estimated, separated by commas: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
         wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), delays (delay, imu_delay,
-        velocity_delay), bias (lean_bias, gyro_bias), pivoting (the ball may pivot on the floor), or single quantities
-        of friction, as viscous.
+        velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
+        single quantities of friction, such as viscous.
     law
-        The law of the wheels' friction; best fits each in turn, shows what it gains on windows held out, and
-        takes the one that earns its place.
+        The friction law of the wheels. best fits each in turn, shows how much each improves the prediction of held-out
+        windows, and keeps the law that improves it clearly.
     judge_on
-        A log that is not fitted, to judge what was found on; may be given more than once.
+        A log that is not fitted, on which the result is validated. May be given more than once.
     leave_out
-        States whose errors do not count, with commas between, as psi,psi_dot on a floor on which the ball pivots.
+        States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
+        floor.
     mapping
-        A TOML file that says how foreign logs become Ballbot's, as `ballbot check-log` writes it; one for all logs,
-        or given once for each, in the order of the logs and then of those to judge on.
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it: one for all
+        logs, or one for each, in the order of the logs and then of those of --judge-on.
     bounds
-        A TOML file of the bounds within which each is sought, as in: coulomb = [0.0, 0.5]; equal bounds hold it.
+        A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value.
     sweep
-        results.json of `ballbot identify-driveline`: its b and c enter the estimate beside the logs, in proportion to
-        how sure both are. With torque_gain sought, they count by the torque that acts, and only their ratios matter.
+        results.json of `ballbot identify-driveline`: its b and c are combined with what the logs show, weighted by
+        their uncertainties. With --free torque_gain only the ratios between the wheels count.
     seed
-        Of all that is random; equal seeds give equal results.
+        Random seed. The same seed gives the same result.
     window
-        Length of the windows predicted, in seconds.
+        Length of the predicted windows, in seconds.
     resume
-        Go on with a run into the same folder that was interrupted.
+        Continue an interrupted run in the same folder.
     cluster
-        The address of a Dask scheduler that spreads the work, such as tcp://10.0.0.5:8786.
+        The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786.
     """
     asked = _Asked(
         robot=robot,

@@ -61,10 +61,10 @@ def limits(
     seed: int = 1,
     out: Path,
 ) -> None:
-    """Find the limits of a robot with its controllers: the leans and the blows that it survives.
+    """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
-    Two limits are found, and the truth lies between them: up to the first no wheel lets go of the ball; the second
-    takes the wheels to hold whatever they push. Both know the torque limit and the motors' highest speed.
+    Two limits are computed, and the true one lies between them: up to the first no wheel slips on the ball; the second
+    assumes that wheels never slip. Both respect the torque limit and the motors' highest speed.
 
     Writes planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and results.json.
 
@@ -75,18 +75,18 @@ def limits(
     robot
         A preset's name or a robot file, with its friction.
     controllers
-        none, full and partial (the nominal gain with that compensation), precise, and controller files; as in compare
-        as LABEL=... under another name, and with @kalman behind it fed the Kalman filter's state on the twin.
+        none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
+        compare, LABEL=... renames one, and a trailing @kalman feeds it the Kalman filter's state on the twin.
     grip
         Friction coefficient of the wheels on the ball.
     refinements
-        Times that the planes' coarse grid is halved along the edge; 5 make a million points, 0 to 6.
+        How many times the coarse grid of the planes is halved along the edge, 0 to 6. 5 give a million points.
     twin
-        Find the limits on the twin as well, in four directions.
+        Also find the limits on the twin, in four directions.
     scenario
-        Of the twin.
+        The twin's scenario: a name or a scenario file.
     seed
-        Of the twin's runs.
+        Random seed of the twin's runs.
     out
         The folder to write into.
     """
@@ -129,7 +129,9 @@ def limits(
 def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
     """Refuse numbers that cannot be."""
     if controllers > MOST_CONTROLLERS:
-        raise InputError(f"There are {controllers} controllers; the figures tell {MOST_CONTROLLERS} apart.")
+        raise InputError(
+            f"There are {controllers} controllers; the figures can show at most {MOST_CONTROLLERS}."
+        )
     if not grip > 0.0:
         raise InputError(
             f"--grip is {grip:g}; it must be a positive friction coefficient, 1 for rubber on rubber."

@@ -57,9 +57,13 @@ COMMANDS = (
     ),
     Command(name="new", target="robot:new", summary="Write a robot file to start from."),
     Command(
-        name="check", target="robot:check", summary="Check a robot; print what follows from its parameters."
+        name="check",
+        target="robot:check",
+        summary="Check a robot and print what follows from its parameters.",
     ),
-    Command(name="check-log", target="log:check_log", summary="Check a log; say what it can be used for."),
+    Command(
+        name="check-log", target="log:check_log", summary="Check a log and show what it can be used for."
+    ),
     Command(
         name="simulate", target="simulate:simulate", summary="Simulate a robot in closed loop; write a log."
     ),
@@ -68,39 +72,45 @@ COMMANDS = (
     Command(
         name="excite",
         target="excite:excite",
-        summary="Design a run that tells the friction, within limits; try it on the twin.",
+        summary="Design an informative excitation within limits; try it on the twin.",
     ),
-    Command(name="identify", target="identify:identify", summary="Find a robot's friction from its logs."),
+    Command(
+        name="identify", target="identify:identify", summary="Identify a robot's friction from its logs."
+    ),
     Command(
         name="identify-axis",
         target="identify_axis:identify_axis",
-        summary="Find the mass and friction of any single axis.",
+        summary="Identify the mass and friction of any single axis.",
     ),
     Command(
         name="identify-driveline",
         target="identify_driveline:identify_driveline",
-        summary="Find drivelines' friction from a free-wheel sweep.",
+        summary="Identify drivelines' friction from a free-wheel sweep.",
     ),
     Command(
         name="identify-upside-down",
         target="identify_upside_down:identify_upside_down",
-        summary="Find friction with the ball on the clamped wheels.",
+        summary="Identify friction with the ball on the clamped wheels.",
     ),
     Command(
         name="identify-geometry",
         target="identify_geometry:identify_geometry",
-        summary="Find radii, tilt, azimuths and IMU mounting in logs.",
+        summary="Identify radii, tilt, azimuths and IMU mounting from logs.",
     ),
-    Command(name="validate", target="validate:validate", summary="Hold a robot's model against its logs."),
-    Command(name="align", target="align:align", summary="Set a log's sensors against motion capture."),
+    Command(name="validate", target="validate:validate", summary="Validate a robot's model against logs."),
+    Command(name="align", target="align:align", summary="Compare a log's sensors with motion capture."),
     Command(name="spin", target="spin:spin", summary="Measure the ball's velocity in a video of its seam."),
     Command(name="design", target="design:design", summary="Design a controller for a robot."),
-    Command(name="limits", target="limits:limits", summary="Find the leans and blows that a robot survives."),
+    Command(
+        name="limits",
+        target="limits:limits",
+        summary="Find the largest tilts and impulses a robot recovers from.",
+    ),
     Command(
         name="compare", target="compare:compare", summary="Compare controllers on the same courses and seeds."
     ),
     Command(
-        name="reproduce", target="reproduce:reproduce", summary="Remake the thesis's figures and tables."
+        name="reproduce", target="reproduce:reproduce", summary="Reproduce the thesis's figures and tables."
     ),
 )
 
@@ -137,7 +147,7 @@ def build_app(tokens: Sequence[str] = ()) -> App:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code.
 
-    0 for success; 2 for bad input or a missing package, told in one sentence on standard error; 130 when
+    0 for success; 2 for bad input or a missing package, with one sentence on standard error; 130 when
     interrupted.
 
     Parameters
@@ -164,7 +174,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"this needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
         )
     except KeyboardInterrupt as interrupt:
-        _say(str(interrupt) or "interrupted; files written so far are whole.")
+        _say(str(interrupt) or "interrupted; files written so far are complete.")
         return 130
     except BrokenPipeError:  # the reader has gone (`ballbot check alten | head`)
         _close_standard_output()

@@ -50,33 +50,33 @@ def record(
     Parameters
     ----------
     scenario
-        What is true of the twin and unknown to its controller: nominal, ideal, wide_rows, single_row, single_point,
+        The twin's true properties, unknown to the controller: nominal, ideal, wide_rows, single_row, single_point,
         resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
     robot
-        A preset's name or a robot file. Its friction is what the controller compensates, not what the twin has.
+        A preset's name or a robot file. The controller compensates its friction; the twin has its scenario's.
     experiment
         balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the wheels).
     reference
-        Where a balancing robot is asked to be: hold, square, change_pose, circle, figure_eight, or a file with t,
-        ref_x, ref_y and ref_psi, as ballbot excite writes it.
+        The motion that a balancing robot is to follow: hold, square, change_pose, circle, figure_eight, or a file
+        with t, ref_x, ref_y and ref_psi, as ballbot excite writes it.
     duration
-        How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down where not given.
+        How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down if not given.
     seed
-        Equal seeds give equal recordings, bit for bit.
+        Random seed. The same seed gives the same recording, bit for bit.
     seeds
-        Many at once, as 1-200 or 1,4,7-9, over all cores, each into a folder of its own. Runs that are whole in it
-        are kept, with --resume and without.
+        Several seeds, such as 1-200 or 1,4,7-9, recorded on all cores, each into its own folder. Complete runs found
+        there are kept, with or without --resume.
     compensation
-        What the controller does about the friction in the robot's file.
+        Compensation of the friction in the robot's file.
     controller
-        A controller file, in place of the nominal gain and the compensation.
+        A controller file, instead of the nominal gain and compensation.
     estimator
-        Whose state the controller feeds back and the log has: onboard, the thesis's way (a sum of wheel speeds); or
-        kalman, a filter that also listens to the scenario's fixes.
+        The state estimate that the controller feeds back and the log contains: onboard, as in the thesis (a sum of
+        wheel speeds); or kalman, a filter that also uses the scenario's fixes.
     format
-        Of the log, the truth and the motion capture.
+        File format of the log, the truth and the motion capture.
     resume
-        Keep a run that is whole in the folder: made with the same settings, and every file as it was written.
+        Keep a complete run in the folder: made with the same settings, and every file as it was written.
     out
         The folder to write into.
     """

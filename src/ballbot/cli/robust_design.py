@@ -38,26 +38,26 @@ class RobustOptions:
     """What a search for robust weights is told; without --robust it has no effect."""
 
     perturb: str = ""
-    """How far robots may be from the one described, as in mass=0.2,height=0.2,friction=0.2 (shares), delay=2
-    (samples), tilt=1 (degrees of the floor); what is not named is as here."""
+    """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
+    of the floor). What is not named keeps these values."""
 
     robots: int = Effort.robots
-    """Perturbed robots that judge every candidate."""
+    """Number of perturbed robots on which each candidate is tested."""
 
     generations: int = Effort.generations
-    """Of the search, at most."""
+    """Largest number of generations of the search."""
 
     population: int = Effort.population
-    """Candidates of a generation."""
+    """Candidates in each generation."""
 
     fresh: int = Effort.fresh
-    """Other robots on which the found weights are compared with the nominal ones and a plain LQR."""
+    """Number of other robots on which the result is compared with the nominal weights and a plain LQR."""
 
     seed: int = 0
-    """Of all that is random; equal seeds give equal results."""
+    """Random seed. The same seed gives the same result."""
 
     resume: Annotated[bool, Parameter(negative="")] = False
-    """Go on with the search that was interrupted in the same folder."""
+    """Continue an interrupted search in the same folder."""
 
 
 def design_robustly(

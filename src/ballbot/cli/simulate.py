@@ -39,7 +39,7 @@ def simulate(
     format: Literal["csv", "parquet"] = "csv",
     out: Path,
 ) -> None:
-    """Simulate a robot in closed loop on its equations of motion, friction sticking where it sticks.
+    """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
     Example: ballbot simulate alten --reference square --duration 32 --out run1
 
@@ -50,18 +50,18 @@ def simulate(
     robot
         A preset's name or a robot file, with its friction.
     reference
-        Where the robot is asked to be: hold, square, change_pose, circle, figure_eight, or a file with t, ref_x, ref_y
-        and ref_psi, as ballbot excite writes it.
+        The motion that the robot is to follow: hold, square, change_pose, circle, figure_eight, or a file with t,
+        ref_x, ref_y and ref_psi, as ballbot excite writes it.
     duration
-        How long [s].
+        Length of the run [s].
     controller
-        A controller file, in place of the nominal gain and the compensation.
+        A controller file, instead of the nominal gain and compensation.
     compensation
-        What the nominal controller does about the robot's friction: none, full or partial.
+        Compensation of the robot's friction by the nominal controller: none, full or partial.
     formulation
         exact, or thesis (Appendix II as printed).
     format
-        Of the log.
+        File format of the log.
     out
         The folder to write into.
     """

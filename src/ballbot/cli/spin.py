@@ -46,10 +46,10 @@ def spin(
     mapping: Path | None = None,
     accept: Accept = None,
 ) -> None:
-    """Measure the ball's angular velocity in a video of its seam, looked at from above on the upside-down robot.
+    """Measure the ball's angular velocity from a video of its seam, seen from above on the upside-down robot.
 
-    Finds the ball, its seam and the camera's distance, follows the seam frame by frame, and with a log holds the
-    result against T_obw times the wheels' speeds (the thesis's Figure V.2). Writes spin.csv (t, ball_omega_x, _y,
+    Finds the ball, its seam and the camera's distance, follows the seam frame by frame, and with a log compares the
+    result with T_obw times the wheels' speeds (the thesis's Figure V.2). Writes spin.csv (t, ball_omega_x, _y,
     _z, their standard errors, tracked), results.json, velocity.svg and overlay.png; with a log also difference.svg
     and log.csv, the log with ball_omega.
 
@@ -64,22 +64,22 @@ def spin(
     seam
         thesis, tennis or basketball.
     colour
-        The seam's, as red,green,blue from 0 to 255; found if not given.
+        The seam's colour, as red,green,blue from 0 to 255. Estimated if not given.
     circle
-        The ball's outline, as x,y,radius in pixels; found if not given.
+        The ball's outline, as x,y,radius in pixels. Estimated if not given.
     distance
-        From the lens to the ball's centre, in radii of the ball; found from the seam's perspective if not given.
+        Distance from the lens to the ball's centre, in ball radii. Estimated from the seam's perspective if not given.
     forward
-        Where the robot's x points in the picture, in degrees clockwise from its right. Without it, it is found with
-        a log; without one, velocities are in the camera's frame: x to the right, y down, z away.
+        Direction of the robot's x axis in the picture, in degrees clockwise from the right. If not given, it is
+        estimated from the log; without a log, velocities are in the camera's frame: x to the right, y down, z away.
     frame_rate
-        The camera's, where the file says another, as slow motion does.
+        Frames per second of the camera, if the file states another number, as for slow motion.
     log
-        Of the same run, with the wheels' speeds.
+        A log of the same run, with the wheels' speeds.
     robot
         A preset's name or a robot file; needed with a log.
     mapping
-        A TOML file that says how a foreign log becomes Ballbot's.
+        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     if log is not None and robot is None:
         raise InputError("--log needs --robot, whose geometry turns wheel speeds into the ball's velocity.")

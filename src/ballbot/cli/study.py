@@ -41,7 +41,7 @@ def study(
     resume: bool = False,
     cluster: str | None = None,
 ) -> None:
-    """Find a robot's friction in its logs, judge the model, design a controller and show what it gains.
+    """Identify a robot's friction from its logs, validate the model, design a controller and show what it gains.
 
     Writes report.html, results.json, robot.toml (the friction found) and controller.toml.
 
@@ -56,20 +56,20 @@ def study(
     out
         The folder to write into.
     plant
-        What the compensations are compared on: the model with the friction found, or the physics-engine twin.
+        Where friction compensation is tested: on the model with the identified friction, or on the physics-engine twin.
     leave_out
-        States whose errors do not count in the fit, with commas between, as psi,psi_dot on a floor on which the ball
-        pivots; they are judged all the same.
+        States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on
+        the floor. They are validated all the same.
     mapping
-        A TOML file that says how foreign logs become Ballbot's.
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     bounds
-        A TOML file of the bounds within which the friction is sought.
+        A TOML file with lower and upper bounds of the friction parameters.
     seed
-        Of all that is random; equal seeds give equal results.
+        Random seed. The same seed gives the same result.
     resume
-        Go on with a study into the same folder that was interrupted.
+        Continue an interrupted study in the same folder.
     cluster
-        The address of a Dask scheduler that spreads the identification, such as tcp://10.0.0.5:8786.
+        The address of a Dask scheduler on which the identification runs, such as tcp://10.0.0.5:8786.
     """
     described = Robot.load(robot)
     named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
@@ -132,12 +132,12 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
         Where there is none, or one is named twice.
     """
     if not paths:
-        raise InputError("No log was given; name one or more files after the robot.")
+        raise InputError("No log is given. Name one or more log files after the robot.")
     stems = [path.stem for path in paths]
     names = stems if len(set(stems)) == len(stems) else [str(path.with_suffix("")) for path in paths]
     for path, name in zip(paths, names, strict=True):
         if names.count(name) > 1:
-            raise InputError(f"The log {path} was given twice; name each file once.")
+            raise InputError(f"The log {path} is given twice. Name each file once.")
     return dict(zip(names, paths, strict=True))
 
 

@@ -54,10 +54,10 @@ def validate(
     seed: int = 0,
     accept: Accept = None,
 ) -> None:
-    """Hold a robot's model, with its friction and without, or any two models, against logs they were not fitted to.
+    """Validate a robot's model against logs it was not fitted to: with and without friction, or any two models.
 
-    Writes report.html and results.json: errors in open and closed loop and against the horizon, state by state with a
-    95 % interval on their ratio, and what the one-step residuals show.
+    Writes report.html and results.json: errors in open loop, in closed loop and over the prediction horizon, with
+    95 % intervals on their ratio for each state, and an analysis of the one-step residuals.
 
     Example: ballbot validate found/robot.toml step.csv --out checked
 
@@ -74,16 +74,16 @@ def validate(
     out
         The folder to write into.
     against
-        What to hold the model against: another robot (preset or file), or this robot in the other formulation,
-        thesis or exact. By default the same robot without friction.
+        The second model: another robot (preset or file), or this robot in the other formulation, thesis or exact. By
+        default the same robot without friction.
     formulation
-        Of the robot's equations, exact or thesis; of another robot's as well.
+        Equations of motion of both robots: exact, or as the thesis prints them.
     controller
-        The controller that recorded the logs; without it, its gain is recovered from each log.
+        The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log.
     mapping
-        A TOML file that says how foreign logs become Ballbot's.
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     seed
-        Of the noise drawn for the noise floors.
+        Random seed of the noise floors. The same seed gives the same result.
     """
     check_seed(seed)
     models = _models(robot, against, formulation)
@@ -125,7 +125,7 @@ def _models(robot: str, against: str | None, formulation: Formulation) -> ModelP
     if against in get_args(Formulation):
         if against == formulation:
             raise InputError(
-                f"Both formulations are {formulation}; --against {against} takes the other one as --formulation."
+                f"--against {against} compares the {formulation} formulation with itself. Give --formulation the other."
             )
         return ModelPair.by_formulation(model)
     other = Model(Robot.load(against), formulation=formulation)

@@ -49,7 +49,7 @@ class Parts:
     def __post_init__(self) -> None:
         if self.feed_forward is not None and self.shaping is None:
             raise InputError(
-                "A feed-forward needs a shaping: only a smooth reference says what its motion takes."
+                "A feed-forward needs reference shaping: it uses the derivatives of the shaped reference."
             )
 
         if self.floor_adaptation is not None and (self.integral is None or self.shaping is None):

@@ -160,8 +160,8 @@ def refuse_pumping(controller: Controller, friction: Friction) -> None:
     margin = compensation_margin(controller, friction)
     if margin.pumps:
         raise InputError(
-            f"{margin.sentence[0].upper()}{margin.sentence[1:]}; what exceeds it feeds the motion energy. "
-            f"{1.0 / margin.largest:.2g} times as much compensation would be safe; --allow-pumping lets it be."
+            f"{margin.sentence[0].upper()}{margin.sentence[1:]}; the excess injects energy and can destabilise the "
+            f"robot. Use {1.0 / margin.largest:.2g} times as much compensation, or go on with --allow-pumping."
         )
 
 

@@ -90,7 +90,7 @@ def prediction_band(
     if not any(np.any(np.asarray(one) > 0.0) for one in robot.standard_deviations.values()):
         raise InputError(f"No value of {robot.name} has a standard deviation; give some in its file.")
     if draws < 2:
-        raise InputError(f"{draws} draws make no band; it takes two or more, 200 for two digits.")
+        raise InputError(f"The number of draws is {draws}; it must be 2 or more, such as 200.")
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
     if not len(windows):
         raise InputError(f"The log has no {window:g} s without a gap, a missing value or a fall.")

@@ -179,7 +179,7 @@ def _record_missing(
                         progress(len(outcomes))
             except BrokenProcessPool:
                 raise InputError(
-                    "A process that recorded was killed, perhaps for want of memory; the runs recorded before are kept."
+                    "A worker process was killed, perhaps because memory ran out. Finished runs are kept; continue with --resume."
                 ) from None
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)

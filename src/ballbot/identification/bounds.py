@@ -95,7 +95,7 @@ def read_bounds(path: str | Path) -> Bounds:
     if unknown:
         near = get_close_matches(unknown[0], names, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(names)}."
-        raise InputError(f"{path}: {unknown[0]!r} is no quantity that can be identified; {hint}")
+        raise InputError(f"{path}: {unknown[0]!r} is not a quantity that can be identified; {hint}")
     try:
         return Bounds(**{key: _interval(key, value) for key, value in entries.items()})
     except InputError as error:

@@ -111,7 +111,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
             remarks.append(f"{reason}: no number is given for {', '.join(labels)}.")
             refused |= rows
     if np.all(refused[coordinates.free]):
-        raise InputError(f"These logs cannot give what is sought: {' '.join(remarks)}")
+        raise InputError(f"These logs do not determine what is to be estimated: {' '.join(remarks)}")
     return Excitation(refused=refused, remarks=tuple(remarks))
 
 

@@ -107,7 +107,7 @@ def law_named(name: str) -> Law:
         return LAWS[names.index(name)]
     near = get_close_matches(name, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}."
-    raise InputError(f"{name!r} is no friction law; {hint}")
+    raise InputError(f"{name!r} is not a friction law; {hint}")
 
 
 def bounds_of(law: Law, bounds: Bounds) -> Bounds:

@@ -273,14 +273,14 @@ def names_in(free: Sequence[str]) -> tuple[str, ...]:
         Where one is neither, or there is none.
     """
     if not free:
-        raise InputError(f"Nothing is sought; name some of {', '.join([*GROUPS, *BY_NAME])}.")
+        raise InputError(f"Nothing is to be estimated. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()
     for word in free:
         if word not in BY_NAME and word not in GROUPS:
             choices = [*GROUPS, *BY_NAME]
             near = get_close_matches(word, choices, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(choices)}."
-            raise InputError(f"{word!r} is no quantity that can be identified; {hint}")
+            raise InputError(f"{word!r} is not a quantity that can be identified; {hint}")
         named.update(GROUPS.get(word, (word,)))
     return tuple(name for name in BY_NAME if name in named)
 

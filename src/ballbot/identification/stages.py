@@ -306,9 +306,7 @@ def states_counted(left_out: Sequence[str]) -> NDArray[np.bool_]:
     """
     for name in left_out:
         if name not in STATE_NAMES:
-            raise InputError(
-                f"{name!r} is no state that can be left out; there are {', '.join(STATE_NAMES)}."
-            )
+            raise InputError(f"{name!r} is not a state; the states are {', '.join(STATE_NAMES)}.")
     counted = np.array([name not in left_out for name in STATE_NAMES])
     if not counted.any():
         raise InputError("Every state is left out of the cost; at least one must count.")

@@ -89,7 +89,7 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
         correlations = correlations[:, places][:, :, places]
     except (ValueError, KeyError, TypeError, IndexError, AttributeError):
         raise InputError(
-            f"{path} is no results.json of `ballbot identify-driveline`; give that file."
+            f"{path} is not a results.json of `ballbot identify-driveline`. Give that file with --sweep."
         ) from None
     if values.shape != (wheel_count, 2) or correlations.shape != (wheel_count, 2, 2):
         raise InputError(f"{path} is of {len(values)} wheels, where the robot has {wheel_count}.")

@@ -64,7 +64,7 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> dict[str
     if not Path(path).exists():
         raise InputError(f"{path} cannot be read: No such file or directory.")
     raise InputError(
-        f"{path} is of no kind that Ballbot reads as a log; those are .csv, .parquet and text (.txt)."
+        f"{path} is not a log that Ballbot reads. Give a file that ends in .csv, .parquet or .txt."
     )
 
 

@@ -64,8 +64,8 @@ class ModelPair:
         none = Friction.none(robot.wheel_count)
         if robot.friction == none:
             raise InputError(
-                f"The robot {robot.name} has no friction to validate; `ballbot identify` finds it. Or hold it against "
-                "another model."
+                f"The robot {robot.name} has no friction to validate. Identify it with `ballbot identify`, or compare "
+                "two models with --against."
             )
         return ModelPair(
             first=NamedModel(name="with friction", model=model),

@@ -137,7 +137,7 @@ def _turning(t: NDArray[np.float64], omega: NDArray[np.float64]) -> Turning:
 def _best(logged: Turning, seen: Turning) -> MotionFit:
     if min(seen.t[-1] - seen.t[0], logged.t[-1] - logged.t[0]) < _LEAST_TIME:
         raise InputError(
-            f"Video and log must both be at least {_LEAST_TIME:g} s long for their clocks to be set against each other."
+            f"Video and log must both be at least {_LEAST_TIME:g} s long for their clocks to be aligned."
         )
     try:
         clocks = candidate_clocks(logged, seen)

@@ -185,7 +185,7 @@ def _better(used: float, before: float) -> bool:
 def _check_within(task: Task, best: _Fitted) -> None:
     if best.run.lasted < 1.0:
         raise InputError(
-            "With this controller the robot falls along every reference tried; give a controller that balances it, or "
+            "With this controller the robot falls on every reference. Give a controller that balances it, or "
             "a lower limit on the lean."
         )
     limits = task.limits.scaled(MARGIN)
@@ -202,5 +202,6 @@ def _check_told(task: Task, errors: NDArray[np.float64]) -> None:
         limits = task.limits
         raise InputError(
             f"Within {limits.lean:.3g} rad of lean, {limits.floor:.3g} m of floor and {limits.torque:.3g} N m the "
-            f"robot hardly moves, and no reference found tells {', '.join(untold)}; raise the limits or the duration."
+            f"robot hardly moves, and no reference makes {', '.join(untold)} identifiable. Raise the limits or "
+            "the duration."
         )

@@ -57,7 +57,9 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
         errors = results["held_out"]["rmse_with_friction"]
         values = np.array([errors[name] for name in STATE_NAMES], dtype=np.float64)
     except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path} is no results.json of `ballbot identify`; give that file.") from None
+        raise InputError(
+            f"{path} is not a results.json of `ballbot identify`. Give that file with --found."
+        ) from None
     if not np.all(np.isfinite(values) & (values > 0.0)):
         raise InputError(
             f"{path} has no errors on windows held out for some states; identify from more logs."

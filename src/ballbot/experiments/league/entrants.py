@@ -55,7 +55,8 @@ class Entrant:
             return OwnController(path, made_by, robot)
         if self.source.endswith(".py"):
             raise InputError(
-                f"{self.source} is a Python file; say what in it makes the controller, as {self.source}:NAME."
+                f"{self.source} is a Python file. Name the class or function that makes the controller, as "
+                f"{self.source}:NAME."
             )
         if not Path(self.source).exists():
             raise InputError(
@@ -97,7 +98,9 @@ def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
         if not (one.name and one.source):
             raise InputError(f"the controller {word!r} lacks its name or its source; write NAME=SOURCE.")
         if one.name in found:
-            raise InputError(f"two controllers are called {one.name!r}; tell them apart as NAME=SOURCE.")
+            raise InputError(
+                f"two controllers are called {one.name!r}; give one another name as NAME=SOURCE."
+            )
         found[one.name] = one
     return tuple(found.values())
 

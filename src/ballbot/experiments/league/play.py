@@ -175,7 +175,7 @@ class _Players:
             return self._ahead.pop(place).result()
         except BrokenProcessPool:
             raise InputError(
-                "A process that played was killed, perhaps for want of memory; what was played before is kept."
+                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; continue with --resume."
             ) from None
 
 

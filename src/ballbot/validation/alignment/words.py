@@ -95,7 +95,7 @@ def _scale(sensors: SensorErrors) -> list[str]:
     way = "long" if scale.scale > 1.0 else "short"
     return [
         f"The log's distances are {100 * abs(scale.scale - 1.0):.2f} ± {100 * scale.scale_half_width:.2f} % too {way}: "
-        "the radius of the ball, or of the wheels, is not what the robot was told, or the wheels slip."
+        "the radius of the ball, or of the wheels, differs from the one that the robot uses, or the wheels slip."
     ]
 
 
