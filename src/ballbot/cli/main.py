@@ -59,7 +59,7 @@ COMMANDS = (
     Command(
         name="check",
         target="robot:check",
-        summary="Check a robot and print what follows from its parameters.",
+        summary="Check a robot; print what follows from its parameters.",
     ),
     Command(
         name="check-log", target="log:check_log", summary="Check a log and show what it can be used for."
@@ -85,17 +85,17 @@ COMMANDS = (
     Command(
         name="identify-driveline",
         target="identify_driveline:identify_driveline",
-        summary="Identify drivelines' friction from a free-wheel sweep.",
+        summary="Identify driveline friction from a free-wheel sweep.",
     ),
     Command(
         name="identify-upside-down",
         target="identify_upside_down:identify_upside_down",
-        summary="Identify friction with the ball on the clamped wheels.",
+        summary="Identify friction of the robot clamped upside down.",
     ),
     Command(
         name="identify-geometry",
         target="identify_geometry:identify_geometry",
-        summary="Identify radii, tilt, azimuths and IMU mounting from logs.",
+        summary="Identify geometry and IMU mounting from logs.",
     ),
     Command(name="validate", target="validate:validate", summary="Validate a robot's model against logs."),
     Command(name="align", target="align:align", summary="Compare a log's sensors with motion capture."),
@@ -104,7 +104,7 @@ COMMANDS = (
     Command(
         name="limits",
         target="limits:limits",
-        summary="Find the largest tilts and impulses a robot recovers from.",
+        summary="Find the tilts and impulses a robot recovers from.",
     ),
     Command(
         name="compare", target="compare:compare", summary="Compare controllers on the same courses and seeds."

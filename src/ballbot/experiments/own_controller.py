@@ -92,7 +92,8 @@ class OwnController:
             return np.array(torques, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError(
-                f"{self._place} returned {type(torques).__name__} at t = {t:g} s, but it must return an array of torques."
+                f"{self._place} returned {type(torques).__name__} at t = {t:g} s, but it must return an array "
+                "of torques."
             ) from None
 
     @property

@@ -179,7 +179,8 @@ def _record_missing(
                         progress(len(outcomes))
             except BrokenProcessPool:
                 raise InputError(
-                    "A worker process was killed, perhaps because memory ran out. Finished runs are kept; continue with --resume."
+                    "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
+                    "continue with --resume."
                 ) from None
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)

@@ -175,7 +175,8 @@ class _Players:
             return self._ahead.pop(place).result()
         except BrokenProcessPool:
             raise InputError(
-                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; continue with --resume."
+                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
+                "continue with --resume."
             ) from None
 
 
