@@ -49,6 +49,7 @@ CAMPAIGNS = {
     "identified_errors": "benchmarks.identified_errors",
     "identified_friction": "benchmarks.identified_friction",
     "spin": "benchmarks.spin",
+    "fuzz": "benchmarks.fuzz",
     "validation_bbr": "benchmarks.validation_bbr",
     "false_alarms": "benchmarks.false_alarms",
     "exploration": "benchmarks.exploration",

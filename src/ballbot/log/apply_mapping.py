@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.attitude import from_roll_pitch_yaw
-from ballbot.log.columns import numbered
+from ballbot.log.columns import measured, numbered
 from ballbot.log.drive_input import DutyInput
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source
 from ballbot.log.sampling_times import fresh, sampling_times
@@ -55,6 +55,12 @@ def apply_mapping(
     InputError
         Where the file lacks a column that the mapping names, its time does not increase, or nothing is left.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # what a scale makes of a cell may be beyond all measure
+        columns = _applied(mapping, table, even_from)
+    return {name: values if name == "t" else measured(values) for name, values in columns.items()}
+
+
+def _applied(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None) -> Columns:
     t = row_times(mapping, table)
     raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
     if mapping.largest_speed is not None:
@@ -145,7 +151,7 @@ def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]])
         raise InputError(
             f"The mapping takes {name} from the column {source.column!r}, which is not there{hint}"
         )
-    return source.factor * table[source.column] + source.offset
+    return measured(source.factor * table[source.column] + source.offset)
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:

@@ -6,6 +6,9 @@ what the sensors said, in columns named `true_` and the state's name.
 
 from collections.abc import Iterable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ballbot.errors import InputError
 
 POSITION_NAMES = ("x", "y", "theta", "phi", "psi")
@@ -43,6 +46,9 @@ for _i in range(1, MAX_WHEELS + 1):
     _UNITS |= {f"u{_i}": "N m", f"wheel{_i}": "rad", f"wheel{_i}_dot": "rad/s"}
 _UNITS |= {f"{TRUE_PREFIX}{name}": _UNITS[name] for name in STATE_NAMES}
 
+#: no cell is larger in any unit; what is, and an infinity, is a value that is missing
+LARGEST_CELL = 1e30
+
 #: every name that Ballbot gives a meaning
 KNOWN_NAMES = tuple(_UNITS)
 
@@ -50,6 +56,27 @@ KNOWN_NAMES = tuple(_UNITS)
 def unit_of(name: str) -> str | None:
     """Return the SI unit of a column by its name, or None where the name is not one of Ballbot's."""
     return _UNITS.get(name)
+
+
+def measured(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a file's values with NaN for those that are none: infinite, or beyond `LARGEST_CELL`."""
+    none = ~(np.abs(values) <= LARGEST_CELL)
+    return np.where(none, np.nan, values) if none.any() else values
+
+
+def check_column_names(names: Iterable[str], *, source: str) -> None:
+    """Do nothing if all names can be printed.
+
+    Raises
+    ------
+    InputError
+        If one holds a control character or another mark that no text shows.
+    """
+    for place, name in enumerate(names, start=1):
+        if not name.isprintable():
+            raise InputError(
+                f"{source}: the name of column {place}, {name!r}, holds marks that cannot be printed."
+            )
 
 
 def torque_names(count: int) -> tuple[str, ...]:

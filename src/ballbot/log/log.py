@@ -27,8 +27,8 @@ from ballbot.sizes import length_words
 if TYPE_CHECKING:
     from ballbot.log.mapping import LogMapping
 
-#: no log is longer [s]
-LONGEST = 7.0 * 86400.0
+#: no log is longer [s], and no rows are closer together
+LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
 #: in what a time is that was taken for seconds, by the interval that rows at 1 to 1000 Hz then seem to have [s]
 _CLOCKS = (("nanoseconds", 1e6), ("microseconds", 1e3), ("milliseconds", 1.0))
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
@@ -280,6 +280,13 @@ def _check_time(t: NDArray[np.float64]) -> None:
         raise InputError(
             f"Time {what} at row {k + 1}: t = {t[k]:.9g} s after {t[k - 1]:.9g} s; it must increase row by "
             f"row."
+        )
+    close = np.flatnonzero(np.diff(t) < SHORTEST)
+    if close.size:
+        k = int(close[0]) + 1
+        raise InputError(
+            f"Time moves by {t[k] - t[k - 1]:.3g} s at row {k + 1}, and rows are {SHORTEST:g} s apart or more; t is in "
+            "seconds."
         )
     span = float(t[-1] - t[0])
     if span > LONGEST:

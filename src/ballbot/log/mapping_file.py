@@ -61,7 +61,7 @@ from pathlib import Path
 
 from ballbot.errors import InputError
 from ballbot.inputs import LARGEST_SETTINGS, parse_toml, read_text
-from ballbot.log.columns import KNOWN_NAMES, unit_of
+from ballbot.log.columns import KNOWN_NAMES, check_column_names, unit_of
 from ballbot.log.drive_input import CurrentInput, DriveInput, DutyInput, TorqueInput
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing
 from ballbot.log.mapping_schema import (
@@ -285,6 +285,7 @@ def _layout(table: FileTable) -> TextLayout:
         raise InputError("[file] has header_lines = 0 and so needs names = [..], the columns' names")
     if table.names is not None and len(set(table.names)) < len(table.names):
         raise InputError("[file] names holds a name twice")
+    check_column_names(table.names or (), source="[file] names")
     return TextLayout(
         separator=_SEPARATORS[table.separator],
         missing=table.missing,

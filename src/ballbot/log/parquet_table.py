@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
 from ballbot.inputs import LARGEST_TABLE, read_bytes
+from ballbot.log.columns import check_column_names, measured
 from ballbot.sizes import check_table, size_words
 
 _NO_PYARROW = "Parquet files need pyarrow: pip install 'ballbot[formats]', or use CSV."
 
 
 def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Read the columns (N,) of a Parquet file; a null is NaN.
+    """Read the columns (N,) of a Parquet file; a null, or a value beyond all measure, is NaN.
 
     Raises
     ------
@@ -52,6 +53,7 @@ def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMe
     if not names or not metadata.num_rows:
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_table(metadata.num_rows, len(names), source=str(path))
+    check_column_names(names, source=str(path))
     for field in schema:
         if not (pyarrow.types.is_floating(field.type) or pyarrow.types.is_integer(field.type)):
             raise InputError(f"{path}: the column {field.name} holds {field.type}, where numbers belong.")
@@ -82,4 +84,4 @@ def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float
 
 
 def _numbers(column) -> NDArray[np.float64]:  # column: pyarrow.ChunkedArray
-    return column.to_numpy(zero_copy_only=False).astype(np.float64)
+    return measured(column.to_numpy(zero_copy_only=False).astype(np.float64))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.inputs import read_text
+from ballbot.log.columns import check_column_names, measured
 from ballbot.sizes import check_table
 
 
@@ -48,7 +49,7 @@ def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[n
     Returns
     -------
     dict of str to (N,) array
-        The columns by name, in the file's order; a cell without a value is NaN.
+        The columns by name, in the file's order; a cell without a value, or with one beyond all measure, is NaN.
 
     Raises
     ------
@@ -68,6 +69,7 @@ def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[n
         raise InputError(
             f"{path} has a header and no rows{'' if layout.rows is None else ' of those to take'}."
         )
+    table = measured(table)
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
@@ -103,6 +105,7 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
     header = lines[number - 1] if 0 < number <= len(lines) else ""
     names = _cells(header, layout.separator)
     check_table(0, len(names), source=str(path))
+    check_column_names(names, source=f"{path}, line {number}")
     if all(_is_number(name) for name in names):
         raise InputError(
             f"{path}, line {number}: numbers stand where the header with the column names belongs."

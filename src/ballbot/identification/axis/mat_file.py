@@ -122,10 +122,12 @@ def _array(content: memoryview, order: str) -> Iterator[tuple[str, NDArray[np.fl
     name = bytes(parts[2].content).decode("ascii")
     if not name:  # MATLAB's own, beside function handles
         return
+    if not name.isprintable():
+        raise _DamagedError("a variable has no name that can be printed")
     stored = _STORED.get(parts[3].kind)
     if stored is None:
-        raise _DamagedError(f"{name} has numbers of no known type")
-    yield name, _numbers(name, parts[3].content, f"{order}{stored}", shape)
+        raise _DamagedError("a variable has numbers of no known type")
+    yield name, _numbers(parts[3].content, f"{order}{stored}", shape)
 
 
 def _variables_4(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -146,13 +148,15 @@ def _variables_4(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]
             raise _DamagedError("it ends within a variable")
         if kind == 0 and not imaginary:
             name = bytes(content[start - name_size : start]).rstrip(b"\0").decode("latin-1")
-            yield name, _numbers(name, content[start : start + size], numbers, [rows, columns])
+            if not name.isprintable():
+                raise _DamagedError("a variable has no name that can be printed")
+            yield name, _numbers(content[start : start + size], numbers, [rows, columns])
 
 
-def _numbers(name: str, content: memoryview, stored: str, shape: list[int]) -> NDArray[np.float64]:
+def _numbers(content: memoryview, stored: str, shape: list[int]) -> NDArray[np.float64]:
     """Return an array (N,), its rows one after another; MATLAB stores columns."""
     item = np.dtype(stored).itemsize
     if not shape or min(shape) < 0 or math.prod(shape) * item != len(content):
-        raise _DamagedError(f"{name or 'a variable'} has {len(content)} bytes for the shape {shape[:4]}")
+        raise _DamagedError(f"a variable has {len(content)} bytes for the shape {shape[:4]}")
     values = np.frombuffer(content, stored).astype(np.float64)
     return values.reshape(shape, order="F").ravel()

@@ -147,6 +147,6 @@ def _names(head: list[list[str]], width: int) -> tuple[list[str], list[str]]:
         )
     names: list[str] = []
     for place in range(width):
-        name = given[place] if place < len(given) else f"column_{place + 1}"
+        name = given[place] if place < len(given) and given[place].isprintable() else f"column_{place + 1}"
         names.append(f"{name}_{place + 1}" if name in names else name)
     return names, notes
