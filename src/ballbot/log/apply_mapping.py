@@ -55,12 +55,16 @@ def apply_mapping(
     InputError
         Where the file lacks a column that the mapping names, its time does not increase, or nothing is left.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # what a scale makes of a cell may be beyond all measure
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # what a scale makes of a cell may be beyond all measure
         columns = _applied(mapping, table, even_from)
     return {name: values if name == "t" else measured(values) for name, values in columns.items()}
 
 
-def _applied(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None) -> Columns:
+def _applied(
+    mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None
+) -> Columns:
     t = row_times(mapping, table)
     raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
     if mapping.largest_speed is not None:

@@ -59,7 +59,7 @@ def unit_of(name: str) -> str | None:
 
 
 def measured(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a file's values with NaN for those that are none: infinite, or beyond `LARGEST_CELL`."""
+    """Return values with NaN for those that no sensor gives: infinite, or beyond `LARGEST_CELL`."""
     none = ~(np.abs(values) <= LARGEST_CELL)
     return np.where(none, np.nan, values) if none.any() else values
 

@@ -3,9 +3,9 @@
 A log is a table of equally long columns of float64, named and in the units of `ballbot.log.columns`, in rows
 of strictly increasing time. Row k holds what was measured at t_k and the torques held from t_k to t_(k+1).
 
-NaN marks a value that is missing. Reading keeps it, and `log[name]` gives the column as it is; whatever
-computes asks through `require`, `states`, `torques`, `wheel_speeds` or `reference`, and these refuse NaN
-with a sentence, so that it cannot travel on unseen.
+NaN marks a value that is missing, as one is that is infinite or beyond all measure (`LARGEST_CELL`). Reading keeps it,
+and `log[name]` gives the column as it is; whatever computes asks through `require`, `states`, `torques`,
+`wheel_speeds` or `reference`, and these refuse NaN with a sentence, so that it cannot travel on unseen.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, numbered
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, measured, numbered
 from ballbot.sizes import length_words
 
 if TYPE_CHECKING:
@@ -249,6 +249,7 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
         column = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"The log's column {name} is not one of numbers.") from None
+    column = column if name == "t" else measured(column)
     column.flags.writeable = False
     return column
 
