@@ -16,7 +16,7 @@ from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.identify_tables import error_table, horizon_table, ladder_table, parameter_table
 from ballbot.cli.long_run import LongRun, long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output
-from ballbot.cli.study import named_files, names_listed
+from ballbot.cli.study import named_files, names_listed, read_balancing_log
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.identification import (
@@ -38,7 +38,6 @@ from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.log import Log
 from ballbot.log.causal import causal_states
 from ballbot.log.checked import CheckedLogs
-from ballbot.log.odometry import with_position
 from ballbot.report.json_text import as_json
 from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
@@ -258,8 +257,7 @@ def _logs(asked: _Asked, robot: Robot) -> tuple[dict[str, _Named], dict[str, _Na
 
     def read(path: Path) -> _Named:
         mapping = next(of_each)
-        log = Log.read(path, mapping=mapping)
-        return _Named(log=with_position(log, robot), path=path, mapping=mapping)
+        return _Named(log=read_balancing_log(path, mapping, robot), path=path, mapping=mapping)
 
     fitted = {name: read(path) for name, path in named.items()}
     return fitted, {name: read(path) for name, path in others.items()}

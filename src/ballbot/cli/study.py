@@ -72,7 +72,7 @@ def study(
         The address of a Dask scheduler on which the identification runs, such as tcp://10.0.0.5:8786.
     """
     described = Robot.load(robot)
-    named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
+    named = read_balancing_logs(logs, mapping, described)
     within = read_bounds(bounds) if bounds else None
     findings = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
@@ -121,6 +121,26 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
         Where there is none, one is named twice or cannot be read.
     """
     return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
+
+
+def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
+    """Return logs by their names, each with the ball's position: its own, else that by its wheels.
+
+    Raises
+    ------
+    InputError
+        As `read_logs`; and if a log has no position and lacks what gives it.
+    """
+    return {name: read_balancing_log(path, mapping, robot) for name, path in named_files(paths).items()}
+
+
+def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
+    """Return one log with the ball's position; see `read_balancing_logs`."""
+    log = Log.read(path, mapping=mapping)
+    try:
+        return with_position(log, robot)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:

@@ -12,14 +12,13 @@ from rich.table import Table
 
 from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.cli.study import read_logs
+from ballbot.cli.study import read_balancing_logs
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import finding_results
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.odometry import with_position
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
@@ -88,7 +87,7 @@ def validate(
     check_seed(seed)
     models = _models(robot, against, formulation)
     described = models.first.model.robot
-    named = {name: with_position(log, described) for name, log in read_logs(logs, mapping).items()}
+    named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
     found = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
     words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]

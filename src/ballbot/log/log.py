@@ -188,8 +188,8 @@ class Log:
             if bad.size:
                 raise InputError(
                     f"The log's column {name} has {bad.size} of {len(self)} values missing or not finite, "
-                    f"the first at row {bad[0] + 1} (t = {self.t[bad[0]]:g} s); fill it or cut the log with "
-                    f"between()."
+                    f"the first at row {bad[0] + 1} (t = {self.t[bad[0]]:g} s); fill them, or take "
+                    f"a part of the log without them."
                 )
 
     def between(self, start: float, end: float) -> Log:
@@ -316,4 +316,5 @@ def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
     near = difflib.get_close_matches(missing[0], present, n=1)
     hint = f" (it has {near[0]})" if near else ""
     plural = "columns" if len(missing) > 1 else "column"
-    return f"The log has no {plural} {', '.join(missing)}{hint}; needed here."
+    columns = f"{plural} {', '.join(missing)}{hint}"
+    return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.log.columns import wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
@@ -53,9 +54,14 @@ def with_position(log: Log, robot: Robot) -> Log:
     Raises
     ------
     InputError
-        Where it lacks what that takes.
+        If it has neither x nor the columns that give it.
     """
-    return log if "x" in log else with_odometry(log, robot)
+    if "x" in log:
+        return log
+    missing = [name for name in (*_NEEDED, *wheel_speed_names(robot.wheel_count)) if name not in log]
+    if missing:
+        raise InputError(f"The log has no x, and no {', '.join(missing)} to compute it from.")
+    return with_odometry(log, robot)
 
 
 def _integral(t: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:

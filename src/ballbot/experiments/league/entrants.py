@@ -23,6 +23,7 @@ from ballbot.control.precise import precise_controller
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, checked_name
 from ballbot.experiments.own_controller import OwnController
+from ballbot.printable import shell_line
 from ballbot.robot import Robot
 
 #: controllers that are not files
@@ -56,7 +57,7 @@ class Entrant:
         if self.source.endswith(".py"):
             raise InputError(
                 f"{self.source} is a Python file. Name the class or function that makes the controller, as "
-                f"{self.source}:NAME."
+                f"{shell_line([f'{self.source}:NAME'])}."
             )
         if not Path(self.source).exists():
             raise InputError(

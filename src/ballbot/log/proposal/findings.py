@@ -56,8 +56,9 @@ def _roles(proposal: Proposal) -> list[Finding]:
     roles, found = proposal.roles, []
     if proposal.by_data:
         sentence = (
-            f"The columns are recognised by their values: {roles.time} is the time, {', '.join(roles.attitude)} roll and "
-            f"pitch, {', '.join(roles.angles)} the wheels' angles, {', '.join(roles.commands) or 'none'} commands."
+            f"The columns are recognised by their values: {roles.time} is the time, {', '.join(roles.attitude)} "
+            f"roll and pitch, {', '.join(roles.angles)} the wheels' angles, "
+            f"{', '.join(roles.commands) or 'none'} commands."
         )
         found.append(_finding("warning", "columns", sentence))
     if not roles.attitude:
