@@ -22,6 +22,9 @@ _ORDER = ("error", "warning", "note")
 CODES: Mapping[str, str] = MappingProxyType(
     {
         "alignment": "what motion capture shows of a log's sensors",
+        "axis-loop": "the recorded force is not what the loop and its gains give",
+        "axis-reference": "the position of an axis does not follow its reference",
+        "axis-unit": "the position of an axis looks to be in another unit",
         "coarse": "a lean or its rate comes in coarse steps",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "commands": "motor commands do not drive the wheels, or in another order or with other signs",
@@ -33,6 +36,9 @@ CODES: Mapping[str, str] = MappingProxyType(
         "drive": "what a foreign log shows of the delay from command to motor",
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
+        "force-friction": "the friction of an axis comes out below zero and is held there",
+        "force-sign": "the force on an axis has the opposite sign, or is late",
+        "force-unrelated": "the motion of an axis does not explain its force",
         "gap": "rows are missing",
         "glitch": "logged wheel speeds contradict the wheel angles",
         "hands": "the robot is held or pushed",

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
 
+from ballbot.cli.findings import Accept, accept_words, stop_or_show
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
-from ballbot.identification.axis import AxisIdentification
+from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
+from ballbot.identification.axis.record_checks import record_findings
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
 from ballbot.identification.checkpoint import identity_of
 from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
@@ -43,6 +46,7 @@ def identify_axis(
     bandwidth: float | None = None,
     window: float = 1.0,
     horizon: float | None = None,
+    accept: Accept = None,
     resume: bool = False,
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in a record of its force and position.
@@ -107,10 +111,12 @@ def identify_axis(
     )
     read = read_axis_record(record, columns)
     others = [read_axis_record(path, columns) for path in against]
+    findings = _checked(dict(zip((record, *against), (read, *others), strict=True)), bandwidth, accept)
     options: dict[str, object] = {f"--{key.replace('_', '-')}": value for key, value in vars(columns).items()}
     options |= {"--law": law, "--bandwidth": bandwidth, "--window": window, "--horizon": horizon}
     words = ["ballbot", "identify-axis", str(record), *map(str, against), "--out", str(out)]
     words += [str(word) for option, value in options.items() if value is not None for word in (option, value)]
+    words += accept_words(accept)
     made = provenance(command=shlex.join(words), files=[record, *against], seed=0)
 
     console = standard_output()
@@ -133,10 +139,24 @@ def identify_axis(
                 progress=lambda share, doing: bar.show(share, doing=doing),
             )
         with folder.replaced() as new:
-            write_text(new / "results.json", as_json(found.to_dict() | {"provenance": made.to_dict()}))
-            write_text(new / "report.html", axis_report(found, read, made))
+            more = {"findings": finding_results(findings), "provenance": made.to_dict()}
+            write_text(new / "results.json", as_json(found.to_dict() | more))
+            write_text(new / "report.html", axis_report(found, read, made, findings))
     _show(found, console)
     console.print(str(folder.path / "report.html"), soft_wrap=True)
+
+
+def _checked(
+    records: dict[Path, AxisRecord], bandwidth: float | None, accept: list[str] | None
+) -> tuple[Finding, ...]:
+    """Return what is wrong with the records; stop on an error that is not accepted."""
+    findings = by_severity(
+        replace(one, where=replace(one.where, file=str(path)))
+        for path, record in records.items()
+        for one in record_findings(record, bandwidth=bandwidth)
+    )
+    stop_or_show(findings, accept=accept)
+    return findings
 
 
 def _show(found: AxisIdentification, console: Console) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
+from ballbot.findings import Finding
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.laws import PARAMETERS
 from ballbot.identification.axis.result import Estimate
@@ -19,7 +21,9 @@ from ballbot.report.style import drawn
 from ballbot.report.tables import digits, with_error
 
 
-def axis_report(found: AxisIdentification, record: AxisRecord, made: Provenance) -> str:
+def axis_report(
+    found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
+) -> str:
     """Return the page."""
     seconds = len(record) * record.sample_time
     figures = {
@@ -40,6 +44,7 @@ def axis_report(found: AxisIdentification, record: AxisRecord, made: Provenance)
         "inverse": _inverse_rows(found),
         "closed_loop_figure": None,
         "made": made,
+        "log_findings": findings,
     }
     svgs = {name: figure_markup(drawn(draw, name=name.replace("_", "-"))) for name, draw in figures.items()}
     return render("axis", values | svgs)
@@ -84,6 +89,9 @@ def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
         for name, value, deviation, clustered in zip(
             fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
         ):
+            if value == 0.0:
+                rows.append((form, PARAMETERS[name].symbol, "0", "held at zero", "", ""))
+                continue
             share = f"{digits(100.0 * abs(deviation / value))} %"
             rows.append(
                 (form, PARAMETERS[name].symbol, f"{value:.4f}", f"{deviation:.4f}", share, f"{clustered:.4f}")

@@ -3,6 +3,8 @@
     F = M a + F_v v + F_c sgn(v) + offset                                    ("coulomb")
     F = M a + (F_v+ v + F_c+) [v > 0] + (F_v- v - F_c-) [v < 0]              ("asymmetric")
 
+Friction takes energy: a coefficient of it that comes out below zero is held at zero, and the others are fitted anew.
+
 Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which takes every row for independent,
 and clustered by blocks of one second, which does not (see `ballbot.identification.axis.covariance`).
 """
@@ -35,6 +37,9 @@ LARGEST_CONDITION = 1e4
 
 Form = Literal["coulomb", "asymmetric"]
 
+#: coefficients that may be below zero: a mass so is a finding of its own
+_SIGNED = ("mass", "offset")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InverseFit:
@@ -57,7 +62,7 @@ class InverseFit:
             "parameters": dict(zip(self.names, self.values.tolist(), strict=True)),
             "standard_deviations": dict(zip(self.names, self.standard_deviations.tolist(), strict=True)),
             "relative_standard_deviations": dict(
-                zip(self.names, (self.standard_deviations / np.abs(self.values)).tolist(), strict=True)
+                zip(self.names, _relative(self.standard_deviations, self.values).tolist(), strict=True)
             ),
             "clustered_standard_errors": dict(zip(self.names, self.clustered_errors.tolist(), strict=True)),
             "relative_force_error": self.relative_force_error,
@@ -65,8 +70,38 @@ class InverseFit:
         }
 
 
+def _relative(deviations: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return deviations over values; NaN for a value of zero."""
+    return np.divide(deviations, np.abs(values), out=np.full(len(values), np.nan), where=values != 0.0)
+
+
 def inverse_fit(record: AxisRecord, *, form: Form = "coulomb", bandwidth: float | None = None) -> InverseFit:
-    """Fit the inverse model.
+    """Fit the inverse model, no coefficient of friction below zero; one that is held there has NaN for its deviations.
+
+    Parameters and errors are those of `free_inverse_fit`.
+    """
+    fit = free_inverse_fit(record, form=form, bandwidth=bandwidth)
+    held: tuple[str, ...] = ()
+    while True:
+        negative = [
+            name
+            for name, value in zip(fit.names, fit.values, strict=True)
+            if name not in _SIGNED and value < 0.0
+        ]
+        if not negative:
+            return fit
+        held = (*held, *negative)
+        fit = free_inverse_fit(record, form=form, bandwidth=bandwidth, held=held)
+
+
+def free_inverse_fit(
+    record: AxisRecord,
+    *,
+    form: Form = "coulomb",
+    bandwidth: float | None = None,
+    held: tuple[str, ...] = (),
+) -> InverseFit:
+    """Fit the inverse model by least squares, whatever the coefficients' signs.
 
     Parameters
     ----------
@@ -74,6 +109,8 @@ def inverse_fit(record: AxisRecord, *, form: Form = "coulomb", bandwidth: float 
     form : {"coulomb", "asymmetric"}
     bandwidth : float, optional
         Of the motion [Hz]; the filter passes five times as much, the regression keeps twice.
+    held : tuple of str
+        Names of coefficients that are zero.
 
     Raises
     ------
@@ -81,7 +118,8 @@ def inverse_fit(record: AxisRecord, *, form: Form = "coulomb", bandwidth: float 
         Where the bandwidth does not suit the sampling, or the record cannot give the parameters.
     """
     band = default_bandwidth(record) if bandwidth is None else bandwidth
-    columns = _columns(smoothed_motion(record, bandwidth=band), form)
+    motion_columns = _columns(smoothed_motion(record, bandwidth=band), form)
+    columns = {name: column for name, column in motion_columns.items() if name not in held}
     start, factor = first_row(record, bandwidth=band), decimation_factor(record, bandwidth=band)
     names = tuple(columns)
     X = np.column_stack([decimated(column[start:], factor) for column in columns.values()])
@@ -91,11 +129,14 @@ def inverse_fit(record: AxisRecord, *, form: Form = "coulomb", bandwidth: float 
     residual = F - X @ values
     block = (np.arange(len(F)) * factor * record.sample_time // BLOCK).astype(np.int64)
     deviations = np.std(residual, ddof=1) * np.sqrt(np.linalg.inv(X.T @ X).diagonal())
+    errors = np.sqrt(clustered_covariance(X, residual, block).diagonal())
+    at = {name: place for place, name in enumerate(names)}
+    placed = [at.get(name) for name in motion_columns]
     return InverseFit(
-        names=names,
-        values=np.asarray(values, dtype=np.float64),
-        standard_deviations=np.asarray(deviations, dtype=np.float64),
-        clustered_errors=np.sqrt(clustered_covariance(X, residual, block).diagonal()),
+        names=tuple(motion_columns),
+        values=np.array([0.0 if place is None else values[place] for place in placed]),
+        standard_deviations=np.array([np.nan if place is None else deviations[place] for place in placed]),
+        clustered_errors=np.array([np.nan if place is None else errors[place] for place in placed]),
         relative_force_error=float(np.linalg.norm(residual) / np.linalg.norm(F)),
         condition=condition,
     )
@@ -117,7 +158,7 @@ def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.flo
             unit=record.unit,
         )
         try:
-            fit = inverse_fit(part, form="asymmetric")
+            fit = free_inverse_fit(part, form="asymmetric")
         except InputError:
             return np.empty((0, 2))
         error = np.hypot(

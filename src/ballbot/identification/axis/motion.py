@@ -92,6 +92,7 @@ class Axis:
             speed,
             self._offset,
             record.reference,
+            np.zeros(len(record)) if record.added is None else record.added,
             np.array([loop.position_gain, loop.velocity_gain, loop.force_per_input, limit]),
             loop.span,
             record.sample_time,

@@ -25,11 +25,25 @@ def follow_forces(plus, minus, inertia, state, position, speed, forces, h, steps
 
 @compiled
 def follow_loop(
-    plus, minus, inertia, state, position, speed, offset, reference, gains, span, h, steps, positions, forces
+    plus,
+    minus,
+    inertia,
+    state,
+    position,
+    speed,
+    offset,
+    reference,
+    added,
+    gains,
+    span,
+    h,
+    steps,
+    positions,
+    forces,
 ):
     """Move in closed loop along a reference (n,); `positions` and `forces` (n,) are those of each row.
 
-    `gains` (4,) are k_p, k_v, force per input and the input's limit.
+    `added` (n,) are forces beside the loop's; `gains` (4,) are k_p, k_v, force per input and the input's limit.
     """
     part = h / steps
     started, start_speed = position, speed
@@ -38,7 +52,7 @@ def follow_loop(
         before = positions[k - span] if k >= span else started + (k - span) * h * start_speed
         velocity = (position - before) / (span * h)
         u = gains[1] * (gains[0] * (reference[k] - position) - velocity)
-        forces[k] = gains[2] * min(max(u, -gains[3]), gains[3])
+        forces[k] = gains[2] * min(max(u, -gains[3]), gains[3]) + added[k]
         force = forces[k] - offset
         for _ in range(steps):
             if speed > 0.0 or (speed == 0.0 and force > 0.0):

@@ -60,13 +60,14 @@ class AxisRecord:
     reference: NDArray[np.float64] | None = None  #: (N,) [m]; needed for closed loop
     loop: PositionVelocityLoop | None = None  #: needed for closed loop
     unit: Literal["m", "rad"] = "m"
+    added: NDArray[np.float64] | None = None  #: (N,) the part of `force` that is not the loop's [N]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
             raise InputError(
                 f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
             )
-        for name in ("force", "position", "reference"):
+        for name in ("force", "position", "reference", "added"):
             if getattr(self, name) is None:
                 continue
             # contiguous and writable, as compiled code takes it
@@ -90,6 +91,11 @@ class AxisRecord:
 
     def __len__(self) -> int:
         return len(self.force)
+
+    @property
+    def loop_force(self) -> NDArray[np.float64]:
+        """The part of the force that its loop gives (N,) [N]."""
+        return self.force if self.added is None else self.force - self.added
 
     @property
     def t(self) -> NDArray[np.float64]:

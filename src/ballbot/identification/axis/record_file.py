@@ -49,8 +49,9 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     t = column(columns.time)
     scale = _number(name, variables, columns.force_scale)
     force = scale * column(columns.force)
-    if columns.added_force is not None:
-        force = force + column(columns.added_force)
+    added = None if columns.added_force is None else column(columns.added_force)
+    if added is not None and added.shape == force.shape:
+        force = force + added
     reference = None if columns.reference is None else column(columns.reference)
     record = AxisRecord(
         name=name,
@@ -59,6 +60,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
         position=column(columns.position),
         reference=reference,
         unit=columns.unit,
+        added=added,
     )
     loop = _loop(name, variables, columns, scale)
     if loop is None:
@@ -90,7 +92,7 @@ def _with_span(
         velocity = (record.position[span:] - record.position[:-span]) / (span * record.sample_time)
         aim = loop.position_gain * (reference - record.position)[span:]
         u = np.clip(loop.velocity_gain * (aim - velocity), -loop.limit, loop.limit)
-        return float(np.std(loop.force_per_input * u - record.force[span:]))
+        return float(np.std(loop.force_per_input * u - record.loop_force[span:]))
 
     return replace(loop, span=min(range(1, 5), key=error))
 
