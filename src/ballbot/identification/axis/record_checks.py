@@ -50,9 +50,11 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
     """
     findings = [*_of_time(record), *_of_travel(record), *_of_reference(record)]
     follows = all(one.code != "axis-reference" for one in findings)
-    if record.loop is not None and record.reference is not None and follows:
+    moved = np.ptp(record.force) > 0.0
+    if record.loop is not None and record.reference is not None and follows and moved:
         findings += _of_loop(record, record.loop, record.reference)
-    if all(one.severity != "error" for one in findings):
+    # a constant force is refused by the identification itself
+    if moved and all(one.severity != "error" for one in findings):
         band = default_bandwidth(record) if bandwidth is None else bandwidth
         findings += _of_motion(record, free_inverse_fit(record, form="coulomb", bandwidth=band))
     return by_severity(findings)
