@@ -205,18 +205,16 @@ def refusal(place: int, value: float) -> str:
 
 
 def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
-    try:
-        matrix = np.array(gain, dtype=np.float64)
-    except (TypeError, ValueError):
+    if isinstance(gain, list | tuple | np.ndarray):
+        matrix = real_array(gain, ("...", "columns"), "The gain").copy()
+    else:
         raise InputError(
             f"The gain is a {type(gain).__name__}; it must be {wheel_count} rows of 10 numbers, such as `lqr(..).gain`."
-        ) from None
+        )
     if matrix.shape != (wheel_count, 10):
         raise InputError(
             f"The gain has the shape {matrix.shape}; this robot's is {wheel_count} x 10, wheels by states."
         )
-    if not np.isfinite(matrix).all():
-        raise InputError("The gain holds a value that is not finite; every entry must be a number.")
     matrix.setflags(write=False)
     return matrix
 

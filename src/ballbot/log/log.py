@@ -246,7 +246,10 @@ class Log:
 
 def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
-        column = np.array(values, dtype=np.float64)
+        given = np.asarray(values)
+        if given.dtype.kind in "cSU":  # NumPy would read text, and drop imaginary parts
+            raise TypeError
+        column = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"The log's column {name} is not one of numbers.") from None
     column = column if name == "t" else measured(column)
