@@ -26,7 +26,8 @@ from ballbot.control.nominal import design_gain
 from ballbot.control.references import square
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.onboard import OnboardState
-from ballbot.files import write_text
+from ballbot.experiments.reproduce.recordings import sources_of
+from ballbot.files import read_sealed, write_sealed
 from ballbot.identification.assessment import assess
 from ballbot.identification.coordinates import scale_between
 from ballbot.identification.intervals import Interval
@@ -156,7 +157,8 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
 
 def repeats(name: str, *, count: int, kept: Path | None = None, processes: int = 1) -> Iterator[Repeat]:
     """Yield repeats of the truth of that name, those first that are in the file kept; the others go into it."""
-    known = json.loads(kept.read_text()) if kept is not None and kept.exists() else {}
+    code = sources_of("identification", "mechanics", "simulation", "control", "robot", "log")
+    known = json.loads(read_sealed(kept, of=code)) if kept is not None and kept.exists() else {}
     keys = [f"{name} {seed}" for seed in range(count)]
     yield from (_from_plain(known[key]) for key in keys if key in known)
     missing = [seed for seed, key in enumerate(keys) if key not in known]
@@ -164,8 +166,7 @@ def repeats(name: str, *, count: int, kept: Path | None = None, processes: int =
         for seed, one in zip(missing, pool.map(partial(_repeat_of, name), missing), strict=True):
             known[keys[seed]] = _plain(one)
             if kept is not None:
-                kept.parent.mkdir(exist_ok=True)
-                write_text(kept, json.dumps(known))
+                write_sealed(kept, json.dumps(known).encode(), of=code)
             yield one
 
 

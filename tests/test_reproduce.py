@@ -248,6 +248,13 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(tmp_path: Path) -> N
         path.write_bytes(path.read_bytes()[:-20])
     np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
     assert (tmp_path / "made").read_text(encoding="utf-8") == "xxx"
+    # and so is what was edited
+    for path in (tmp_path / "runs").glob("small-*.npz"):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxxx"
 
 
 def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:

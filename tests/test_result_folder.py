@@ -44,13 +44,14 @@ def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError])
 def test_a_run_that_stops_leaves_the_old_result(tmp_path, error):
     leave(tmp_path, OLD)
-    with (
-        pytest.raises(error),
-        result_folder(tmp_path, command="study", names=NAMES) as held,
-        held.replaced() as new,
-    ):
-        write_text(new / "results.json", "new")
-        raise error
+
+    def stop() -> None:
+        with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
+            write_text(new / "results.json", "new")
+            raise error
+
+    with pytest.raises(error):
+        stop()
     assert shown(tmp_path) == OLD
     leave(tmp_path, NEW)
 
@@ -74,18 +75,17 @@ def test_a_move_that_is_killed_never_mixes_two_results_and_is_finished_later(tmp
 
         return call
 
-    with monkeypatch.context() as patch:
-        with result_folder(tmp_path, command="study", names=NAMES) as held:
-            try:
-                with held.replaced() as new:
-                    for name, text in NEW.items():
-                        write_text(new / name, text)
-                    for method in ("replace", "unlink", "rmdir", "mkdir"):
-                        patch.setattr(Path, method, counted(getattr(Path, method)))
-                killed = False
-            except KilledError:
-                killed = True
-            patch.undo()
+    with monkeypatch.context() as patch, result_folder(tmp_path, command="study", names=NAMES) as held:
+        try:
+            with held.replaced() as new:
+                for name, text in NEW.items():
+                    write_text(new / name, text)
+                for method in ("replace", "unlink", "rmdir", "mkdir"):
+                    patch.setattr(Path, method, counted(getattr(Path, method)))
+            killed = False
+        except KilledError:
+            killed = True
+        patch.undo()
     seen = shown(tmp_path)
     assert set(seen.values()) in ({"old"}, {"new"}, set())
     assert killed or steps == 11
@@ -138,8 +138,9 @@ def test_an_unfinished_run_is_not_mixed_with(tmp_path):
         "{}",
         '{"format": "ballbot result 1"}',
         '{"format": "ballbot result 1", "command": 1, "files": {}}',
-    ]
-    + ['{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}', "[" * 100_000],
+        '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}',
+        "[" * 100_000,
+    ],
 )
 def test_a_damaged_manifest_is_refused(tmp_path, text):
     leave(tmp_path, OLD)

@@ -157,6 +157,58 @@ def test_many_seeds_go_on_where_they_were(tmp_path: Path, capsys: pytest.Capture
     capsys.readouterr()
     assert main([*runs, "1-2", "--reference", "hold"]) == 2
     assert "holds a run of other settings (record.toml differs)" in capsys.readouterr().err
+    assert main([*runs, "5", "--reference", "hold"]) == 2  # and none of another kind beside them
+    assert "holds a run of other settings (record.toml differs)" in capsys.readouterr().err
+    assert main([*command, str(tmp_path / "runs")]) == 2
+    assert "holds runs of several seeds" in capsys.readouterr().err
+
+
+def test_a_run_that_counts_as_done_is_held_against_its_checksums(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from ballbot.cli.main import main
+
+    runs = [
+        "record",
+        "nominal",
+        "--duration",
+        "0.2",
+        "--out",
+        str(tmp_path / "runs"),
+        "--seeds",
+        "1",
+        "--resume",
+    ]
+    log = tmp_path / "runs" / "seed_0001" / "log.csv"
+    assert main(runs) == 0
+    whole = log.read_bytes()
+    for damaged in (whole[:-40], whole.replace(b"0.0", b"0.9", 1), b""):
+        log.write_bytes(damaged)
+        capsys.readouterr()
+        assert main(runs) == 2
+        assert "log.csv was changed since it was recorded; delete" in capsys.readouterr().err
+        assert log.read_bytes() == damaged
+    log.unlink()  # missing: made again
+    assert main(runs) == 0
+    assert log.read_bytes() == whole
+
+
+def test_one_run_is_kept_on_request_and_replaced_as_a_whole_without(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from ballbot.cli.main import main
+
+    words = ["record", "nominal", "--duration", "0.2", "--out", str(tmp_path)]
+    assert main(words) == 0
+    before = (tmp_path / "log.csv").stat().st_mtime_ns
+    capsys.readouterr()
+    assert main([*words, "--resume"]) == 0
+    assert "The run is whole and was kept." in capsys.readouterr().out
+    assert (tmp_path / "log.csv").stat().st_mtime_ns == before
+    assert main([*words, "--resume", "--seed", "2"]) == 2
+    assert "holds a run of other settings" in capsys.readouterr().err
+    assert main([*words, "--format", "parquet"]) == 0
+    assert {path.name for path in tmp_path.glob("log.*")} == {"log.parquet"}
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from ballbot.errors import InputError
 
 #: so much of a file's name is in the name of the part of it that is not yet whole; names have limits
 _PARTIAL_NAME = 40
+_SEAL_LENGTH = len("\nsha256 ") + 64
 
 
 def check_file(path: str | Path) -> Path:
@@ -81,6 +82,41 @@ def write_text(path: str | Path, text: str) -> None:
     What is not Unicode, as a file's name may hold, becomes \udcff: text that does not stop a report from being written.
     """
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))
+
+
+def write_sealed(path: str | Path, data: bytes, *, of: str = "") -> None:
+    """Write a file of work that is gone on with, whole or not at all, with a checksum after it; see `read_sealed`.
+
+    Parameters
+    ----------
+    path : str or Path
+    data : bytes
+    of : str
+        What the data belongs to, as a digest of the code that made it; other data is not taken for it.
+    """
+    write_bytes(path, data + _seal(data, of))
+
+
+def read_sealed(path: str | Path, *, of: str = "") -> bytes:
+    """Return the data that `write_sealed` wrote.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is damaged, was edited or belongs to something else.
+    """
+    try:
+        found = check_file(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {_reason(error)}.") from None
+    data = found[:-_SEAL_LENGTH]
+    if found[-_SEAL_LENGTH:] != _seal(data, of):
+        raise InputError(f"{path} is damaged, was edited or is of another version; delete it to begin anew.")
+    return data
+
+
+def _seal(data: bytes, of: str) -> bytes:
+    return b"\nsha256 " + hashlib.sha256(of.encode() + b"\n" + data).hexdigest().encode()
 
 
 def remove(path: str | Path) -> None:

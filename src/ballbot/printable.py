@@ -7,6 +7,7 @@ are no text.
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from collections.abc import Sequence
@@ -30,6 +31,11 @@ def printable_line(text: str) -> str:
 def json_escaped(text: str) -> str:
     r"""Return JSON text with what a terminal would obey written as \u001b; equal to the text for those who parse it."""
     return _BLOCK.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def toml_string(text: str) -> str:
+    """Return a text as a string of TOML, with a question mark for what is no Unicode."""
+    return json_escaped(json.dumps(text.encode("utf-8", "replace").decode(), ensure_ascii=False))
 
 
 def shell_line(words: Sequence[object]) -> str:

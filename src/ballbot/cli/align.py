@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 from ballbot.cli.findings import Accept, accept_words, check_input
@@ -10,6 +9,7 @@ from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
+from ballbot.printable import shell_line
 from ballbot.report.alignment_page import alignment_report, alignment_results, error_rows
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
@@ -51,7 +51,7 @@ def align(
     words += ["--mapping", str(mapping)] if mapping else []
     words += accept_words(accept)
     files = [log, mocap, *([mapping] if mapping else [])]
-    made = provenance(command=shlex.join(words), files=files, seed=0)
+    made = provenance(command=shell_line(words), files=files, seed=0)
     with result_folder(out, command="align", names=_WRITTEN, inputs=files) as folder:
         with progress_bar(console, "aligning") as bar:
             bar.show(0.0, note=log.stem)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -26,6 +25,7 @@ from ballbot.experiments.league.standings import league_results
 from ballbot.experiments.own_controller import OwnController
 from ballbot.files import write_text
 from ballbot.identification.checkpoint import identity_of
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.league_page import league_report
 from ballbot.report.league_tables import OVERALL_HEADINGS, STANDING_HEADINGS, overall_rows, standing_rows
@@ -90,7 +90,7 @@ def compare(
     own = _own_files(made.values())
     files = _files(robot, entrants, courses, scenarios)
     files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
-    origin = provenance(command=shlex.join(words), files=files, seed=seeds)
+    origin = provenance(command=shell_line(words), files=files, seed=seeds)
     belongs_to = _identity(described, entrants, courses, numbers)
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -25,6 +24,7 @@ from ballbot.experiments.excite import excite as find
 from ballbot.files import write_text
 from ballbot.identification import Bounds, read_bounds
 from ballbot.identification.checkpoint import digest, identity
+from ballbot.printable import shell_line
 from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance, provenance
@@ -135,7 +135,7 @@ def excite(
         deviations=deviations_found(found) if found else None,
     )
     console = standard_output()
-    made = provenance(command=shlex.join(asked.words), files=asked.files, seed=seed)
+    made = provenance(command=shell_line(asked.words), files=asked.files, seed=seed)
     belongs_to = identity(described, [], asked.options | read.options)
     with (
         result_folder(out, command="excite", names=_WRITTEN, inputs=asked.files, resumes=True) as folder,

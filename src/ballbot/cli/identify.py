@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +37,7 @@ from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.log import Log
 from ballbot.log.causal import causal_states
 from ballbot.log.checked import CheckedLogs
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
@@ -317,7 +317,7 @@ def _write(
     asked: _Asked, found: Identification, ladder: Ladder | None, judged: Sequence[Judged], folder: Path
 ) -> list[str]:
     """Write the results and return the names of what people read."""
-    made = provenance(command=shlex.join(asked.words), files=asked.files, seed=asked.seed)
+    made = provenance(command=shell_line(asked.words), files=asked.files, seed=asked.seed)
     results = found.to_dict()
     if ladder:
         results["ladder"] = ladder.to_dict()

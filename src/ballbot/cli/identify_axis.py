@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Literal
@@ -19,6 +18,7 @@ from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.record_checks import record_findings
 from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
 from ballbot.identification.checkpoint import identity_of
+from ballbot.printable import shell_line
 from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
@@ -117,7 +117,7 @@ def identify_axis(
     words = ["ballbot", "identify-axis", str(record), *map(str, against), "--out", str(out)]
     words += [str(word) for option, value in options.items() if value is not None for word in (option, value)]
     words += accept_words(accept)
-    made = provenance(command=shlex.join(words), files=[record, *against], seed=0)
+    made = provenance(command=shell_line(words), files=[record, *against], seed=0)
 
     console = standard_output()
     parts = [getattr(one, field.name) for one in (read, *others) for field in fields(one)]

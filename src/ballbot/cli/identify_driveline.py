@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from ballbot.identification.axis.sweep_checks import sweep_findings
 from ballbot.identification.back_emf import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
+from ballbot.printable import shell_line
 from ballbot.report.driveline_page import (
     driveline_report,
     driveline_results,
@@ -96,7 +96,7 @@ def identify_driveline(
     words += accept_words(accept)
     words += ["--lower", *map(str, lower), "--upper", *map(str, upper)]
     files = [*([] if robot in Robot.presets() else [Path(robot)]), log, *([mapping] if mapping else [])]
-    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    made = provenance(command=shell_line(words), files=files, seed=seed)
 
     console = standard_output()
     with result_folder(out, command="identify-driveline", names=_WRITTEN, inputs=files) as folder:

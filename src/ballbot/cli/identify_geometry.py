@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from pathlib import Path
 
 from ballbot.cli.output import standard_output, table
@@ -18,6 +17,7 @@ from ballbot.identification.geometry import (
     survey_geometry,
 )
 from ballbot.log import Log
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
 from ballbot.result_folder import result_folder
@@ -75,7 +75,7 @@ def identify_geometry(
     words += [word for option, paths in options.items() for path in paths for word in (option, str(path))]
     files = [path for paths in options.values() for path in paths]
     files += [] if robot in Robot.presets() else [Path(robot)]
-    made = provenance(command=shlex.join(words), files=files, seed=0)
+    made = provenance(command=shell_line(words), files=files, seed=0)
     with result_folder(out, command="identify-geometry", names=_WRITTEN, inputs=files) as folder:
         found = survey_geometry(
             described,

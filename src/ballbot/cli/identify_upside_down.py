@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 from rich.console import Console
@@ -18,6 +17,7 @@ from ballbot.identification.checkpoint import identity
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.style import drawn
@@ -83,7 +83,7 @@ def identify_upside_down(
     depends_on = {"bounds": within, "seed": seed, "window": window}
     belongs_to = identity(described, list(named.values()), depends_on)
     files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]
-    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    made = provenance(command=shell_line(words), files=files, seed=seed)
     with (
         result_folder(
             out, command="identify-upside-down", names=_WRITTEN, inputs=files, resumes=True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
 from ballbot.files import write_text
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.limits_figures import (
     MOST_CONTROLLERS,
@@ -107,7 +107,7 @@ def limits(
     ]
     words += [*(["--twin"] if twin else []), "--scenario", scenario, "--seed", str(seed), "--out", str(out)]
     files = origins(robot, entrants, scenario if twin else "")
-    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    made = provenance(command=shell_line(words), files=files, seed=seed)
     with result_folder(out, command="limits", names=_WRITTEN, inputs=files) as folder:
         with progress_bar(console, "limits") as bar:
             for place, (one, controller) in enumerate(zip(entrants, chosen.values(), strict=True)):

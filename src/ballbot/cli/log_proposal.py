@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from dataclasses import asdict
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from ballbot.log.odometry import with_odometry
 from ballbot.log.proposal.findings import findings_of
 from ballbot.log.proposal.mapping_text import mapping_text
 from ballbot.log.proposal.proposal import Proposal, propose
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.result_folder import ResultFolder
 from ballbot.robot import Robot
@@ -59,7 +59,7 @@ def propose_mapping(file: Path, robot: Robot, *, folder: ResultFolder | None) ->
             "--out",
             "found",
         ]
-        console.print(f"go on with: {shlex.join(words)}", markup=False, soft_wrap=True)
+        console.print(f"go on with: {shell_line(words)}", markup=False, soft_wrap=True)
     return findings
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 from ballbot.errors import InputError
 from ballbot.identification.checkpoint import CheckpointError, Recall, open_checkpoint
 from ballbot.identification.spread import Spread, SpreadError, Threads
+from ballbot.printable import shell_line
 
 CHECKPOINT = "checkpoint.jsonl"
 
@@ -59,7 +59,7 @@ def long_run(
             yield LongRun(recall=checkpoint.recall, spread=spread)
     except KeyboardInterrupt:
         on_cluster = ["--cluster", cluster] if cluster else []
-        command = shlex.join([*words, *on_cluster, "--resume"])
+        command = shell_line([*words, *on_cluster, "--resume"])
         raise KeyboardInterrupt(f"interrupted; go on where it stopped with: {command}") from None
     except InputError as refusal:
         if not _may_go_on(refusal):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.printable import shell_line
 from ballbot.report.provenance import provenance
 from ballbot.result_folder import result_folder
 from ballbot.seeds import check_seed
@@ -36,7 +36,7 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
 
     console = standard_output()
     words = ["ballbot", "reproduce", "--out", str(out), "--seed", str(seed)]
-    made = provenance(command=shlex.join(words), files=[], seed=seed)
+    made = provenance(command=shell_line(words), files=[], seed=seed)
     with (
         result_folder(out, command="reproduce", names=REPRODUCTION_FILES) as folder,
         progress_bar(console, "the thesis remade") as bar,

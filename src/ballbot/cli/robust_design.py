@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
@@ -20,6 +19,7 @@ from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.files import write_text
 from ballbot.identification.checkpoint import identity
 from ballbot.mechanics.model import Model
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.linearization import linearization_results
 from ballbot.report.provenance import provenance
@@ -103,7 +103,7 @@ def design_robustly(
             tell=lambda share, note: bar.show(share, note=note),
             recall=run.recall,
         )
-        command = shlex.join(words)
+        command = shell_line(words)
         made = provenance(command=command, files=files, seed=options.seed)
         results = {
             "robot": robot.name,

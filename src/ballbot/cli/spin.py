@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from pathlib import Path
 
 from scipy.spatial.transform import Rotation
@@ -13,6 +12,7 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
 from ballbot.report.spin_figures import difference_figure, velocity_figure
@@ -116,7 +116,7 @@ def spin(
             word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
         ]
         words += accept_words(accept)
-        made = provenance(command=shlex.join(words), files=files, seed=0)
+        made = provenance(command=shell_line(words), files=files, seed=0)
         with folder.replaced() as new:
             results = spin_results(found, comparison, log_findings=findings)
             write_text(new / "results.json", as_json(results | {"provenance": made.to_dict()}))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -20,6 +19,7 @@ from ballbot.identification.checkpoint import identity
 from ballbot.log import Log
 from ballbot.log.checked import CheckedLogs
 from ballbot.log.odometry import with_position
+from ballbot.printable import shell_line
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.report.summary import summary
@@ -80,7 +80,7 @@ def study(
         robot, logs, out=out, plant=plant, leave_out=leave_out, mapping=mapping, bounds=bounds, seed=seed
     )
     words += accept_words(accept)
-    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    made = provenance(command=shell_line(words), files=files, seed=seed)
     console = standard_output()
     back_emf = back_emf_of(mapping)
     left_out = names_listed(leave_out)

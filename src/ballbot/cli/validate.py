@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -21,6 +20,7 @@ from ballbot.findings import finding_results
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
+from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
 from ballbot.report.tables import digits
@@ -97,7 +97,7 @@ def validate(
     words += ["--mapping", str(mapping)] if mapping else []
     words += accept_words(accept)
     files = [*logs, *(path for path in (controller, mapping) if path)]
-    made = provenance(command=shlex.join(words), files=files, seed=seed)
+    made = provenance(command=shell_line(words), files=files, seed=seed)
 
     with result_folder(out, command="validate", names=_WRITTEN, inputs=files) as folder:
         parts = _validate(models, named, driver, seed)

@@ -5,7 +5,6 @@ The geometry is not in it: a controller is read together with its robot.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +21,7 @@ from ballbot.control.parts_file import PartsTable, Table, parts_of, parts_text
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.inputs import read_toml
+from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot
 from ballbot.schema import validated
 
@@ -93,7 +93,7 @@ def controller_text(controller: Controller) -> str:
 # S(psi) turns the error into the heading frame. Use it with: ballbot simulate ROBOT --controller FILE
 
 # the robot it was designed for
-robot = {json.dumps(controller.robot.name, ensure_ascii=False)}
+robot = {toml_string(controller.robot.name)}
 # [s] between two updates; torques are held
 sample_time = {controller.sample_time!r}
 # "none", "full" (all friction) or "partial" (only while it works against the intended motion)

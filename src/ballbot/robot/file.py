@@ -10,7 +10,6 @@ reads back as the same floats.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -18,6 +17,7 @@ from pathlib import Path
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.inputs import read_toml
+from ballbot.printable import toml_string
 from ballbot.robot.assembly import Values, assemble
 from ballbot.robot.entry import example, parse_entry
 from ballbot.robot.parameters import BY_NAME, PARAMETERS, Parameter, Value, value_of
@@ -79,11 +79,11 @@ def write_robot(robot: Robot, path: str | Path) -> None:
 
 def robot_text(robot: Robot) -> str:
     """Return the text that `write_robot` writes."""
-    blocks = [f"{_HEADER}\nname = {_quoted(robot.name)}", *_lines(robot, "")]
+    blocks = [f"{_HEADER}\nname = {toml_string(robot.name)}", *_lines(robot, "")]
     for table, heading in _HEADINGS.items():
         blocks += ["", f"# {heading}", f"[{table}]"]
         if table == "body.inertia":
-            blocks.append(f"about = {_quoted(robot.body.inertia_about)}")
+            blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
         blocks += _lines(robot, table)
     return "\n".join(blocks) + "\n"
 
@@ -95,9 +95,9 @@ def _lines(robot: Robot, table: str) -> Iterator[str]:
             if parameter.name in robot.standard_deviations:
                 values.append(robot.standard_deviations[parameter.name])
             texts, unit = _written(values, parameter)
-            unit_text = "" if unit == DIMENSIONLESS else f"unit = {_quoted(unit)}, "
+            unit_text = "" if unit == DIMENSIONLESS else f"unit = {toml_string(unit)}, "
             deviation = f"standard_deviation = {texts[1]}, " if len(texts) > 1 else ""
-            source = _quoted(robot.sources.get(parameter.name, "assumed"))
+            source = toml_string(robot.sources.get(parameter.name, "assumed"))
             yield f"# {parameter.meaning}"
             yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
 
@@ -112,11 +112,6 @@ def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], 
     texts = [[repr(one) for one in row] for row in (converted if exact else numbers)]
     joined = [f"[{', '.join(row)}]" if parameter.shape == "list" else row[0] for row in texts]
     return joined, parameter.written_in if exact else parameter.unit
-
-
-def _quoted(text: str) -> str:
-    # a JSON string without control characters, which checks.py refuses, is a TOML string
-    return json.dumps(text, ensure_ascii=False)
 
 
 def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[str, object]]:

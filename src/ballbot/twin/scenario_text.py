@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 from ballbot.files import write_text
+from ballbot.printable import toml_string
 from ballbot.twin.bristles import LAW_NAMES
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_words import EXAMPLES, MEANINGS
@@ -87,5 +87,5 @@ def _toml(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return toml_string(value)
     return repr(value)

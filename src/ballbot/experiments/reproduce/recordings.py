@@ -24,7 +24,7 @@ from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
-from ballbot.files import write_bytes
+from ballbot.files import read_sealed, write_sealed
 from ballbot.log import Log
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.robot import Robot
@@ -180,22 +180,17 @@ def _write(path: Path, logs: Mapping[str, Log]) -> None:
     buffer = io.BytesIO()
     columns = {f"{name}/{column}": log[column] for name, log in logs.items() for column in log}
     np.savez(buffer, **columns)  # pyright: ignore[reportArgumentType]
-    write_bytes(path, buffer.getvalue())
+    write_sealed(path, buffer.getvalue())
 
 
 def _read(path: Path) -> Logs | None:
-    """Return the logs of a file, or None where there is none or it is damaged: they are then made again."""
+    """Return the logs of a file, or None if there is none, or it is damaged or edited: they are then made again."""
     try:
-        with np.load(path) as kept:
+        with np.load(io.BytesIO(read_sealed(path))) as kept:
             names = dict.fromkeys(key.partition("/")[0] for key in kept)
             return {
                 name: Log({key.partition("/")[2]: kept[key] for key in kept if key.startswith(f"{name}/")})
                 for name in names
             }
-    except (
-        OSError,
-        EOFError,
-        ValueError,
-        BadZipFile,
-    ):  # as NumPy has it: no file, empty, no array, cut short
+    except (InputError, EOFError, ValueError, BadZipFile):  # the last three as NumPy has it
         return None

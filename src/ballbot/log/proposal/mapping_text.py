@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 from ballbot.log.proposal.proposal import Proposal
+from ballbot.printable import printable_line, toml_string
 from ballbot.robot import Robot
 
 
@@ -14,7 +15,7 @@ def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping_file`) that a proposal stands for."""
     parts = [
         [
-            f"# {file.name} as a log of the robot {robot.name}, proposed by ballbot check-log.",
+            f"# {printable_line(file.name)} as a log of the robot {robot.name}, proposed by ballbot check-log.",
             "# What is assumed and not measured is marked so: look at it before you trust what is computed from it.",
         ],
         _file(proposal),
@@ -31,9 +32,9 @@ def _file(proposal: Proposal) -> list[str]:
     table = proposal.table
     lines = ["[file]", f'separator = "{table.separator}"', f"header_lines = {table.layout.header_lines}"]
     if table.layout.names is not None:
-        lines.append(f"names = {json.dumps(list(table.layout.names))}")
+        lines.append(f"names = {_strings(table.layout.names)}")
     if table.layout.missing:
-        lines.append(f"missing = {json.dumps(list(table.layout.missing))}")
+        lines.append(f"missing = {_strings(table.layout.missing)}")
     if table.layout.drop_damaged:
         lines.append('damaged_rows = "drop"')
     if proposal.rows is not None:
@@ -65,7 +66,7 @@ def _columns(proposal: Proposal) -> list[str]:
 
 
 def _source(name: str) -> str:
-    return json.dumps(name)
+    return toml_string(name)
 
 
 def _attitude(proposal: Proposal) -> list[str]:
@@ -73,7 +74,7 @@ def _attitude(proposal: Proposal) -> list[str]:
         return []
     lines = [
         "[attitude]",
-        f"from = {json.dumps(list(proposal.roles.attitude))}",
+        f"from = {_strings(proposal.roles.attitude)}",
         f'unit = "{proposal.lean.unit}"   # {proposal.lean.reason}',
     ]
     tested = proposal.lean_test
@@ -110,7 +111,7 @@ def _wheels(proposal: Proposal) -> list[str]:
 
 def _angle(proposal: Proposal) -> str:
     wheel = proposal.wheel
-    words = [f"from = {json.dumps(list(proposal.roles.angles))}", f'unit = "{wheel.unit}"']
+    words = [f"from = {_strings(proposal.roles.angles)}", f'unit = "{wheel.unit}"']
     if wheel.unit == "counts":
         words.append(f"counts_per_turn = {2.0 * math.pi / wheel.factor:g}")
     elif wheel.scale != 1.0:
@@ -131,7 +132,7 @@ def _input(proposal: Proposal, robot: Robot) -> list[str]:
         delay = tested.delay
     drive, duty = robot.drive, proposal.duty
     resistance = stall_resistance(robot)
-    lines = ["[input]", 'kind = "pwm"   # assumed: a duty of a DC motor', f"from = {json.dumps(list(names))}"]
+    lines = ["[input]", 'kind = "pwm"   # assumed: a duty of a DC motor', f"from = {_strings(names)}"]
     if tested is not None:
         lines.append(
             f"# signs: measured; the commands explain {100 * tested.explained:.0f} % of the wheels' accelerations"
@@ -154,3 +155,7 @@ def stall_resistance(robot: Robot) -> float:
     """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
     drive = robot.drive
     return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
+
+
+def _strings(texts: Iterable[str]) -> str:
+    return f"[{', '.join(map(toml_string, texts))}]"
