@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
 from ballbot.findings import Finding, Place, by_severity
-from ballbot.log.angle_checks import check_gyro, check_lean, check_rates, check_wrap
+from ballbot.log.angle_checks import check_lean, check_wrap
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
 from ballbot.log.course_checks import check_jumps, check_lean_course
 from ballbot.log.disturbance_check import check_disturbance
 from ballbot.log.kinematic_check import check_wheels
 from ballbot.log.log import Log
+from ballbot.log.rate_checks import check_gyro, check_rates
 from ballbot.log.repetition_checks import check_copied, check_held, check_stuck
 from ballbot.log.spikes import check_spikes
 from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_values, check_rows
@@ -37,13 +38,14 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
 
 def _checked(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> tuple[Finding, ...]:
     limit = robot.drive.torque_limit if robot else None
+    rates = check_rates(log)
     findings = [
         *check_rows(log),
         *check_gaps(log),
         *check_jitter(log),
         *check_missing_values(log),
         *check_spikes(log),
-        *check_rates(log),
+        *rates,
         *check_gyro(log),
         *check_lean(log),
         *check_wrap(log),
@@ -53,10 +55,8 @@ def _checked(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> tuple
         *check_copied(log),
         *check_jumps(log),
         *check_lean_course(log),
-        *check_torques(log, robot=robot),
         *check_saturation(log, torque_limit=limit),
-        *(_of_robot(log, robot) if robot else []),
-        *physics,
+        *(_of_motion(log, robot, physics) if _in_seconds(rates) else []),
         *check_names(log),
         *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
     ]
@@ -88,6 +88,19 @@ def _physics_of(log: Log, robot: Robot) -> tuple[Finding, ...]:
     from ballbot.log.physics import examine
 
     return examine(log, robot).findings
+
+
+def _in_seconds(rates: Sequence[Finding]) -> bool:
+    """Return whether nothing was found of time in another unit, in which no motion can be looked at."""
+    return not any(finding.code == "time-scale" for finding in rates)
+
+
+def _of_motion(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> list[Finding]:
+    """Return what the motion shows, by the robot's equations if it is known."""
+    torques = check_torques(log, robot=robot)
+    # torques that are not of this motion at all make every other finding on them moot
+    kept = [one for one in physics if not (torques and one.code.startswith("torque-"))]
+    return [*torques, *(_of_robot(log, robot) if robot else []), *kept]
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:

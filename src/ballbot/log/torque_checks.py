@@ -165,7 +165,7 @@ def _unrelated_findings(
             f"{listed} {_verb(columns)} unrelated to the motion, which explains {most:.0f} % of it, where feedback "
             "gives more than half: torques of another log, shifted in time by much, or of a robot that is held."
         )
-    return [Finding(severity="error", code="unrelated-torques", text=sentence, where=Place(columns=columns))]
+    return [Finding(severity="error", code="torque-unrelated", text=sentence, where=Place(columns=columns))]
 
 
 def _listed(names: tuple[str, ...]) -> str:
