@@ -61,7 +61,7 @@ def drawn(seed: int) -> Draw:
         robot=robot,
         compensation=COMPENSATIONS[random.integers(len(COMPENSATIONS))],
         torque_weight=TORQUE_WEIGHT * 3.0 ** random.uniform(-1.0, 1.0),
-        duration=float(random.integers(16, 33)),
+        duration=float(random.integers(10, 17)),
     )
 
 

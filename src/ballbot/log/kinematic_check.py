@@ -25,6 +25,10 @@ CLEAR_MARGIN = 0.05
 CLEAR_CORRELATION = 0.9
 #: gains within these of one are right (slip, play and noise take a few percent)
 GAIN_RANGE = (0.9, 1.1)
+#: gains within this factor of each other have one cause, which is an error from the second factor on
+ALIKE, WRONG_GAIN = 1.12, 1.15
+#: a gain that no slip makes
+IMPOSSIBLE_GAIN = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,14 +117,44 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
         )
         return [Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))]
     low, high = GAIN_RANGE
-    if not all(low < gain < high for gain in found.gains):
-        gains = ", ".join(f"{gain:.3f}" for gain in found.gains)
-        sentence = (
-            f"The wheels turn {gains} times what the states make of this robot: "
-            "a radius, the tilt or a unit is wrong, or the ball slips or pivots."
-        )
-        return [Finding(severity="warning", code="wheels", text=sentence, where=Place(columns=columns))]
-    return []
+    return [] if all(low < gain < high for gain in found.gains) else [_gain_finding(found.gains, robot)]
+
+
+def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
+    """Return the finding on gains that are not one: an error if no slip makes them."""
+    listed = ", ".join(f"{gain:.4g}" for gain in gains)
+    seen = f"The wheels turn {listed} times what the states make of this robot"
+    columns = wheel_speed_names(len(gains))
+    common, alike = float(np.median(gains)), max(gains) < ALIKE * min(gains)
+    unit = _unit_of_wheels(common, robot) if alike else None
+    if unit:
+        sentence = f"{seen}: {unit}."
+        return Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))
+    scaled = alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN
+    far = any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
+    cause = (
+        "the wheels' or the ball's radius, the tilt, the gear ratio or the encoder's counts are not the robot file's, "
+        "or another radius made x and y"
+        if scaled
+        else "a radius, the tilt or a unit is wrong, or the ball slips or pivots"
+    )
+    severity = "error" if scaled or far else "warning"
+    return Finding(severity=severity, code="wheels", text=f"{seen}: {cause}.", where=Place(columns=columns))
+
+
+def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
+    """Return the mistake of unit that a gain common to all wheels is the size of."""
+    ratio = robot.drive.gear_ratio
+    counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
+    causes = {
+        60.0 / (2.0 * np.pi): "their speeds are in rpm where rad/s belong",
+        float(np.degrees(1.0)): "their speeds are in degrees a second where rad/s belong",
+        1.0 / (2.0 * np.pi): "their speeds are in turns a second where rad/s belong",
+        ratio: f"they are the motors' speeds; divide by the gear ratio {ratio:g}",
+        1.0 / ratio: f"they were divided by the gear ratio {ratio:g} once too often",
+        counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
+    }
+    return next((cause for size, cause in causes.items() if 1.0 / ALIKE < gain / size < ALIKE), None)
 
 
 def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:

@@ -68,6 +68,12 @@ def check_rates(log: Log) -> list[Finding]:
         return []
     names = [name for name in _with_rates(log) if f"{name}_dot" in log]
     found = {name: one for name in names if (one := _change_against_rate(log, name, f"{name}_dot"))}
+    if _runs_backwards(found):
+        sentence = (
+            "All positions and angles change against their rates: the rows are in reverse order of time. Sort them, or "
+            "flip the signs of all rates."
+        )
+        return [_error("time-scale", sentence, "t")]
     factor = _time_factor(found)
     if factor is not None:
         return [_time_finding(log, factor)]
@@ -121,6 +127,11 @@ def _change_against_rate(log: Log, name: str, rate_name: str) -> Agreement | Non
     slow = log.sample_time >= SLOW
     rows = int(np.clip(SLOW_ROWS if slow else round(COMPARED_TIME / log.sample_time), 1, len(t) // 4))
     return agreement(angle[rows:] - angle[:-rows], integral[rows:] - integral[:-rows])
+
+
+def _runs_backwards(found: Mapping[str, Agreement]) -> bool:
+    clear = [one.ratio for one in found.values() if one.clear]
+    return len(clear) >= 3 and max(clear) < 0.0
 
 
 def _time_factor(found: Mapping[str, Agreement]) -> float | None:

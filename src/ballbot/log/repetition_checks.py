@@ -90,7 +90,7 @@ def check_held(log: Log) -> list[Finding]:
     columns = tuple(held)
     if repeats_all:
         sentence = (
-            f"Every row is there {rows} times in a row: the log was written {rows} times as fast as it was measured, "
+            f"Every row appears {rows} times: the log was written {rows} times as fast as it was measured, "
             f"or rows were duplicated. Keep every {_ordinal(rows)} row."
         )
         return [Finding(severity="error", code="held", text=sentence, where=Place(columns=columns))]
@@ -209,12 +209,13 @@ def _stuck_torques(log: Log) -> list[Finding]:
         if one.rows < shortest or one.changes < LIVE_SHARE or value == 0.0 or extreme:
             continue
         rows = slice(one.start, one.start + one.rows)
-        if not any(standstill(log[other][rows]).rows < one.rows / 2 for other in names if other != name):
+        alone = any(standstill(log[other][rows]).rows < one.rows / 2 for other in names if other != name)
+        if not (alone or _others_move(log, rows, ())):
             continue
         time = float(log.t[one.start])
         sentence = (
-            f"{name} repeats {value:.4g} N m for {one.rows} rows from row {one.start + 1} (t = {time:.6g} s) while the "
-            "other torques change: its messages were lost, and another torque acted."
+            f"{name} repeats {value:.4g} N m for {one.rows} rows from row {one.start + 1} (t = {time:.6g} s) while "
+            f"{'the other torques change' if alone else 'the robot moves'}: messages were lost."
         )
         findings.append(
             Finding(severity="error", code="stuck", text=sentence, where=Place(columns=(name,), time=time))
