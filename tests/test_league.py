@@ -178,3 +178,5 @@ def test_a_push_on_the_twin_is_a_course(tmp_path):
     assert pushed.peak_position_error > calm.peak_position_error + 0.1  # 8 N s on 20 kg
     assert pushed.settling_time == pytest.approx(1.5, abs=0.01)  # since the push, to the end
     assert not pushed.arrived
+    assert pushed.to_dict()["settling_time"] is None
+    assert pushed.to_dict()["settling_time_at_least"] == pushed.settling_time

@@ -104,3 +104,11 @@ def test_a_log_without_a_robot_is_checked_for_what_needs_none(good):
     swapped = good.with_columns({"theta_dot": np.degrees(good["theta_dot"])})
     with pytest.raises(InputError, match="degrees"):
         checked_logs(None, swapped)
+
+
+def test_compensation_of_a_robot_without_friction_is_said_to_do_nothing(tmp_path, capsys):
+    words = ["simulate", "alten", "--reference", "hold", "--duration", "1", "--out", str(tmp_path / "out")]
+    assert main([*words, "--compensation", "full"]) == 0
+    assert (
+        "full compensation does nothing, because the robot alten has no friction" in capsys.readouterr().out
+    )

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.cli.pumping_words import warn_of_pumping
+from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.interface import Feedback
 from ballbot.control.reference_file import is_file
@@ -95,6 +95,7 @@ def compare(
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
     warn_of_pumping({one.name: made[one.name] for one in entrants if one.file}, described, console)
+    warn_of_idle_compensation(made, console)
     with (
         result_folder(out, command="compare", names=_WRITTEN, inputs=files, resumes=True) as folder,
         long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,

@@ -13,6 +13,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.output import matrix_text, standard_output, table
+from ballbot.cli.pumping_words import warn_of_idle_compensation
 from ballbot.cli.robust_design import DESIGN_FILES, RobustOptions, design_robustly
 from ballbot.control.adaptive import adaptive as with_adaptations
 from ballbot.control.controller import Compensation, Controller
@@ -142,6 +143,7 @@ def design(
         console.print(_certain(described.friction, certain), soft_wrap=True)
     if controller.compensation != "none":
         console.print(_margin(margin), markup=False, soft_wrap=True)
+    warn_of_idle_compensation({"controller.toml": controller}, console)
     console.print(str(folder.path / "controller.toml"), soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""What a command says before a run where a controller compensates more friction than is certain."""
+"""Warnings before a run: a controller compensates more friction than is certain, or there is none to compensate."""
 
 from __future__ import annotations
 
@@ -18,3 +18,18 @@ def warn_of_pumping(controllers: Mapping[str, Feedback], robot: Robot, console: 
         sentence = pumping_warning(one, robot) if isinstance(one, Controller) else None
         if sentence:
             console.print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
+
+
+def warn_of_idle_compensation(controllers: Mapping[str, Feedback], console: Console) -> None:
+    """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
+    for name, one in controllers.items():
+        if not isinstance(one, Controller) or one.compensation == "none":
+            continue
+        friction = one.robot.friction
+        if any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
+            continue
+        sentence = (
+            f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
+            "friction. Identify it with `ballbot identify`, or write it into the robot file."
+        )
+        console.print(sentence, style="yellow", markup=False, soft_wrap=True)

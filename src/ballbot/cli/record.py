@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.cli.pumping_words import warn_of_pumping
+from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
@@ -102,6 +102,8 @@ def record(
     console = standard_output()
     if controller:
         warn_of_pumping({str(controller): job.controller}, described, console)
+    if experiment == "balance":
+        warn_of_idle_compensation({str(controller or "nominal controller"): job.controller}, console)
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
     if all_seeds is None:

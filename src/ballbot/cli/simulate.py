@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.cli.pumping_words import warn_of_pumping
+from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
@@ -75,6 +74,7 @@ def simulate(
     console = standard_output()
     if controller:
         warn_of_pumping({str(controller): chosen}, described, console)
+    warn_of_idle_compensation({str(controller or "nominal controller"): chosen}, console)
     inputs = [Path(one) for one in (robot, reference, controller) if one and Path(one).is_file()]
     with result_folder(out, command="simulate", names=_WRITTEN, inputs=inputs) as folder:
         with progress_bar(console, f"simulating {duration:g} s") as bar:
@@ -96,6 +96,11 @@ def simulate(
 def _results(log: Log) -> dict[str, object]:
     results: dict[str, object] = {"rows": len(log), "sample_time": log.sample_time, "ended": log.ended}
     if settled(log, SETTLE).any():
-        scores = asdict(score(log))
-        results |= {key: value for key, value in scores.items() if key != "ended" and math.isfinite(value)}
+        scores = score(log).to_dict()
+        del scores["ended"]
+        results |= {key: value for key, value in scores.items() if not _is_nan(value)}
     return results
+
+
+def _is_nan(value: object) -> bool:
+    return isinstance(value, float) and math.isnan(value)

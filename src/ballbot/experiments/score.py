@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,13 @@ class Score:
     energy: float  #: integral of |u w| over all wheels [J]
     driving_energy: float  #: of that, what the motors gave [J]
     ended: str | None  #: why the run stopped early, as in a fall
+
+    def to_dict(self) -> dict[str, float | str | None]:
+        """Return what results.json holds; of a run that never settled, only the least time that settling takes."""
+        values = asdict(self)
+        if not self.arrived:
+            values |= {"settling_time": None, "settling_time_at_least": self.settling_time}
+        return values
 
     def to_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return its numbers, and the codes of why the run ended, as a checkpoint keeps them."""

@@ -41,7 +41,7 @@ def model_sentence(study: Study) -> str:
     at_end = np.median(horizon.ratio[-1])
     sentence = (
         f"On {validation.duration:.0f} s of the logs that it was not fitted to, {horizon.horizons[-1]:.2g} s ahead, "
-        f"the error of the model with this friction is {at_end:.1f} times smaller than of the one without (median of "
+        f"the error of the model with this friction is {_compared(float(at_end))} of the one without (median of "
         "the states)"
     )
     if validation.open_loop is None:
@@ -87,3 +87,12 @@ def doubts_sentence(study: Study) -> str:
 def _range(values: np.ndarray) -> str:
     lower, upper = digits(float(values.min()), 2), digits(float(values.max()), 2)
     return lower if lower == upper else f"{lower} to {upper}"
+
+
+def _compared(ratio: float) -> str:
+    """Return an error by the ratio of the other's to it: 2.0 times smaller than that, the same as that, ..."""
+    if f"{ratio:.1f}" == "1.0":
+        return "about the same as that"
+    return (
+        f"{ratio:.1f} times smaller than that" if ratio > 1.0 else f"{1.0 / ratio:.1f} times larger than that"
+    )

@@ -76,10 +76,10 @@ def better_in(errors: ErrorPair, models: ModelPair) -> str:
             if len(surely) == len(STATE_NAMES)
             else f"{len(surely)} of the ten states"
         )
-        better = (
-            f"the model {first} is better than the one {second} in {count}, its error {ratio.min():.1f} times "
-            f"({names[0]}) to {ratio.max():.1f} times ({names[1]}) smaller"
-        )
+        sizes = f"{ratio.min():.1f} times ({names[0]}) to {ratio.max():.1f} times ({names[1]}) smaller"
+        if len(surely) == 1:
+            sizes = f"{ratio[0]:.1f} times smaller ({names[0]})"
+        better = f"the model {first} is better than the one {second} in {count}, its error {sizes}"
     return better + (f", and worse in {', '.join(worse)}" if worse else "")
 
 

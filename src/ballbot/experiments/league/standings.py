@@ -139,7 +139,7 @@ def league_results(league: League) -> dict[str, object]:
     for course in league.courses:
         controllers = {
             name: standing(league, course.name, name).to_dict()
-            | {"scores": [asdict(score) for score in league.scores[course.name, name]]}
+            | {"scores": [score.to_dict() for score in league.scores[course.name, name]]}
             for name in league.controllers
         }
         courses[course.name] = {
