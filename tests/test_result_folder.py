@@ -1,6 +1,7 @@
 """A folder belongs to one result: held by one process, its files replaced together, the user's own left alone."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -54,6 +55,18 @@ def test_a_run_that_stops_leaves_the_old_result(tmp_path, error):
         stop()
     assert shown(tmp_path) == OLD
     leave(tmp_path, NEW)
+
+
+def test_a_file_that_cannot_be_written_is_named_as_the_user_knows_it(tmp_path):
+    def fill() -> None:
+        with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
+            (new / "robot.toml").mkdir()
+            write_text(new / "robot.toml", "new")
+
+    leave(tmp_path, OLD)
+    with pytest.raises(InputError, match=rf"^{re.escape(str(tmp_path / 'robot.toml'))} is a folder"):
+        fill()
+    assert shown(tmp_path) == OLD
 
 
 class KilledError(BaseException):

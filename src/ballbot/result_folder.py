@@ -83,6 +83,9 @@ class ResultFolder:
             with uninterrupted():
                 _move(staged, self.path / READY)
                 _finish_move(self.path)
+        except InputError as error:  # the user knows of no folder but the result's
+            error.args = (str(error).replace(str(staged), str(self.path)),)
+            raise
         finally:
             _delete(staged)
 
