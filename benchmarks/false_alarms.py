@@ -13,14 +13,14 @@ import os
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check_logs
+from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from benchmarks.correct_logs import PRESETS, Draw, drawn, record
 from benchmarks.section import Section
@@ -78,8 +78,7 @@ def outcomes(seeds: Sequence[int], *, kept: Path | None = None, processes: int =
     if processes == 1:
         yield from (outcome(seed, kept=kept) for seed in seeds)
         return
-    # spawned: a fork of a process with threads may hang
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_pool(processes) as pool:
         runs = [pool.submit(outcome, seed, kept=kept) for seed in seeds]
         yield from (run.result() for run in as_completed(runs))
 
