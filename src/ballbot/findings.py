@@ -25,6 +25,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "axis-loop": "the recorded force is not what the loop and its gains give",
         "axis-reference": "the position of an axis does not follow its reference",
         "axis-unit": "the position of an axis looks to be in another unit",
+        "ball-omega": "the angular velocity of the ball on the clamped robot has other axes, signs or units",
         "coarse": "a lean or its rate comes in coarse steps",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "commands": "motor commands do not drive the wheels, or in another order or with other signs",

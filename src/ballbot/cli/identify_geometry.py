@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
+from ballbot.cli.findings import Accept, accept_words, stop_or_show
 from ballbot.cli.output import standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.findings import Finding, by_severity, finding_results
 from ballbot.identification.geometry import (
     Geometry,
     Measured,
@@ -16,7 +20,9 @@ from ballbot.identification.geometry import (
     robot_with_geometry,
     survey_geometry,
 )
+from ballbot.identification.upside_down.checks import encoder_findings
 from ballbot.log import Log
+from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
@@ -25,6 +31,8 @@ from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
 _WRITTEN = ("robot.toml", "results.json")
+#: r_b / r_w by the logs over the file's; beyond, a unit or a column is wrong rather than a tape measure
+_RADII = (0.4, 2.5)
 
 
 def identify_geometry(
@@ -35,6 +43,7 @@ def identify_geometry(
     balancing: list[Path] | None = None,
     motion_capture: list[Path] | None = None,
     mapping: Path | None = None,
+    accept: Accept = None,
     out: Path,
 ) -> None:
     """Check a robot's tape measure: radii, tilt, azimuths and the IMU's mounting, by kinematics alone.
@@ -65,6 +74,11 @@ def identify_geometry(
         raise InputError(
             f"For {len(runs)} of --balancing there are {len(films)} of --motion-capture; give one for each, in order."
         )
+    of_ball = dict(
+        zip(on_wheels, read_logs(tuple(on_wheels), mapping).values() if on_wheels else (), strict=True)
+    )
+    of_runs = dict(zip(runs, read_logs(tuple(runs), mapping).values() if runs else (), strict=True))
+    findings = _checked(described, of_ball, of_runs, accept)
     options = {
         "--upside-down": on_wheels,
         "--balancing": runs,
@@ -73,19 +87,15 @@ def identify_geometry(
     }
     words = ["ballbot", "identify-geometry", robot, "--out", str(out)]
     words += [word for option, paths in options.items() for path in paths for word in (option, str(path))]
+    words += accept_words(accept)
     files = [path for paths in options.values() for path in paths]
     files += [] if robot in Robot.presets() else [Path(robot)]
     made = provenance(command=shell_line(words), files=files, seed=0)
     with result_folder(out, command="identify-geometry", names=_WRITTEN, inputs=files) as folder:
         found = survey_geometry(
             described,
-            upside_down=list(read_logs(tuple(on_wheels), mapping).values()) if on_wheels else (),
-            balancing=[
-                (log, Log.read(film))
-                for log, film in zip(
-                    read_logs(tuple(runs), mapping).values() if runs else (), films, strict=True
-                )
-            ],
+            upside_down=list(of_ball.values()),
+            balancing=[(log, Log.read(film)) for log, film in zip(of_runs.values(), films, strict=True)],
         )
         remarks = geometry_remarks(found)
         with folder.replaced() as new:
@@ -95,10 +105,32 @@ def identify_geometry(
                 remarks.append(
                     f"No robot.toml was written, for the geometry found makes no robot of this file: {error}"
                 )
-            results = found.to_dict() | {"remarks": remarks, "provenance": made.to_dict()}
+            results = found.to_dict() | {
+                "findings": finding_results(findings),
+                "remarks": remarks,
+                "provenance": made.to_dict(),
+            }
             write_text(new / "results.json", as_json(results))
     _show(found, remarks)
     standard_output().print(str(folder.path / "results.json"), soft_wrap=True)
+
+
+def _checked(
+    robot: Robot, of_ball: Mapping[Path, Log], of_runs: Mapping[Path, Log], accept: list[str] | None
+) -> tuple[Finding, ...]:
+    """Return what is wrong with the robot and its logs; stop on an error that is not accepted.
+
+    The robot's radii are what is sought, so that encoders need not agree with them closely.
+    """
+    encoders = (
+        replace(one, where=replace(one.where, file=str(path)))
+        for path, log in of_ball.items()
+        for one in encoder_findings(robot, log, like=_RADII)
+    )
+    of_bench = bench_findings(robot, {str(path): log for path, log in {**of_ball, **of_runs}.items()})
+    findings = by_severity([*of_bench, *encoders])
+    stop_or_show(findings, accept=accept)
+    return findings
 
 
 def _show(found: Geometry, remarks: list[str]) -> None:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from ballbot.cli.findings import Accept, accept_words, stop_or_show
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_logs
 from ballbot.experiments.ball_movement import ball_movement
 from ballbot.files import write_text
+from ballbot.findings import Finding, by_severity, finding_results
 from ballbot.identification import Progress, read_bounds
 from ballbot.identification.checkpoint import identity
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
+from ballbot.identification.upside_down.checks import upside_down_findings
 from ballbot.log import Log
+from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import Provenance, provenance
@@ -40,6 +46,7 @@ def identify_upside_down(
     bounds: Path | None = None,
     seed: int = 0,
     window: float = 1.0,
+    accept: Accept = None,
     resume: bool = False,
 ) -> None:
     """Find the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
@@ -73,6 +80,7 @@ def identify_upside_down(
     """
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
+    findings = _checked(described, dict(zip(logs, named.values(), strict=True)), accept)
     within = read_bounds(bounds) if bounds else None
     console = standard_output()
     options = {"--mapping": mapping, "--bounds": bounds}
@@ -80,6 +88,7 @@ def identify_upside_down(
     words = ["ballbot", "identify-upside-down", robot, *map(str, logs), "--out", str(out)]
     words += ["--seed", str(seed), "--window", str(window)]
     words += [word for option, path in given.items() for word in (option, str(path))]
+    words += accept_words(accept)
     depends_on = {"bounds": within, "seed": seed, "window": window}
     belongs_to = identity(described, list(named.values()), depends_on)
     files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]
@@ -105,15 +114,29 @@ def identify_upside_down(
                 progress=tell,
             )
         with folder.replaced() as new:
-            _write(found, next(iter(named.values())), made, new)
+            _write(found, next(iter(named.values())), made, findings, new)
     _show(found, described, console)
     for name in ("robot.toml", "prediction.svg", "movement.svg"):
         console.print(str(folder.path / name), soft_wrap=True)
 
 
-def _write(found: UpsideDown, log: Log, made: Provenance, folder: Path) -> None:
+def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
+    """Return what is wrong with the robot and with the logs; stop on an error that is not accepted."""
+    of_ball = (
+        replace(one, where=replace(one.where, file=str(path)))
+        for path, log in logs.items()
+        for one in upside_down_findings(robot, log)
+    )
+    of_bench = bench_findings(robot, {str(path): log for path, log in logs.items()})
+    findings = by_severity([*of_bench, *of_ball])
+    stop_or_show(findings, accept=accept)
+    return findings
+
+
+def _write(found: UpsideDown, log: Log, made: Provenance, findings: Sequence[Finding], folder: Path) -> None:
     movement = ball_movement(found.robot)
-    results = found.to_dict() | {"movement": movement.to_dict(), "provenance": made.to_dict()}
+    more = {"findings": finding_results(findings), "provenance": made.to_dict()}
+    results = found.to_dict() | {"movement": movement.to_dict()} | more
     write_robot(found.robot, folder / "robot.toml")
     write_text(folder / "results.json", as_json(results))
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))

@@ -1,0 +1,109 @@
+"""Wrong logs of the ball on the clamped robot are stopped with their cause; correct ones pass."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ballbot import Log, Robot
+from ballbot.cli.main import main
+from ballbot.identification.upside_down.checks import encoder_findings, upside_down_findings
+
+ALTEN = Robot.load("alten")
+TORQUES, SPEEDS = ("u1", "u2", "u3"), ("wheel1_dot", "wheel2_dot", "wheel3_dot")
+BALL = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
+Columns = dict[str, NDArray[np.float64]]
+Change = Callable[[Columns], Columns]
+
+
+@pytest.fixture(scope="module")
+def columns(shared_data: Path) -> Columns:
+    log = Log.read(shared_data / "bbr" / "upside_down.csv").between(0.0, 20.0)
+    return {name: log[name] for name in ("t", *TORQUES, *SPEEDS, *BALL)}
+
+
+def times(factor: float, *names: str) -> Change:
+    return lambda columns: {name: factor * columns[name] for name in names}
+
+
+def noise(*names: str) -> Change:
+    return lambda columns: {
+        name: np.random.default_rng(i).standard_normal(len(columns["t"])) for i, name in enumerate(names)
+    }
+
+
+def frozen(columns: Columns) -> Columns:
+    held = {name: columns[name].copy() for name in BALL}
+    for values in held.values():
+        values[1000:1400] = values[1000]
+    return held
+
+
+WRONG: dict[str, tuple[Change, str, str]] = {
+    "all torques negated": (times(-1.0, *TORQUES), "torque-sign", "All torques, or ball_omega on all axes"),
+    "one torque negated": (times(-1.0, "u2"), "torque-sign", "u2 has the opposite sign"),
+    "two torques exchanged": (
+        lambda columns: {"u1": columns["u2"], "u2": columns["u1"]},
+        "torque-order",
+        "u2 were that of wheel 1",
+    ),
+    "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
+    "dead motor": (noise("u2"), "dead-motor", "The ball does not answer u2"),
+    "torque not logged": (times(0.0, "u3"), "dead-motor", "u3 is next to nothing"),
+    "random torques": (noise(*TORQUES), "torque-unrelated", "noise, another log's columns"),
+    "ball's x negated": (times(-1.0, BALL[0]), "ball-omega", "-ball_omega_x were ball_omega_x"),
+    "ball's x and y exchanged": (
+        lambda columns: {BALL[0]: columns[BALL[1]], BALL[1]: columns[BALL[0]]},
+        "ball-omega",
+        "ball_omega_y were ball_omega_x and ball_omega_x were ball_omega_y",
+    ),
+    "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "ball_omega is in rpm"),
+    "camera lost the ball": (frozen, "stuck", "ball_omega repeats one value for 2 s"),
+    "time in ms": (times(1e3, "t"), "scale", "t looks to be in milliseconds"),
+}
+
+
+@pytest.mark.parametrize(("change", "code", "says"), WRONG.values(), ids=WRONG)
+def test_wrong_logs_are_stopped_with_their_cause(
+    columns: Columns, change: Change, code: str, says: str
+) -> None:
+    findings = upside_down_findings(ALTEN, Log(columns | change(columns)))
+    assert any(says in one.text for one in findings if (one.code, one.severity) == (code, "error")), findings
+
+
+@pytest.mark.parametrize("kept", [SPEEDS, ()], ids=["with encoders", "without"])
+def test_correct_logs_pass(columns: Columns, kept: tuple[str, ...]) -> None:
+    log = Log({name: values for name, values in columns.items() if name not in SPEEDS or name in kept})
+    assert upside_down_findings(ALTEN, log) == ()
+
+
+def test_faults_that_a_log_cannot_tell_apart_are_named_together(columns: Columns) -> None:
+    """Wheels 2 and 3 are mirror images about x: without encoders, exchanging them is negating the ball's y."""
+    log = Log({name: columns[name] for name in ("t", *TORQUES, *BALL)} | times(-1.0, BALL[1])(columns))
+    (found,) = upside_down_findings(ALTEN, log)
+    assert found.severity == "error"
+    assert "u3 were that of wheel 2 and u2 were that of wheel 3" in found.text
+    assert "-ball_omega_y were ball_omega_y" in found.text
+
+
+def test_encoders_need_not_agree_closely_with_radii_that_are_sought(columns: Columns) -> None:
+    log = Log(columns | times(1.3, *SPEEDS)(columns))
+    assert encoder_findings(ALTEN, log) != ()
+    assert encoder_findings(ALTEN, log, like=(0.4, 2.5)) == ()
+
+
+@pytest.mark.parametrize("command", ["identify-upside-down", "identify-geometry"])
+def test_the_commands_stop_before_they_work(
+    columns: Columns, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    angles = {f"wheel{i}": np.cumsum(columns[f"wheel{i}_dot"]) * 5e-3 for i in (1, 2, 3)}
+    file, out = tmp_path / "up.csv", tmp_path / "out"
+    Log(columns | angles | times(-1.0, *BALL)(columns)).write(file)
+    words = [str(file)] if command == "identify-upside-down" else ["--upside-down", str(file)]
+    assert main([command, "alten", *words, "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "have the opposite sign" in told
+    assert told.endswith("To go on all the same: --accept ball-omega.\n")
+    assert not out.exists()
