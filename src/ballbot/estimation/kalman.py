@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
-from ballbot.estimation.interface import Fix, Reading, checked_reading, known
+from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
 from ballbot.estimation.kalman_model import (
     BIAS,
     DRIFT,
@@ -108,10 +108,10 @@ class KalmanFilter:
             If the reading is of another number of wheels, or not of numbers.
         """
         angles, _, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
-        turned, leans = bool(known(angles).all()), bool(known(attitude).all())
-        gyro = np.where(known(gyro), gyro, np.nan if self._angles is None else self._gyro)
-        if self._angles is None and not (turned and leans and known(gyro).all()):
+        turned, leans, turns = all_known(angles), all_known(attitude), all_known(gyro)
+        if self._angles is None and not (turned and leans and turns):
             return np.full(10, np.nan)
+        gyro = gyro.copy() if turns else np.where(known(gyro), gyro, self._gyro)
         lean, heading = np.full(2, np.nan), math.nan
         if leans:
             theta, phi, psi = attitude.tolist()

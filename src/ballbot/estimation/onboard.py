@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
-from ballbot.estimation.interface import Reading, checked_reading, known
+from ballbot.estimation.interface import Reading, all_known, checked_reading, known
 from ballbot.mechanics.geometry import rotation, transforms
 from ballbot.robot.robot import Robot
 
@@ -74,11 +74,12 @@ class OnboardState:
             If the reading is of another number of wheels, or not of numbers.
         """
         _, speeds, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
-        rolls = bool(known(speeds).all())
-        if self._velocity is None and not (rolls and known(gyro).all() and known(attitude).all()):
+        rolls, turns, leans = all_known(speeds), all_known(gyro), all_known(attitude)
+        if self._velocity is None and not (rolls and turns and leans):
             return np.full(10, np.nan)
-        gyro = np.where(known(gyro), gyro, self._gyro)
-        if not known(attitude).all():
+        gyro = gyro.copy() if turns else np.where(known(gyro), gyro, self._gyro)
+        attitude = attitude.copy()
+        if not leans:
             ahead = self._attitude + self.sample_time * angle_rates(self._attitude, self._gyro)
             attitude = np.where(known(attitude), attitude, ahead)
         self._gyro, self._attitude = gyro, attitude
