@@ -212,3 +212,23 @@ def test_a_reading_of_another_robot_is_refused(kind):
     for change in ({"wheel_angles": np.zeros(2), "wheel_speeds": np.zeros(2)}, {"gyro": np.zeros(2)}):
         with pytest.raises(InputError, match="of a reading has the shape"):
             estimator.update(replace(reading(50), **change))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: DelayPrediction(
+            delay=10.0, sample_time=H, transition=np.eye(10), by_torque=np.zeros((1, 10, 3))
+        ),
+        lambda: DelayPrediction(delay=H, sample_time=H, transition=np.eye(9), by_torque=np.zeros((1, 10, 3))),
+        lambda: replace(OWN.feed_forward, lean=np.zeros((3, 3))),
+        lambda: replace(OWN.feed_forward, by_turning=np.zeros(2)),
+        lambda: replace(OWN.observer.balance, by_force=np.zeros((3, 3))),
+        lambda: replace(OWN.integral, gain=np.zeros((3, 2))),
+        lambda: replace(OWN.integral, gain=[["1", "2", "3"]]),
+    ],
+)
+def test_a_part_of_another_size_is_refused(make):
+    """A law is one row of numbers: with a part of another size it would be read past its end."""
+    with pytest.raises(InputError):
+        make()

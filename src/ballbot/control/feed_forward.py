@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import inlined
 from ballbot.mechanics.model import Model
@@ -33,13 +34,32 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeedForward:
-    """What a motion of the flat output asks for, linear in its derivatives, heading frame."""
+    """What a motion of the flat output asks for, linear in its derivatives, heading frame.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape or a value that is not finite.
+    """
 
     lean: NDArray[np.float64]  #: G^-1 (2, 2): theta, phi for s'' [rad s^2/m]
     offset: NDArray[np.float64]  #: C G^-1 (2, 2): how far s is ahead of the place, for s'' [s^2]
     by_second: NDArray[np.float64]  #: (n, 2) torque for s'' [N m s^2/m]
     by_fourth: NDArray[np.float64]  #: (n, 2) torque for s'''' [N m s^4/m]
     by_turning: NDArray[np.float64]  #: (n,) torque for psi'' [N m s^2/rad]
+
+    def __post_init__(self) -> None:
+        n = np.size(self.by_turning)
+        shapes = {
+            "lean": (2, 2),
+            "offset": (2, 2),
+            "by_second": (n, 2),
+            "by_fourth": (n, 2),
+            "by_turning": (n,),
+        }
+        for name, shape in shapes.items():
+            checked = real_array(getattr(self, name), shape, f"{name} of a feed-forward")
+            object.__setattr__(self, name, checked)
 
     @staticmethod
     def of(robot: Robot) -> FeedForward:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import inlined
 
@@ -39,8 +40,12 @@ class IntegralAction:
     dead_band: float = 0.0  #: error of x and y, and of psi, below which theirs rests [m, rad]
 
     def __post_init__(self) -> None:
-        if self.gain.ndim != 2 or self.gain.shape[1] != 3 or not np.isfinite(self.gain).all():
-            raise InputError("The gain of an integral action must be three finite numbers for each wheel.")
+        try:
+            object.__setattr__(self, "gain", real_array(self.gain, ("wheels", 3), "The gain"))
+        except InputError:
+            raise InputError(
+                "The gain of an integral action must be three finite numbers for each wheel."
+            ) from None
         for name in ("limit", "yaw_limit", "memory"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.control.compensation import FRICTION_PER_WHEEL, FRICTION_SIZE, pack_friction
 from ballbot.control.disturbance_observer import pack_observer
 from ballbot.control.driveline_adaptation import ADAPTATION_MEMORY, ADAPTATION_SIZE, ROLLING, pack_adaptation
@@ -90,7 +91,8 @@ def pack_law(controller: Controller) -> NDArray[np.float64]:
     shared += [1.0 / controller.sample_time, *pack_bound(controller)]
     shared += pack_notch(parts.notch, controller.sample_time)
     shared += [*pack_floor(parts.floor_adaptation, controller.sample_time), *load, *prediction]
-    return np.concatenate([shared, np.column_stack(own).ravel()])
+    row = np.concatenate([shared, np.column_stack(own).ravel()])
+    return real_array(row, (WHEELS + PER_WHEEL * n,), "The array of a controller's numbers")
 
 
 def scales(memory: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]:

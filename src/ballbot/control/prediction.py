@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.control.lqr import held
 from ballbot.control.past import EFFECTIVE, MOST_PAST, past
 from ballbot.errors import InputError
@@ -36,12 +37,26 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DelayPrediction:
-    """What is known of the state at which a torque will act, heading frame."""
+    """What is known of the state at which a torque will act, heading frame.
+
+    Raises
+    ------
+    InputError
+        If a time is not above zero, the delay is longer than the torques that a controller remembers, or an array has
+        another shape or a value that is not finite.
+    """
 
     delay: float  #: tau [s]
     sample_time: float  #: of the controller [s]
     transition: NDArray[np.float64]  #: exp(A tau) (10, 10)
     by_torque: NDArray[np.float64]  #: G_j (m, 10, n) for the torques of 1, 2 .. m updates ago [1/(N m)]
+
+    def __post_init__(self) -> None:
+        count = _updates_within(self.delay, self.sample_time)
+        arrays = {"transition": (10, 10), "by_torque": (count, 10, "n")}
+        for name, shape in arrays.items():
+            checked = real_array(getattr(self, name), shape, f"{name} of a prediction")
+            object.__setattr__(self, name, checked)
 
     @staticmethod
     def of(robot: Robot, *, delay: float, sample_time: float | None = None) -> DelayPrediction:
@@ -61,16 +76,7 @@ class DelayPrediction:
             Where the delay is not positive, or longer than the torques that a controller remembers.
         """
         time = robot.sensors.sample_time if sample_time is None else sample_time
-        if not (math.isfinite(delay) and delay > 0.0):
-            raise InputError(f"The delay to predict over is {delay:g} s; it must be positive.")
-        if not (math.isfinite(time) and time > 0.0):
-            raise InputError(f"The sample time to predict with is {time:g} s; it must be positive.")
-        count = max(1, math.ceil(min(delay / time, 2.0 * _MOST) - _ROUNDING))
-        if count > _MOST:
-            raise InputError(
-                f"The delay to predict over is {delay:g} s; with a sample time of {time:g} s it can be at most "
-                f"{_MOST * time:g} s."
-            )
+        count = _updates_within(delay, time)
         linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
         A, B = np.asarray(linear.A), np.asarray(linear.B)
         return DelayPrediction(
@@ -79,6 +85,21 @@ class DelayPrediction:
             transition=held(A, B, delay)[0],
             by_torque=np.array([_effect(A, B, ago * time, time, delay) for ago in range(1, count + 1)]),
         )
+
+
+def _updates_within(delay: float, sample_time: float) -> int:
+    """Return how many updates' torques are under way."""
+    if not (math.isfinite(delay) and delay > 0.0):
+        raise InputError(f"The delay to predict over is {delay:g} s; it must be positive.")
+    if not (math.isfinite(sample_time) and sample_time > 0.0):
+        raise InputError(f"The sample time to predict with is {sample_time:g} s; it must be positive.")
+    count = max(1, math.ceil(min(delay / sample_time, 2.0 * _MOST) - _ROUNDING))
+    if count > _MOST:
+        raise InputError(
+            f"The delay to predict over is {delay:g} s; with a sample time of {sample_time:g} s it can be at most "
+            f"{_MOST * sample_time:g} s."
+        )
+    return count
 
 
 def _effect(

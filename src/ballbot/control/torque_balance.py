@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.mechanics.compiled import inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
@@ -20,13 +21,25 @@ from ballbot.robot import Friction, Robot
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueBalance:
-    """The torques that a motion needs, heading frame."""
+    """The torques that a motion needs, heading frame.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape or a value that is not finite.
+    """
 
     by_acceleration: NDArray[np.float64]  #: (n, 5) for the rates' change [N m per m/s^2, per rad/s^2]
     by_lean: NDArray[np.float64]  #: (n, 2) for theta, phi [N m/rad]
     by_force: NDArray[
         np.float64
     ]  #: (n, 2) lost to a force on the ball against x, y, such as rolling friction [m]
+
+    def __post_init__(self) -> None:
+        n = len(np.atleast_1d(np.asarray(self.by_lean, dtype=object)))
+        for name, shape in {"by_acceleration": (n, 5), "by_lean": (n, 2), "by_force": (n, 2)}.items():
+            checked = real_array(getattr(self, name), shape, f"{name} of a torque balance")
+            object.__setattr__(self, name, checked)
 
     @staticmethod
     def of(robot: Robot) -> TorqueBalance:

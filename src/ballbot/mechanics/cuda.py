@@ -16,10 +16,11 @@ import numpy as np
 from numba import cuda
 from numpy.typing import NDArray
 
+from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.equations import LARGEST_LEAN, attitude, rates_from_angles, rates_of_angles
 from ballbot.mechanics.lanes import LANES
-from ballbot.mechanics.parameters import Exact, load
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, load
 from ballbot.mechanics.proximal import convex_step
 from ballbot.mechanics.smooth import runge_kutta_step
 from ballbot.mechanics.vector import each_with
@@ -101,19 +102,28 @@ def simulate_on_gpu(
     Raises
     ------
     InputError
-        Where there is no CUDA device.
+        If there is no CUDA device, shapes disagree, or a value is not one that it can be.
     """
+    n = len(selected.wheels)
+    initial = real_array(initial, ("robots", 10), "The array of initial states")
+    torques = real_array(torques, ("samples", n), "The array of torques")
+    parameters = real_array(parameters, ("robots", RIGID_SIZE + WHEEL_SIZE * n), "The array of parameters")
+    if len(parameters) not in (1, len(initial)):
+        raise InputError(
+            f"There are {len(parameters)} rows of parameters for {len(initial)} robots; give one, or one for each."
+        )
+    h = positive_number(sample_time, "The sample time") / whole_number(steps, "The number of steps", least=1)
     if not cuda.is_available():
         raise InputError(
             "No CUDA device was found; use ballbot.mechanics.engine.simulate_lanes on the processor instead."
         )
     robots = len(initial)
-    states = cuda.to_device(np.ascontiguousarray(initial, float))
+    states = cuda.to_device(initial)
     unsettled = cuda.device_array(robots, np.int64)
     blocks = -(-robots // _THREADS)
     rows = cuda.to_device(packed_in_lanes(parameters, robots))
-    inputs = cuda.to_device(np.ascontiguousarray(torques, float))
-    _advance[blocks, _THREADS](selected, rows, states, inputs, sample_time / steps, steps, unsettled)
+    inputs = cuda.to_device(torques)
+    _advance[blocks, _THREADS](selected, rows, states, inputs, h, steps, unsettled)
     return GpuBatch(finals=states.copy_to_host(), unsettled=unsettled.copy_to_host())
 
 

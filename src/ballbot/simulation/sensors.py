@@ -11,8 +11,9 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.estimation.swing import turned_about_vertical
 from ballbot.robot.derived import encoder_step
@@ -41,14 +42,21 @@ class Encoders:
         self._recent = np.zeros((window + 1, robot.wheel_count))
         self._start = np.zeros(robot.wheel_count)
 
-    def reset(self, angles: NDArray[np.float64]) -> None:
+    def reset(self, angles: ArrayLike) -> None:
         """Call the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
-        self._start = angles.copy()
+        self._start = real_array(angles, self._start.shape, "The array of motor angles").copy()
         self._recent[:] = 0.0
 
-    def read(self, angles: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad]."""
-        counted = np.floor((angles - self._start) / self.resolution) * self.resolution
+    def read(self, angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad].
+
+        Raises
+        ------
+        InputError
+            If they are not n numbers.
+        """
+        seen = real_array(angles, self._start.shape, "The array of motor angles", finite=False)
+        counted = np.floor((seen - self._start) / self.resolution) * self.resolution
         self._recent[:-1] = self._recent[1:]
         self._recent[-1] = counted
         return counted, (self._recent[-1] - self._recent[0]) / self._window_time
@@ -106,7 +114,7 @@ class AttitudeSensor:
         self._errors = _SlowErrors(faults, sensors.sample_time, random.spawn(1)[0]) if faults else None
 
     def read(
-        self, t: float, body_rate: NDArray[np.float64], attitude: NDArray[np.float64]
+        self, t: float, body_rate: ArrayLike, attitude: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return gyro (3,) [rad/s] and theta, phi, psi (3,) [rad] as the sensor has them.
 
@@ -114,13 +122,20 @@ class AttitudeSensor:
         ----------
         t : float
             Time since the start [s]; the frame is the world's at 0.
-        body_rate : array (3,)
+        body_rate : array_like (3,)
             True angular velocity, body frame [rad/s].
-        attitude : array (3,)
+        attitude : array_like (3,)
             True theta, phi, psi [rad].
+
+        Raises
+        ------
+        InputError
+            If either is not three numbers.
         """
-        gyro = body_rate + self._sensors.gyro_noise * self._random.standard_normal(3)
-        measured = attitude + self._sensors.attitude_noise * self._random.standard_normal(3)
+        rate = real_array(body_rate, (3,), "The body rate", finite=False)
+        angles = real_array(attitude, (3,), "The attitude", finite=False)
+        gyro = rate + self._sensors.gyro_noise * self._random.standard_normal(3)
+        measured = angles + self._sensors.attitude_noise * self._random.standard_normal(3)
         drift = self._sensors.heading_drift * t
         if self._errors is not None:
             return self._errors.upon(gyro, measured, drift)
