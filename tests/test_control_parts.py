@@ -366,7 +366,7 @@ def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
             lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(load_scaling=LoadScaling(share=1.0))),
             "A load scaling needs",
         ),
-        (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs a shaping"),
+        (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs reference shaping"),
         (
             lambda: Controller(
                 alten(),

@@ -72,7 +72,7 @@ def known(values: ArrayLike) -> NDArray[np.bool_]:
     return np.abs(values) <= _LARGEST
 
 
-def all_known(values: ArrayLike) -> bool:
+def all_known(values: NDArray[np.float64]) -> bool:
     """Return whether all of a sensor's values (...) are there."""
     # a small sum of squares says so four times as fast; that of a NaN is not small
     return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
