@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from physics_examples import FRICTION, MISTAKES, balancing, scaled
+from physics_examples import FRICTION, MISTAKES, balancing, exchanged, scaled
 
 from ballbot.findings import Finding
 from ballbot.log import Log
@@ -121,3 +121,33 @@ def test_other_wheels_in_one_of_two_logs_are_found():
     found = [f for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.code == "robots"]
     assert any("wheel or ball radius" in finding.text for finding in found)
     assert {finding.where.file for finding in found} == {"b.csv"}
+
+
+@pytest.mark.parametrize(
+    ("names", "code", "words"),
+    [
+        (("x", "x_dot"), "ball-axes", "x has the opposite sign, with its rate"),
+        (("psi", "psi_dot", "gyro_z"), "heading-sign", "psi has the opposite sign, with its rate"),
+    ],
+)
+def test_negated_ball_and_heading_columns_are_found_by_the_wheels(names, code, words):
+    log, robot = balancing()
+    found = [f for f in check(scaled(log, -1.0, *names), robot=robot) if f.severity == "error"]
+    assert [finding.code for finding in found] == [code]
+    assert words in found[0].text
+
+
+def test_exchanged_ball_columns_are_found_by_the_wheels():
+    log, robot = balancing()
+    spoiled = exchanged(log, ("x", "y"), ("x_dot", "y_dot"))
+    found = [f for f in check(spoiled, robot=robot) if f.severity == "error"]
+    assert [finding.code for finding in found] == ["ball-axes"]
+    assert "x and y are swapped, with their rates" in found[0].text
+
+
+def test_other_gear_ratio_is_an_error_of_the_wheels():
+    log, robot = balancing()
+    wheels = ("wheel1", "wheel2", "wheel3", "wheel1_dot", "wheel2_dot", "wheel3_dot")
+    found = [f for f in check(scaled(log, 1.25, *wheels), robot=robot) if f.severity == "error"]
+    assert [finding.code for finding in found] == ["wheels"]
+    assert "gear ratio" in found[0].text

@@ -100,7 +100,10 @@ def _of_motion(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> lis
     torques = check_torques(log, robot=robot)
     # torques that are not of this motion at all make every other finding on them moot
     kept = [one for one in physics if not (torques and one.code.startswith("torque-"))]
-    return [*torques, *(_of_robot(log, robot) if robot else []), *kept]
+    kinematics = _of_robot(log, robot) if robot else []
+    if any(one.code in ("ball-axes", "heading-sign") for one in kinematics):
+        kept = []  # what follows from wrong axes of the ball is not told again
+    return [*torques, *kinematics, *kept]
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:

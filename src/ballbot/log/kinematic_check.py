@@ -8,7 +8,7 @@ that has no states yet, is for `ballbot.log.proposal`.)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,15 @@ GAIN_RANGE = (0.9, 1.1)
 ALIKE, WRONG_GAIN = 1.12, 1.15
 #: a gain that no slip makes
 IMPOSSIBLE_GAIN = 3.0
+#: rows that are judged as one, and the fewest such blocks
+BLOCK_ROWS, FEWEST_BLOCKS = 50, 10
+#: rows that are enough for it, taken evenly from the log
+ENOUGH_ROWS = 1500
+#: blocks with less squared wheel speed than this share of the mean are at rest
+MOVING = 0.02
+#: another reading of columns must leave this many times less unexplained, this share at most, and be clearer by this
+#: many standard errors; readings within `AS_GOOD` of each other cannot be told apart
+MUCH_MORE, UNEXPLAINED, CLEARLY_BETTER, AS_GOOD = 2.0, 0.3, 5.0, 1.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +101,108 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Alternative:
+    """One way in which columns may be meant, and what of the wheels' speeds it leaves unexplained."""
+
+    words: str  #: what is wrong with the columns, if this is right
+    columns: tuple[str, ...]
+    left: NDArray[np.float64]  #: (B,) squared speed left unexplained, by blocks of `BLOCK_ROWS` rows
+
+
+def misread_axes(log: Log, robot: Robot) -> Finding | None:
+    """Return the error of ball or heading columns that must be negated or exchanged to fit the wheels.
+
+    The wheels tell the ball's velocity and the heading's rate in the body's frame. x_dot, y_dot and psi are tried with
+    every exchange and sign; one that fits clearly better than the columns as they are is the right one, unless the
+    wheels' own order or signs would do as well.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if not {*STATE_NAMES, *names} <= set(log.names):
+        return None
+    states = np.column_stack([log[name] for name in STATE_NAMES])
+    logged = np.column_stack([log[name] for name in names])
+    finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
+    every = max(1, int(finite.sum()) // ENOUGH_ROWS)
+    states, logged = states[finite][::every], logged[finite][::every]
+    if len(states) < FEWEST_BLOCKS * BLOCK_ROWS or logged.std(axis=0).min() < LEAST_MOTION:
+        return None
+    own = _left(states, logged, robot)
+    found = min(_alternatives(states, logged, robot), key=lambda one: one.left.sum())
+    moving = _by_blocks(np.sum(logged**2, axis=1))
+    moving = moving > MOVING * moving.mean()  # at rest, the states' noise is all there is
+    gained = ((own - found.left) / np.maximum(own + found.left, 1e-30))[moving]
+    if len(gained) < FEWEST_BLOCKS:
+        return None
+    clear = gained.mean() > CLEARLY_BETTER * gained.std(ddof=1) / np.sqrt(len(gained))
+    power = float(np.sum(logged**2))
+    if own.sum() < MUCH_MORE * found.left.sum() or not clear or found.left.sum() > UNEXPLAINED * power:
+        return None
+    agreement = wheel_agreement(log, robot)
+    causes = [found.words]
+    as_logged = tuple(range(1, robot.wheel_count + 1))
+    if agreement and (agreement.order != as_logged or min(agreement.signs) < 0):
+        ordered = logged[:, [i - 1 for i in agreement.order]] * np.array(agreement.signs)
+        left = float(_left(states, ordered, robot).sum())
+        if left < found.left.sum() / AS_GOOD:
+            return None
+        if left < AS_GOOD * found.left.sum():
+            causes.append(
+                f"the wheels are in the order {list(agreement.order)} with signs {list(agreement.signs)}"
+            )
+    sentence = f"The ball does not move as the wheels turn: {', or '.join(causes)}. Correct the columns or the mapping."
+    where = Place(columns=found.columns)
+    if "psi" in found.columns:
+        return Finding(code="heading-sign", severity="error", text=sentence, where=where)
+    return Finding(code="ball-axes", severity="error", text=sentence, where=where)
+
+
+def _alternatives(
+    states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot
+) -> list[_Alternative]:
+    found = []
+    for swapped, a, b in product((False, True), (1.0, -1.0), (1.0, -1.0)):
+        if (swapped, a, b) == (False, 1.0, 1.0):
+            continue
+        tried = states.copy()
+        first, second = (6, 5) if swapped else (5, 6)
+        tried[:, 5], tried[:, 6] = a * states[:, first], b * states[:, second]
+        parts = ["x and y are swapped"] if swapped else []
+        if a == b == -1.0:
+            parts.append("x and y have the opposite sign")
+        elif min(a, b) < 0.0:
+            parts.append(f"{'x' if (a < 0.0) != swapped else 'y'} has the opposite sign")
+        rates = "its rate" if parts[0].endswith("has the opposite sign") else "their rates"
+        words, columns = f"{' and '.join(parts)}, with {rates}", ("x", "y", "x_dot", "y_dot")
+        left = _left(tried, logged, robot)
+        found.append(_Alternative(words=words, columns=columns, left=left))
+    tried = states.copy()
+    tried[:, [4, 9]] *= -1.0
+    left = _left(tried, logged, robot)
+    columns = ("psi", "psi_dot")
+    words = "psi has the opposite sign, with its rate"
+    return [*found, _Alternative(words=words, columns=columns, left=left)]
+
+
+def _left(states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+    """Return the squares of wheel speed that states leave unexplained, by blocks; a common gain is free."""
+    made = wheel_speeds_of_states(states, robot)
+    gain = max(float(np.sum(made * logged) / max(np.sum(made * made), 1e-30)), 0.0)
+    return _by_blocks(np.sum((logged - gain * made) ** 2, axis=1))
+
+
+def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sums over blocks of `BLOCK_ROWS` rows."""
+    whole = len(values) // BLOCK_ROWS * BLOCK_ROWS
+    return values[:whole].reshape(-1, BLOCK_ROWS).sum(axis=1)
+
+
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return what is wrong with the wheels' columns for this robot: order, sign, gain, or that nothing can be said."""
     columns = wheel_speed_names(robot.wheel_count)
+    misread = misread_axes(log, robot)
+    if misread:
+        return [misread]
     found = wheel_agreement(log, robot)
     if found is None:
         sentence = (

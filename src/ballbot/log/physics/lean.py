@@ -279,7 +279,7 @@ def _scaled(size: float, rate_gain: complex) -> Finding:
     elif RATE_SHARE[0] < share < RATE_SHARE[1]:
         cause = f"{of_ball}, or {of_robot}, or {of_lean} with their rates"
     else:
-        cause = f"{of_lean}, or {of_robot}, or {of_ball}"
+        cause = f"{of_lean}, or t is stretched, or {of_robot}, or {of_ball}"
     columns = ("theta", "phi", "x_dot", "y_dot")
     return Finding(
         code="lean-scale", severity="error", text=f"{seen}: {cause}.", where=Place(columns=columns)
