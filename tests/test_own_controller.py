@@ -2,6 +2,8 @@
 
 import copy
 import sys
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -152,3 +154,26 @@ def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_p
     Path("gain.py").write_text("value = 1.0")
     assert main([*words, "--resume"]) == 2
     assert "belongs to another run, which differs in: gain.py;" in capsys.readouterr().err
+
+
+def test_games_that_were_played_outlive_a_killed_worker(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("courses.toml").write_text(COURSE)
+    whole = playing._Players.answer
+
+    def killed_after_one(players, place):
+        if place == 0:
+            return whole(players, place)
+        broken: Future = Future()
+        broken.set_exception(BrokenProcessPool())
+        players._pool, players._ahead = ThreadPoolExecutor(1), {place: broken}
+        return whole(players, place)
+
+    monkeypatch.setattr(playing._Players, "answer", killed_after_one)
+    words = ["compare", "alten", "none", "full", "--scenarios", "courses.toml", "--seeds", "1"]
+    words += ["--processes", "1", "--out", "league"]
+    assert main(words) == 2
+    assert "continue with --resume" in capsys.readouterr().err
+    assert Path("league/checkpoint.jsonl").exists()
+    monkeypatch.setattr(playing._Players, "answer", whole)
+    assert main([*words, "--resume"]) == 0

@@ -25,6 +25,7 @@ from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
 from ballbot.experiments.score import Score, score
 from ballbot.identification.checkpoint import Arrays, Recall, afresh
+from ballbot.identification.spread import SpreadError
 from ballbot.log import Log
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.robot import Robot
@@ -174,7 +175,7 @@ class _Players:
         try:
             return self._ahead.pop(place).result()
         except BrokenProcessPool:
-            raise InputError(
+            raise SpreadError(
                 "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
                 "continue with --resume."
             ) from None
