@@ -67,9 +67,9 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
     "wheel diameter in cm": ({"wheels__radius": 0.63}, "robot-wheels", "Did you mean wheels.radius 0.063 m?"),
     "slow": ({"sensors__sample_time": 0.5}, "robot-balance", "does not balance it"),
     "sample time in us": (
-        {"sensors__sample_time": 5e-6},
+        {"sensors__sample_time": 1.2e-5},
         "robot-sensors",
-        "Did you mean sensors.sample_time 0.005 s?",
+        "Did you mean sensors.sample_time 0.012 s?",
     ),
     "supply in mV": (
         {"drive__supply_voltage": 0.024},
@@ -87,6 +87,11 @@ WRONG: dict[str, tuple[dict[str, object], str, str]] = {
         "Did you mean friction.coulomb [0.1, 0.09, 0.1] N m?",
     ),
     "floor of sand": ({"friction__rolling": 0.7}, "robot-friction", "brakes as a slope of 35 deg"),
+    "rollers in cm": (
+        {"wheels__rollers": replace(ALTEN.wheels.rollers, row_spacing=0.4)},
+        "robot-wheels",
+        "Did you mean wheels.rollers.row_spacing 0.004 m?",
+    ),
     "balloon": (
         {"ball__mass": 0.003, "ball__inertia": 0.003 * 0.0121 * 0.6},
         "robot-ball",

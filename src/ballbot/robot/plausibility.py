@@ -237,6 +237,23 @@ def _of_wheel_places(robot: Robot) -> Iterator[Finding]:
             f"ball their radius must be below {room:.3g} m."
         )
         yield Finding(code="robot-wheels", severity="error", text=text, where=Place(columns=names))
+    rollers = wheels.rollers
+    for name, size, most in (
+        ("wheels.rollers.radius", rollers.radius, 0.35),
+        ("wheels.rollers.row_spacing", rollers.row_spacing, 1.0),
+    ):
+        text = (
+            f"{_said(robot, name, 'wheels.radius')}: robots have {'0.1 to 0.2' if most < 1.0 else '0 to 0.5'} of the "
+            "wheel's radius."
+        )
+        yield from _within(
+            "robot-wheels",
+            (name, "wheels.radius"),
+            text,
+            size / wheels.radius,
+            usual=(0.0, most),
+            possible=(0.0, 1.5 * most),
+        )
     per_row = wheels.rollers.per_row
     yield from _within(
         "robot-wheels",

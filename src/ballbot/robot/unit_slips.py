@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
@@ -51,7 +50,14 @@ def likeliest_slip(robot: Robot, errors: Sequence[Finding], find: Find) -> Slip 
         Returns what is to find in a robot.
     """
     names = dict.fromkeys(name for finding in errors for name in finding.where.columns)
-    slips = list(chain.from_iterable(_slips(robot, name, find) for name in names))
+    found = len(list(find(robot)))
+    # a slip that makes something else unusual explains nothing
+    slips = [
+        slip
+        for name in names
+        for slip in _slips(robot, name, find)
+        if len(slip.left) - slip.rank[0] <= found - len(errors)
+    ]
     best = min(slips, key=lambda slip: slip.rank, default=None)
     if best is None or best.rank[0] >= len(errors):
         return None

@@ -106,6 +106,12 @@ def _check_wheels(scenario: Scenario, robot: Robot) -> None:
         )
     if rollers.rows not in (1, 2):
         raise InputError(f"the twin's wheels have one or two rows of rollers, not {rollers.rows}.")
+    widest = 2.0 * (robot.ball.radius + rollers.radius)
+    if (rollers.rows - 1) * rollers.row_spacing >= widest:
+        raise InputError(
+            f"rows of rollers {rollers.row_spacing:g} m apart do not touch the ball; row_spacing must be below "
+            f"{widest:.3g} m."
+        )
     if not 0 < rollers.radius < robot.wheels.radius:
         raise InputError(
             f"a roller's radius must be between 0 and the wheel's {robot.wheels.radius} m, "
