@@ -152,7 +152,7 @@ def test_a_run_ends_where_the_motors_are_stopped(predicted):
     plant = Gapped(Model(ROBOT), 20, predicted=predicted)
     start = leaning(0.02)
     log = simulate(plant, nominal_controller(ROBOT), hold(), duration=1.0, initial_state=start)
-    assert log.ended == "stopped at t = 0.110 s: no valid measurement for 3 samples; 2 are bridged."
+    assert log.ended == "stopped at t = 0.110 s: no valid measurement for 3 samples; 2 are bridged"
     assert len(log) == 22
     assert (log.torques[20:] != 0.0).any() == predicted
     longer = SafeController(nominal_controller(ROBOT), ROBOT, SafetyLimits(max_missing=4))
@@ -169,7 +169,7 @@ def test_a_controller_that_loses_its_numbers_ends_the_run():
 
     log = simulate(Model(ROBOT), Broken(), hold(), duration=1.0)
     assert log.ended == (
-        "stopped at t = 0.105 s: the controller's torque nan on wheel 1 is not a finite number."
+        "stopped at t = 0.105 s: the controller's torque nan on wheel 1 is not a finite number"
     )
     assert np.isfinite(log.torques).all()
 
@@ -193,7 +193,7 @@ def test_the_twin_s_estimator_bridges_a_gap_and_the_layer_stops_a_longer_one(est
     assert np.isnan(log["gyro_x"][10:12]).all()
     lost |= {20, 21, 22}
     log = simulate(twin, nominal_controller(ROBOT), hold(), duration=0.2)
-    assert log.ended == "stopped at t = 0.110 s: no valid measurement for 3 samples; 2 are bridged."
+    assert log.ended == "stopped at t = 0.110 s: no valid measurement for 3 samples; 2 are bridged"
 
 
 @pytest.mark.parametrize(
@@ -212,3 +212,22 @@ def test_wrong_limits_are_refused(limits, sentence):
 
 def test_the_default_lean_is_the_model_s_own_end():
     assert SafetyLimits().lean == LARGEST_LEAN
+
+
+def test_a_user_s_program_that_loses_its_numbers_is_an_error(tmp_path):
+    """In a comparison a mistake in the user's file is no fall."""
+    from ballbot.experiments.own_controller import OwnController
+
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "class Mine:\n"
+        "    sample_time = 0.005\n"
+        "    def __init__(self, robot): ...\n"
+        "    def reset(self): ...\n"
+        "    def update(self, t, state, reference):\n"
+        "        return [float('nan') if t > 0.1 else 0.0, 0.0, 0.0]\n"
+    )
+    with pytest.raises(
+        InputError, match=r"mine\.py:Mine returned torques \[nan, 0\.0, 0\.0\] at t = 0\.105 s"
+    ):
+        simulate(Model(ROBOT), OwnController(str(path), "Mine", ROBOT), hold(), duration=1.0)

@@ -89,12 +89,17 @@ class OwnController:
         """Return the wheel torques (n,) [N m]."""
         torques = self._guarded(f"at t = {t:g} s", lambda: self._made.update(t, state, reference))
         try:
-            return np.array(torques, dtype=np.float64)
+            found = np.array(torques, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError(
                 f"{self._place} returned {type(torques).__name__} at t = {t:g} s, but it must return an array "
                 "of torques."
             ) from None
+        if not np.isfinite(found).all():  # in a user's program a mistake, not a fall
+            raise InputError(
+                f"{self._place} returned torques {found.tolist()} at t = {t:g} s; all must be finite."
+            )
+        return found
 
     @property
     def _place(self) -> str:

@@ -83,7 +83,7 @@ def simulate(
         wanted = real_array(reference(measured.t), (10,), f"The reference at t = {measured.t:g} s")
         torques = guarded.update(measured.t, measured.state, wanted, measured=measured.valid)
         if guarded.stop is not None:
-            ended = guarded.stop.text
+            ended = guarded.stop.text.removesuffix(".")
             break
         table[rows] = _row(measured, torques, wanted)
         measured = active.step(torques, controller.sample_time)
@@ -91,7 +91,7 @@ def simulate(
         if progress and rows % 100 == 0:
             progress(rows / samples)
     if rows == 0:
-        raise InputError(f"The run ends before its first sample: {(ended or '').rstrip('.')}.")
+        raise InputError(f"The run ends before its first sample: {ended}.")
     return Log(dict(zip(names, table[:rows].T, strict=True)), ended=ended)
 
 
