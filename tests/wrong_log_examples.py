@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import circle, square
-from ballbot.log import STATE_NAMES, Log
+from ballbot.log import Log
 from ballbot.log.columns import POSITION_NAMES
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
@@ -48,7 +48,10 @@ def record() -> CorrectLogs:
     controller = nominal_controller(robot)
     runs = [
         simulate(Twin(robot), controller, reference, duration=14.0, seed=seed).without_truth()
-        for seed, reference in ((1, _turning(square(side=0.6, period=12.0))), (2, circle(radius=0.4, period=10.0)))
+        for seed, reference in (
+            (1, _turning(square(side=0.6, period=12.0))),
+            (2, circle(radius=0.4, period=10.0)),
+        )
     ]
     return CorrectLogs(robot=robot, log=runs[0], other=runs[1])
 
@@ -122,10 +125,41 @@ def copied(log: Log, source: int, to: int, rows: int) -> Log:
     return log.with_columns(columns)
 
 
-def random_torques(log: Log) -> Log:
+def random_torques(log: Log, *names: str) -> Log:
     random = np.random.default_rng(0)
-    return log.with_columns({name: 0.5 * random.standard_normal(len(log)) for name in TORQUES})
+    return log.with_columns({name: 0.5 * random.standard_normal(len(log)) for name in names or TORQUES})
 
 
 def everything(log: Log) -> tuple[str, ...]:
     return tuple(name for name in log if name != "t" and not name.startswith("ref_"))
+
+
+def constant(log: Log, value: float, *names: str) -> Log:
+    return log.with_columns({name: np.full(len(log), value) for name in names})
+
+
+def shifted(log: Log, offset: float, *names: str) -> Log:
+    return log.with_columns({name: log[name] + offset for name in names})
+
+
+def rounded(log: Log, step: float, *names: str) -> Log:
+    return log.with_columns({name: step * np.round(log[name] / step) for name in names})
+
+
+def turned_imu(log: Log, angle: float) -> Log:
+    """Return the log of an IMU that is mounted turned by an angle [degrees] about the vertical; the gyro left out."""
+    turn = np.exp(1j * np.radians(angle))
+    columns = {}
+    for first, second in (LEAN, LEAN_RATES):
+        turned = (log[first] + 1j * log[second]) * turn
+        columns |= {first: turned.real, second: turned.imag}
+    return Log({name: columns.get(name, log[name]) for name in log if name not in GYRO})
+
+
+def reversed_rows(log: Log) -> Log:
+    return log.with_columns({name: log[name][::-1] for name in log if name != "t"})
+
+
+def motor_counts(robot: Robot) -> float:
+    """Return encoder counts a radian of the wheel."""
+    return robot.sensors.encoder_counts * robot.drive.gear_ratio / (2.0 * np.pi)
