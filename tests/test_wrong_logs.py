@@ -148,13 +148,15 @@ WRONG_LOGS = {
     ),
     # place and wheels
     "x and y swapped": wrong(
-        lambda log: exchanged(log, ("x", "y"), ("x_dot", "y_dot")), "lean-axes", "x_dot, y_dot", "swapped"
+        lambda log: exchanged(log, ("x", "y"), ("x_dot", "y_dot")),
+        "ball-axes",
+        "x and y are swapped, with their rates",
     ),
     "x and y swapped, rates not": wrong(
         lambda log: exchanged(log, ("x", "y")), "swapped", "x and y are swapped, or x_dot and y_dot are"
     ),
     "x negated": wrong(
-        lambda log: scaled(log, -1.0, "x", "x_dot"), "lean-axes", "opposite sign", "x_dot, y_dot"
+        lambda log: scaled(log, -1.0, "x", "x_dot"), "ball-axes", "x has the opposite sign, with its rate"
     ),
     "x negated, its rate not": wrong(
         lambda log: scaled(log, -1.0, "x"), "sign", "x and x_dot have opposite signs"

@@ -60,6 +60,9 @@ def _checked(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> tuple
         *check_names(log),
         *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
     ]
+    # beside an error it would be one of its effects, and it takes the longest
+    if robot and not any(finding.severity == "error" for finding in findings):
+        findings += check_disturbance(log, robot)
     return by_severity(findings)
 
 
@@ -107,7 +110,7 @@ def _of_motion(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> lis
 
 
 def _of_robot(log: Log, robot: Robot) -> list[Finding]:
-    return [*check_speed_limit(log, robot), *check_wheels(log, robot), *check_disturbance(log, robot)]
+    return [*check_speed_limit(log, robot), *check_wheels(log, robot)]
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:
