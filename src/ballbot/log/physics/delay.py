@@ -17,7 +17,7 @@ from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
-LONGEST = 0.25  #: [s], either way
+LONGEST = 2.0  #: [s], either way
 #: lags that are an error [s]; a controller that takes its time and a filter's group delay stay under it
 LARGEST = 0.03
 #: share of the torques' changes that the lag must explain, and by how much more than any usual lag
@@ -25,6 +25,8 @@ EXPLAINED, MORE = 0.4, 0.2
 #: changes beyond this many times the median are those of an event, a saturation or a gap
 LARGE = 5.0
 FEWEST_ROWS = 400
+#: rows that are looked at, from the log's start: the lag is known after a few hundred
+ENOUGH_ROWS = 20000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +43,7 @@ def answer_of(log: Log, robot: Robot) -> Answer | None:
     names = torque_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names) or len(log) < FEWEST_ROWS:
         return None
-    table = np.column_stack([_states(log), *(log[name] for name in names)])
+    table = np.column_stack([_states(log), *(log[name] for name in names)])[:ENOUGH_ROWS]
     table = np.diff(table[np.isfinite(table).all(axis=1)], axis=0)
     if len(table) < FEWEST_ROWS:
         return None
@@ -81,22 +83,20 @@ def _states(log: Log) -> NDArray[np.float64]:
 
 
 def _best(states: NDArray[np.float64], torques: NDArray[np.float64], sample_time: float) -> Answer:
+    """Return the lag at which the torques' changes (N, n) are explained best by the states' (N, s)."""
     reach = min(max(1, round(LONGEST / sample_time)), len(states) // 4)
-    middle = torques[reach : len(torques) - reach]
     # whitened states, so that shares are sums of squares
     whitened = (
         states @ np.linalg.pinv(np.linalg.cholesky(states.T @ states + 1e-30 * np.eye(states.shape[1]))).T
     )
-    power = float(np.sum(middle**2))
-    lags = np.arange(-reach, reach + 1)
-    shares = np.array(
-        [
-            np.sum((whitened[reach - lag : len(states) - reach - lag].T @ middle) ** 2) / power
-            if power
-            else 0.0
-            for lag in lags
-        ]
+    size = 1 << (2 * len(states) - 1).bit_length()
+    spectra = (
+        np.fft.rfft(whitened, size, axis=0).conj()[:, :, None]
+        * np.fft.rfft(torques, size, axis=0)[:, None, :]
     )
+    products = np.fft.irfft(spectra, size, axis=0)  # [lag, state, torque], negative lags at the end
+    lags = np.arange(-reach, reach + 1)
+    shares = np.sum(products[lags] ** 2, axis=(1, 2)) / max(float(np.sum(torques**2)), 1e-30)
     usual = np.abs(lags * sample_time) <= LARGEST
     best = int(np.argmax(shares))
     return Answer(

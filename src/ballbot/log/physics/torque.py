@@ -44,6 +44,9 @@ UNRELATED = 0.15
 #: scale k that is an error, and one that is a warning; the larger the bracket (k by regression of need on torque over k
 #: by regression of torque on need) the farther from one, as sticking wheels' friction follows the need
 TOO_LARGE, LARGE, BRACKET_POWER = 1.25, 1.15, 0.75
+#: a scale too large must be this many times larger if less than this share of the torques is explained: friction that
+#: is fed forward, or that sticks, then follows the need
+UNCLEAR_SHARE, UNCLEAR_FACTOR = 0.8, 1.3
 #: too small by the second regression, or by the first if the bracket is narrow
 TOO_SMALL, TOO_SMALL_IF_NARROW, NARROW = 0.77, 0.62, 1.7
 #: scales of the first kind with which an order or sign is believed, and the widest bracket
@@ -198,7 +201,7 @@ def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
         f"{100 * found.explained:.0f} % of what the motion needs, as logged {100 * max(found.as_logged, 0.0):.0f} %. "
         "Correct the columns or the mapping."
     )
-    if all(one.wheels == tuple(range(len(one.wheels))) for one in found.assignments):
+    if best.wheels == tuple(range(len(best.wheels))):
         return Finding(code="torque-sign", severity="error", text=sentence, where=where)
     return Finding(code="torque-order", severity="error", text=sentence, where=where)
 
@@ -207,10 +210,11 @@ def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
     forward, reverse = found.scale
     sure, bracket = SURE * found.scale_error, reverse / forward if forward > 0.0 else float("inf")
     small = reverse + sure < TOO_SMALL or (bracket < NARROW and forward + sure < TOO_SMALL_IF_NARROW)
-    large = forward - sure > LARGE * bracket**BRACKET_POWER
+    widened = bracket**BRACKET_POWER * (UNCLEAR_FACTOR if found.explained < UNCLEAR_SHARE else 1.0)
+    large = forward - sure > LARGE * widened
     if not small and not large:
         return []
-    error = small or forward - sure > TOO_LARGE * bracket**BRACKET_POWER
+    error = small or forward - sure > TOO_LARGE * widened
     sentence = (
         f"The torques are {forward if large else reverse:.2g} times what the motion needs of this robot: u1, u2 .. are "
         "scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the robot is "
