@@ -1,6 +1,7 @@
 """The safety layer: what it bridges, what it stops, what it says, and that it changes nothing else."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -227,7 +228,10 @@ def test_a_user_s_program_that_loses_its_numbers_is_an_error(tmp_path):
         "    def update(self, t, state, reference):\n"
         "        return [float('nan') if t > 0.1 else 0.0, 0.0, 0.0]\n"
     )
+    modules = set(sys.modules)
     with pytest.raises(
         InputError, match=r"mine\.py:Mine returned torques \[nan, 0\.0, 0\.0\] at t = 0\.105 s"
     ):
         simulate(Model(ROBOT), OwnController(str(path), "Mine", ROBOT), hold(), duration=1.0)
+    for name in set(sys.modules) - modules:  # the file is this test's alone
+        del sys.modules[name]
