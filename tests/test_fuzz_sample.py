@@ -13,7 +13,7 @@ from benchmarks.fuzz_targets import targets
 from benchmarks.fuzz_worker import attempt, limits, outcome, target_names
 
 #: inputs of each loader; the campaign has thousands
-COUNT, COMMANDS = 25, 40
+COUNT, COMMANDS = 25, 30
 SEED = 99
 
 

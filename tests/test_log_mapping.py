@@ -189,7 +189,10 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             "columns.psi.scale is 'b'; it must be a number.",
         ),
         ('[columns]\nt = "t"\npsi = 3\n', "columns.psi is 3; it must be a table"),
-        ('[columns]\nt = "t"\ntheta_dot = { derivative_of = "theta" }\n', "is to be the derivative of theta"),
+        (
+            '[columns]\nt = "t"\ntheta_dot = { derivative_of = "theta" }\n',
+            "is to be the derivative of 'theta'",
+        ),
         ('[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\norder = [1, 1]\n', "order is [1, 1]"),
         (
             '[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\nsign = [1]\n',

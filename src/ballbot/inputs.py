@@ -177,5 +177,5 @@ def _check_tree(tree: object, source: str) -> None:
 
 
 def _short(words: object) -> str:
-    text = str(words)
+    text = str(words) if str(words).isprintable() else repr(str(words))
     return text if len(text) <= 200 else f"{text[:200]}..."

@@ -119,12 +119,17 @@ def held(
     Raises
     ------
     InputError
-        Where the sample time is not positive.
+        If the sample time is not positive, or too long for numbers.
     """
     if not (np.isfinite(sample_time) and sample_time > 0.0):
         raise InputError(f"The sample time is {sample_time!r}; it must be a positive time in seconds.")
     m, n = B.shape
-    both = np.asarray(expm(np.block([[A, B], [np.zeros((n, m + n))]]) * sample_time), dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        both = np.asarray(expm(np.block([[A, B], [np.zeros((n, m + n))]]) * sample_time), dtype=np.float64)
+    if not np.isfinite(both).all():
+        raise InputError(
+            f"The sample time is {sample_time:g} s, in which the state grows beyond all numbers."
+        )
     return both[:m, :m], both[:m, m:]
 
 

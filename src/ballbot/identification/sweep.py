@@ -93,9 +93,11 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
         ) from None
     if values.shape != (wheel_count, 2) or correlations.shape != (wheel_count, 2, 2):
         raise InputError(f"{path} is of {len(values)} wheels, where the robot has {wheel_count}.")
-    if not np.isfinite(values).all() or np.isinf(errors).any() or np.isinf(correlations).any():
+    with np.errstate(over="ignore", invalid="ignore"):
+        covariances = correlations * errors[:, :, None] * errors[:, None, :]
+    if not np.isfinite(values).all() or np.isinf(covariances).any():
         raise InputError(f"{path} has a number that is not finite; run `ballbot identify-driveline` again.")
-    return SweepFriction(values=values, covariances=correlations * errors[:, :, None] * errors[:, None, :])
+    return SweepFriction(values=values, covariances=covariances)
 
 
 def told_together(coordinates: Coordinates, told: Told, sweep: SweepFriction) -> Told:

@@ -105,6 +105,8 @@ def carried_on(
         Above what the wheel can do [rad/s].
     """
     steps = np.diff(angle)
+    if not steps.size:
+        return angle
     # three usual intervals: a late row is no reset
     allowed = largest_speed * np.maximum(np.diff(t), 3.0 * np.median(np.diff(t)))
     steps[np.abs(steps) > allowed] = 0.0

@@ -129,7 +129,7 @@ def _mapping(table: MappingTable) -> LogMapping:
     for name, origin in derivatives.items():
         if origin not in made:
             raise InputError(
-                f"{name} is to be the derivative of {origin}, which the mapping does not take from the file"
+                f"{name} is to be the derivative of {origin!r}, which the mapping does not take from the file"
             )
     motors = None if table.input is None else _motors(table.input, table.wheels)
     return LogMapping(

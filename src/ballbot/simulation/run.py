@@ -17,14 +17,12 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_an
 from ballbot.mechanics.model import Model
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
-from ballbot.sizes import rows_between
+from ballbot.sizes import MOST_CELLS, length_words
 
 #: the reference's columns in a log, and their places in the state
 _REFERENCES = (0, 1, 4)
-#: no run lasts longer [s]
-LONGEST = 86400.0
-#: columns of a run's log, at most
-_WIDEST = 45
+#: samples of a run, whose log has some 45 columns
+_MOST = MOST_CELLS // 45
 
 
 def simulate(
@@ -101,17 +99,18 @@ def sample_count(duration: float, sample_time: float) -> int:
     Raises
     ------
     InputError
-        Where it is not at least one, or the duration more than a day.
+        Where it is not at least one, or more than a log can hold.
     """
-    if LONGEST < duration < np.inf:
-        raise InputError(
-            f"The duration is {duration:g} s; a run lasts a day at most, {LONGEST:g} s, or its log fills the memory."
-        )
     if not (np.isfinite(duration) and duration / sample_time > 0.5):
         raise InputError(
             f"The duration is {duration:g} s; it must be at least one sample of {sample_time:g} s."
         )
-    return rows_between(duration + 0.5 * sample_time, sample_time, columns=_WIDEST, source="The duration")
+    if duration / sample_time > _MOST:
+        raise InputError(
+            f"A run of {length_words(duration)} has {duration / sample_time:.3g} samples of {sample_time:g} s, and its "
+            f"log would fill the memory; it may last {length_words(_MOST * sample_time)}."
+        )
+    return round(duration / sample_time)
 
 
 def _column_names(measured: Measurement) -> list[str]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.inputs import LARGEST_TABLE, read_bytes
+from ballbot.log.columns import measured
 from ballbot.sizes import size_words
 
 Variables = dict[str, NDArray[np.float64]]
@@ -158,5 +159,6 @@ def _numbers(content: memoryview, stored: str, shape: list[int]) -> NDArray[np.f
     item = np.dtype(stored).itemsize
     if not shape or min(shape) < 0 or math.prod(shape) * item != len(content):
         raise _DamagedError(f"a variable has {len(content)} bytes for the shape {shape[:4]}")
-    values = np.frombuffer(content, stored).astype(np.float64)
-    return values.reshape(shape, order="F").ravel()
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        values = np.frombuffer(content, stored).astype(np.float64)
+    return measured(values.reshape(shape, order="F").ravel())

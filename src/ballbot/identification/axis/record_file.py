@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.identification.axis.mat_file import Variables, read_mat
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop, even_sample_time
+from ballbot.log.columns import LARGEST_CELL
 from ballbot.log.formats import read_columns
 
 
@@ -111,9 +112,14 @@ def _variable(name: str, variables: Variables, wanted: str) -> NDArray[np.float6
 
 def _number(name: str, variables: Variables, text: str) -> float:
     try:
-        return float(text)
+        value = float(text)
     except ValueError:
         values = _variable(name, variables, text)
-    if values.size != 1:
-        raise InputError(f"{name}: {text!r} has {values.size} values, where one number is needed.")
-    return float(values[0])
+        if values.size != 1:
+            raise InputError(
+                f"{name}: {text!r} has {values.size} values, where one number is needed."
+            ) from None
+        value = float(values[0])
+    if not abs(value) <= LARGEST_CELL:
+        raise InputError(f"{name}: {text!r} is {value:g}, where a finite number is needed.")
+    return value
