@@ -34,7 +34,7 @@ def bad_file(tmp_path, bad):
     return path
 
 
-@pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "check"])
+@pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "spin", "check"])
 def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
     tmp_path, bad_file, capsys, command
 ):
@@ -42,6 +42,7 @@ def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
     words = {
         "align": [str(bad_file), str(bad_file)],
         "check": ["alten", "--predict", str(bad_file)],
+        "spin": ["none.mp4", "--log", str(bad_file), "--robot", "alten"],
         "validate": ["alten", str(bad_file), "--against", "thesis"],
     }.get(command, ["alten", str(bad_file)])
     assert main([command, *words, "--out", str(out)]) == 2

@@ -7,11 +7,12 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.findings import Accept, accept_words, check_input
+from ballbot.cli.findings import Accept, accept_words, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
+from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.provenance import provenance
@@ -93,7 +94,8 @@ def spin(
     )
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
-    findings = check_input(None, {log: run}, accept=accept) if log and run else ()
+    findings = bench_findings(described, {str(log): run}) if described and run else ()
+    stop_or_show(findings, accept=accept)
     film = open_video(video, frame_rate=frame_rate)
     console, files = standard_output(), [path for path in (video, log, mapping) if path is not None]
     with result_folder(out, command="spin", names=_WRITTEN, inputs=files) as folder:
