@@ -75,7 +75,8 @@ class AxisRecord:
             object.__setattr__(self, name, values)
             if values.shape != (len(self.force),):
                 raise InputError(
-                    f"{self.name}: {name} has the shape {values.shape}, force {self.force.shape}."
+                    f"{self.name}: {'the added force' if name == 'added' else name} has {values.size} values and the "
+                    f"force {self.force.size}; name a column of the same length."
                 )
             if not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1

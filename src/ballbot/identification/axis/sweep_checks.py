@@ -51,7 +51,7 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     fits = [_fit(sweep.torque, sweep) for sweep in sweeps]
     dead = [one for sweep in sweeps for one in _dead(sweep, sweeps)]
     frozen = [one for sweep in sweeps for one in (*_frozen(sweep), *_frozen_torque(sweep))]
-    findings = [*_sampling(sweeps[0]), *frozen, *dead]
+    findings = [*_sampling(sweeps[0]), *_limit(sweeps), *frozen, *dead]
     if not dead:
         findings += _order(sweeps, fits) or [
             *_sign(sweeps),
@@ -113,6 +113,17 @@ def _sampling(sweep: Sweep) -> Iterator[Finding]:
             else f"Rows come every {sweep.sample_time:.3g} s, too slowly for a driveline; log at 100 Hz or more."
         )
         yield Finding(code="scale", severity="error", text=text, where=Place(columns=("t",)))
+
+
+def _limit(sweeps: Sequence[Sweep]) -> Iterator[Finding]:
+    """Yield a limit that no wheel comes near, so that where the supply limits the speed would count as free."""
+    fastest = max(float(np.abs(sweep.speed).max()) for sweep in sweeps)
+    if sweeps[0].limit > _FASTEST * fastest:
+        text = (
+            f"The speed limit is {sweeps[0].limit:.4g} rad/s and the wheels reach {fastest:.4g}; in rpm, it is "
+            f"{sweeps[0].limit * math.pi / 30.0:.4g} rad/s."
+        )
+        yield Finding(code="speed-limit", severity="warning", text=text)
 
 
 def _frozen(sweep: Sweep) -> Iterator[Finding]:
