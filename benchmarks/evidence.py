@@ -53,6 +53,7 @@ CAMPAIGNS = {
     "validation_bbr": "benchmarks.validation_bbr",
     "false_alarms": "benchmarks.false_alarms",
     "exploration": "benchmarks.exploration",
+    "reproduce": "benchmarks.reproduce",
 }
 
 _HEAD = """# Evidence

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,15 +13,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.linalg import expm
+from scipy.stats import binom
 from symbolic_oracle import random_state
 
 from ballbot.cli.main import main
-from ballbot.control.nominal import design_gain
+from ballbot.control.nominal import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.simulation.run import simulate
 
 pytest.importorskip("mujoco")
 pytest.importorskip("cv2")
@@ -36,6 +40,7 @@ from ballbot.experiments.reproduce import (
     chapter5,
 )
 from ballbot.experiments.reproduce.bench import Bench, linear_run
+from ballbot.experiments.reproduce.grid import ModelOnGrid, TwinOnGrid
 from ballbot.experiments.reproduce.measures import above
 from ballbot.experiments.reproduce.mistakes import (
     MISTAKES,
@@ -45,11 +50,13 @@ from ballbot.experiments.reproduce.mistakes import (
     mechanics,
     numbers,
 )
-from ballbot.experiments.reproduce.recordings import Logs, Recording, record_all
+from ballbot.experiments.reproduce.recordings import CHANGE, Logs, Recording, record_all
 from ballbot.experiments.reproduce.registry import ITEMS
+from ballbot.experiments.reproduce.seeds import median_interval
 from ballbot.report.provenance import provenance
 from ballbot.report.reproduce.drawings import DRAWINGS
 from ballbot.report.reproduce.page import write_reproduction
+from ballbot.twin import Scenario, Twin
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +105,37 @@ def test_what_is_no_number_never_agrees() -> None:
     assert check(value=2.0, lowest=2.0, highest=2.0).agrees
 
 
+def test_only_a_whole_interval_decides() -> None:
+    def over(*values: float) -> Check:
+        return Check.over(values, claim="it is so", quantity="a number", lowest=1.0)
+
+    clear, open_still, against = over(*range(2, 11)), over(*(0.1 * k for k in range(6, 15))), over(*[0.5] * 9)
+    assert [one.outcome for one in (clear, open_still, against)] == ["yes", "undecided", "no"]
+    # of nine values the second and the eighth hold the median with 96 %: 1 - 2 (1 + 9) / 2^9
+    assert clear.interval == (3, 9)
+    assert clear.measured == "6 (3 to 9), 9 runs"
+    assert item_of(clear, open_still).verdict == "undecided"
+    assert "leave open that it is so" in item_of(clear, open_still).sentence
+    assert item_of(clear, open_still, against).verdict == "agrees in part"
+    assert item_of(open_still, against).verdict == "does not agree"
+
+
+@given(st.integers(6, 30))
+def test_interval_of_the_median_covers_it_as_coins_say(count: int) -> None:
+    lower, upper = median_interval(range(count))
+    below = int(lower)
+    assert upper == count - 1 - below
+    # the median lies outside if at most `below` values of `count` lie on one side of it
+    assert 2.0 * binom.cdf(below, count, 0.5) <= 0.05
+    assert 2.0 * binom.cdf(below + 1, count, 0.5) > 0.05 or below + 1 >= count // 2
+
+
+def test_rounding_is_printed_as_zero() -> None:
+    """5e-17 is another number on every machine."""
+    assert replace(check(value=5e-17, highest=1e-12), unit="m").measured == "0 m"
+    assert check(value=5e-17, highest=1e-12).criterion == "at most 1e-12 m"
+
+
 def test_what_is_above_a_frequency_is_the_fast_part() -> None:
     """Of 1 Hz and 25 Hz together the latter is left: 5 Hz, order 2 run both ways, takes 1 Hz down by 25^2."""
     t = np.arange(4000) / 200.0
@@ -117,12 +155,13 @@ def test_appendix_i_comes_out(bench: Bench) -> None:
     assert item.verdict == "agrees"
 
 
-def test_appendix_iii_comes_out_of_a_filmed_swing(bench: Bench) -> None:
+def test_appendix_iii_comes_out_of_a_simulated_swing(bench: Bench) -> None:
     item = appendix3.figure_iii_1(bench)
     assert item.verdict == "agrees"
     # what 4.37 kg m^2 swings at, by hand: sqrt(17.076 * 9.81 * 0.393 / 4.37)
     assert "3.8813 rad/s" in item.ours or "3.8814 rad/s" in item.ours
-    assert bench.swing.frequency == pytest.approx(3.88135, rel=1e-3)
+    assert bench.swings[0].frequency == pytest.approx(3.88135, rel=1e-3)
+    assert "Nothing was filmed" in item.ours
 
 
 def test_mistakes_are_numbered_as_in_the_list() -> None:
@@ -216,6 +255,29 @@ def test_linear_run_is_the_closed_loop_solution() -> None:
     np.testing.assert_allclose(x[:2], wanted[:2], atol=5e-3)
 
 
+@pytest.mark.parametrize("plant", ["twin", "model"])
+def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
+    """So it is on another processor, whose last digits differ by much less; without the grid the twin's runs part."""
+
+    def run(factor: float, *, grid: bool) -> NDArray[np.float64]:
+        robot = Robot.load("alten")
+        nominal = Scenario.nominal(robot)
+        friction = replace(nominal.friction, rolling=factor * nominal.friction.rolling)
+        if plant == "twin":
+            twin = Twin(robot, replace(nominal, friction=friction))
+            active = TwinOnGrid(twin) if grid else twin
+        else:
+            active = ModelOnGrid(Model(robot.replace(friction=friction)))
+        log = simulate(active, nominal_controller(robot), CHANGE, duration=8.0, seed=1)
+        return log.truth().states
+
+    changed = 1.0 + 1e-12
+    # a sample's own difference stays in what is read before rounding
+    np.testing.assert_allclose(run(1.0, grid=True), run(changed, grid=True), rtol=0.0, atol=1e-9)
+    if plant == "twin":
+        assert np.abs(run(1.0, grid=False) - run(changed, grid=False)).max() > 1e-6
+
+
 def counted(robot: Robot, seed: int) -> Logs:
     """Record something small, and leave a mark that it was made."""
     t = np.linspace(0.0, 1.0, 11)
@@ -265,7 +327,9 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
         made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=lambda *_: None
     )
     page = index.read_text(encoding="utf-8")
-    assert page.count("<img ") == 3
+    assert page.count("<svg") == 3
+    # one self-contained file: nothing is fetched from beside it
+    assert not re.findall(r'(?:src|href)="(?!#)', page)
     assert "&lt;b&gt;" in page
     assert "Ours does not agree" in page
     assert "Of 4 figures and tables,\n1 agree, 1 do not agree, 2 are drawings." in page

@@ -9,8 +9,8 @@ from ballbot.identification.swing import SwingFit
 from ballbot.report.style import MEASURED, WITHOUT_FRICTION, thinned
 
 
-def swing_figure(fit: SwingFit) -> Figure:
-    """Return the recording with the fitted pendulum, and below it their difference."""
+def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
+    """Return the recording, called by `label`, with the fitted pendulum, and below it their difference."""
     swing, in_degrees = fit.swing, float(np.degrees(1.0))
     unit = "deg" if swing.kind == "angle" else "deg/s"
     t, measured, predicted = thinned(
@@ -18,7 +18,7 @@ def swing_figure(fit: SwingFit) -> Figure:
     )
     figure = Figure(figsize=(7.4, 3.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    upper.plot(t, in_degrees * measured, label="measured", **MEASURED)
+    upper.plot(t, in_degrees * measured, label=label, **MEASURED)
     upper.plot(t, in_degrees * predicted, label="pendulum fitted", **WITHOUT_FRICTION)
     upper.set_ylabel(f"{'angle' if swing.kind == 'angle' else 'rate'} [{unit}]")
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)

@@ -1,4 +1,4 @@
-"""Appendix IV, sensors against motion capture: Figures IV.1 to IV.4, on three minutes of the twin."""
+"""Appendix IV, sensors against motion capture: Figures IV.1 to IV.4, on three-minute runs of the twin."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ballbot.experiments.metrics import rms
 from ballbot.experiments.reproduce.bench import Bench
-from ballbot.experiments.reproduce.item import Check, Item
-from ballbot.validation.alignment import SensorErrors
+from ballbot.experiments.reproduce.item import Check, Item, over_runs
+from ballbot.validation.alignment import Alignment, SensorErrors
 
 #: the thesis's drift of the heading: 16 degrees in 3 minutes [deg]
 THESIS_DRIFT, MINUTES = 16.0, 3.0
@@ -19,26 +19,27 @@ _PART = 30.0
 def figure_iv_1(bench: Bench) -> Item:
     """The angles on board and by the cameras."""
     sensors = _sensors(bench)
-    near = max(float(np.degrees(sensors.of[name].rms)) for name in ("theta", "phi"))
-    apart = float(np.degrees(abs(sensors.of["psi"].drift) * sensors.duration))
+    near = [max(float(np.degrees(one.of[name].rms)) for name in ("theta", "phi")) for one in sensors]
+    apart = [float(np.degrees(abs(one.of["psi"].drift) * one.duration)) for one in sensors]
+    wander = [float(np.degrees(one.of["psi"].wander)) for one in sensors]
     return Item(
         name="Figure IV.1",
         title="The angles on board and by motion capture",
         thesis="Theta and phi stay close to the cameras'; psi slowly drifts apart.",
-        ours=f"Theta and phi differ by at most {near:.2f} degrees (RMS); psi drifts by {apart:.1f} degrees "
-        f"in {sensors.duration:.0f} s.",
+        ours=f"Theta and phi differ by {over_runs(near)} degrees (RMS, the larger); psi drifts by {over_runs(apart)} "
+        f"degrees in {sensors[0].duration:.0f} s, as the twin's gyro was made to.",
         checks=(
-            Check(
+            Check.over(
+                near,
                 claim="theta and phi stay close",
                 quantity="the larger RMS difference",
-                value=near,
                 unit="deg",
                 highest=1.0,
             ),
-            Check(
+            Check.over(
+                [a / w for a, w in zip(apart, wander, strict=True)],
                 claim="psi drifts apart",
                 quantity="its drift over the run, over the RMS about it",
-                value=apart / float(np.degrees(sensors.of["psi"].wander)),
                 lowest=10.0,
             ),
         ),
@@ -48,29 +49,28 @@ def figure_iv_1(bench: Bench) -> Item:
 def figure_iv_2(bench: Bench) -> Item:
     """The angles' errors."""
     sensors = _sensors(bench)
-    largest = max(float(np.degrees(sensors.of[name].largest)) for name in ("theta", "phi"))
-    drift = float(np.degrees(abs(sensors.of["psi"].drift))) * 60.0 * MINUTES
-    half = float(np.degrees(sensors.of["psi"].drift_half_width)) * 60.0 * MINUTES
+    largest = [max(float(np.degrees(one.of[name].largest)) for name in ("theta", "phi")) for one in sensors]
+    drift = [float(np.degrees(abs(one.of["psi"].drift))) * 60.0 * MINUTES for one in sensors]
     return Item(
         name="Figure IV.2",
         title="The angles' errors",
         thesis="Theta's and phi's errors peak just over 1 degree at the worst; the heading drifts by about "
         "16 degrees in 3 minutes.",
-        ours=f"The largest error of theta and phi is {largest:.2f} degrees; the heading drifts by "
-        f"{drift:.2f} ± {half:.2f} degrees in 3 minutes.",
+        ours=f"The largest error of theta and phi is {over_runs(largest)} degrees; the heading drifts by "
+        f"{over_runs(drift)} degrees in 3 minutes.",
         checks=(
-            Check(
+            Check.over(
+                largest,
                 claim="theta's and phi's errors peak just over 1 degree",
                 quantity="the largest",
-                value=largest,
                 unit="deg",
                 lowest=0.5,
                 highest=2.0,
             ),
-            Check(
+            Check.over(
+                drift,
                 claim="the heading drifts by about 16 degrees in 3 minutes",
                 quantity="drift",
-                value=drift,
                 unit="deg",
                 lowest=0.9 * THESIS_DRIFT,
                 highest=1.1 * THESIS_DRIFT,
@@ -81,28 +81,25 @@ def figure_iv_2(bench: Bench) -> Item:
 
 def figure_iv_3(bench: Bench) -> Item:
     """The position on board and by the cameras."""
-    away = _away(bench)
-    t = bench.alignment.log.t
-    first = float(np.nanmax(away[t <= t[0] + _PART]))
-    last = float(np.nanmax(away[t >= t[-1] - _PART]))
+    first, last = (list(part) for part in zip(*map(_away, bench.alignments), strict=True))
     return Item(
         name="Figure IV.3",
         title="The position on board and by motion capture",
         thesis="The positions match well in the beginning and slowly drift apart.",
-        ours=f"They differ by at most {1e3 * first:.0f} mm in the first {_PART:g} s and {1e3 * last:.0f} mm "
+        ours=f"They differ by at most {over_runs(first)} mm in the first {_PART:g} s and {over_runs(last)} mm "
         "in the last.",
         checks=(
-            Check(
+            Check.over(
+                first,
                 claim="they match in the beginning",
                 quantity=f"largest distance in the first {_PART:g} s",
-                value=1e3 * first,
                 unit="mm",
                 highest=100.0,
             ),
-            Check(
+            Check.over(
+                [b / a for a, b in zip(first, last, strict=True)],
                 claim="they drift apart",
                 quantity="the last part's largest over the first's",
-                value=last / first,
                 lowest=2.0,
             ),
         ),
@@ -111,47 +108,57 @@ def figure_iv_3(bench: Bench) -> Item:
 
 def figure_iv_4(bench: Bench) -> Item:
     """The position's errors, and what of them the heading's error makes."""
-    sensors, log = _sensors(bench), bench.alignment.log
-    share = sensors.position.by_heading if sensors.position is not None else float("nan")
-    # late in the run, where the heading is far off: e_x goes with -y, e_y with x
-    late = log.t >= log.t[-1] - 2.0 * _PART
-    follows = min(
-        abs(_correlation(sensors.errors["x"][late], log["mocap_y"][late])),
-        abs(_correlation(sensors.errors["y"][late], log["mocap_x"][late])),
-    )
+    shares = [
+        one.position.by_heading if one.position is not None else float("nan") for one in _sensors(bench)
+    ]
+    follows = [_crossed(one) for one in bench.alignments]
     return Item(
         name="Figure IV.4",
         title="The position's errors",
         thesis="The errors drift and oscillate; that of x goes with the movement in y and that of y with x, "
         "which shows that the heading's drift makes them.",
-        ours="In the last minute the errors' correlations with the other coordinate are at least "
-        f"{follows:.2f}; the heading's error explains {100.0 * share:.0f} % of the position error's square.",
+        ours="In the last minute the smaller of the errors' correlations with the other coordinate is "
+        f"{over_runs(follows)}; the heading's error explains {over_runs([100.0 * one for one in shares])} % of the "
+        "position error's square.",
         checks=(
-            Check(
+            Check.over(
+                follows,
                 claim="each error goes with the other coordinate's movement",
                 quantity="the smaller correlation",
-                value=follows,
                 lowest=0.5,
             ),
-            Check(
+            Check.over(
+                shares,
                 claim="the heading's drift makes them",
                 quantity="share of the error's square that it explains",
-                value=share,
                 lowest=0.5,
             ),
         ),
     )
 
 
-def _sensors(bench: Bench) -> SensorErrors:
-    sensors = bench.alignment.sensors
-    assert sensors is not None  # the twin's log has angles and the film sees them
-    return sensors
+def _sensors(bench: Bench) -> list[SensorErrors]:
+    # the twin's log has angles and the cameras see them
+    return [one.sensors for one in bench.alignments if one.sensors is not None]
 
 
-def _away(bench: Bench) -> NDArray[np.float64]:
-    sensors = _sensors(bench)
-    return np.hypot(sensors.errors["x"], sensors.errors["y"])
+def _away(found: Alignment) -> tuple[float, float]:
+    """Return the largest distance between the two positions in the first and in the last part [mm]."""
+    assert found.sensors is not None  # as in `_sensors`
+    away, t = np.hypot(found.sensors.errors["x"], found.sensors.errors["y"]), found.log.t
+    first, last = np.nanmax(away[t <= t[0] + _PART]), np.nanmax(away[t >= t[-1] - _PART])
+    return 1e3 * float(first), 1e3 * float(last)
+
+
+def _crossed(found: Alignment) -> float:
+    """Return the smaller correlation of an error with the other coordinate, late, when the heading is far off."""
+    assert found.sensors is not None  # as in `_sensors`
+    log, errors = found.log, found.sensors.errors
+    late = log.t >= log.t[-1] - 2.0 * _PART
+    return min(
+        abs(_correlation(errors["x"][late], log["mocap_y"][late])),
+        abs(_correlation(errors["y"][late], log["mocap_x"][late])),
+    )
 
 
 def _correlation(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:

@@ -1,7 +1,8 @@
 """What several figures share, each made once when it is first asked for.
 
 The recordings are of the nominal twin; the friction is identified from two of them, as a user would; models, gains and
-compensation know that friction and nothing else of the twin.
+compensation know that friction and nothing else of the twin. A model has no chance in it, but the loop around it is
+chaotic: what is judged of a model with friction is judged over several starts.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +19,13 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.nominal import design_gain, nominal_controller
-from ballbot.control.references import Reference, hold
+from ballbot.control.references import Reference, change_pose, hold
 from ballbot.experiments.ball_movement import BallMovement, ball_movement
 from ballbot.experiments.reproduce.film import FilmedBall, filmed_ball
-from ballbot.experiments.reproduce.recordings import CHANGE, Logs
+from ballbot.experiments.reproduce.grid import ModelOnGrid
+from ballbot.experiments.reproduce.recordings import CHANGE, CHANGE_RUN, FILMED, Logs
+from ballbot.experiments.reproduce.seeds import LONG_RUNS, RUNS, run_seed
+from ballbot.experiments.reproduce.validated import Validated, validated
 from ballbot.identification.axis.driveline import (
     DrivelineBounds,
     DrivelineFit,
@@ -30,20 +35,40 @@ from ballbot.identification.axis.driveline import (
 )
 from ballbot.identification.swing import SwingFit, fit_swing, swing_of
 from ballbot.identification.swing.pendulum import follow_pendulum
+from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import sample_count, simulate
-from ballbot.validation import Validation, validate
 from ballbot.validation.alignment import Alignment, align
 
-#: how long a run on a model is [s]
-MODEL_RUN = 30.0
 #: a run that stands about the origin lasts so long [s], from a lean of so much [rad]
 STANDING, FIRST_LEAN = 60.0, 0.02
+#: runs through the change start from leans of about so much, each run of its own [rad]
+_START_LEAN = 1e-2
 #: speed below which the compensated friction's sign becomes a ramp [rad/s]: so small that it is the bare sign
 SIGN = 1e-6
-#: the swing of Appendix III: its length [s], the film's rate [1/s], first angle [rad], the tracking's error [rad], and
+#: digits that are kept of an identified friction, so that it is the same on every machine
+_FRICTION_DIGITS = 3
+#: straight ways along x and y [m], on which the models part as the lean grows (Figure 5.1)
+STEPS = (1.0, 2.0, 4.0, 8.0)
+#: friction and compensation of a model's runs through the change; "_sign" has the thesis's bare sign, not a ramp
+KINDS: Mapping[str, tuple[Compensation, float | None]] = MappingProxyType(
+    {
+        "none": ("none", None),
+        "full": ("full", None),
+        "partial": ("partial", None),
+        "full_sign": ("full", SIGN),
+        "partial_sign": ("partial", SIGN),
+    }
+)
+#: what "without friction" may be: the exact equations, or the thesis's own, which are its basic model
+BASIC: Mapping[Formulation, str] = MappingProxyType(
+    {"exact": "without friction", "thesis": "without friction, the thesis's equations"}
+)
+#: the swing of Appendix III: its length [s], a video's rate [1/s], first angle [rad], the tracking's error [rad], and
 #: the pivot's friction [N m s/rad, N m]; the thesis says nothing of any of them
 SWING, FILM_RATE, SWING_ANGLE, TRACKING_ERROR = 30.0, 30.0, 0.2, 0.003
 PIVOT_VISCOUS, PIVOT_DRY = 0.05, 0.02
@@ -54,7 +79,7 @@ class Bench:
     """Recordings, and the robot identified from them."""
 
     robot: Robot  #: without friction
-    identified: Robot  #: with the friction that the recordings tell
+    identified: Robot  #: with the friction of balancing, identified from two recordings
     recordings: Mapping[str, Logs]
     seed: int
     folder: Path  #: for what is made on the way
@@ -75,58 +100,83 @@ class Bench:
         return fit_driveline(self.sweeps[0], bounds=DrivelineBounds(), seed=self.seed, progress=_untold)
 
     @cached_property
+    def contact(self) -> Robot:
+        """The robot with the friction of drivelines and contacts, identified upside down as section 3.2 has it."""
+        log = self.recordings["upside_down"]["log"]
+        return rounded_friction(identify_upside_down(self.robot, log, seed=self.seed, generations=60).robot)
+
+    @cached_property
     def ball_movement(self) -> BallMovement:
-        """The ball on the clamped wheels, with friction and without (Figure 3.4)."""
-        return ball_movement(self.identified)
+        """The ball on the clamped wheels, with that friction and without (Figure 3.4)."""
+        return ball_movement(self.contact)
 
     @cached_property
-    def standing(self) -> dict[str, Log]:
-        """Both models about the origin, from a small lean (Figure 3.5)."""
-        start = np.zeros(10)
-        start[2:4] = FIRST_LEAN
-        controller = nominal_controller(self.identified)
+    def standing(self) -> dict[str, tuple[Log, ...]]:
+        """The models about the origin, from a small lean to all sides (Figure 3.5): "exact", "thesis", "friction"."""
+        controller = nominal_controller(self.robot)
+        # without friction nothing is chaotic, and a grid would keep the model from coming to rest
+        models: dict[str, Plant | Model] = {name: Model(self.robot, formulation=name) for name in BASIC}
         return {
-            name: simulate(Model(robot), controller, hold(), duration=STANDING, initial_state=start)
-            for name, robot in (("basic", self.robot), ("friction", self.identified))
+            name: tuple(
+                simulate(model, controller, hold(), duration=STANDING, initial_state=_leaning(number))
+                for number in range(RUNS)
+            )
+            for name, model in {**models, "friction": ModelOnGrid(Model(self.identified))}.items()
         }
 
     @cached_property
-    def basic_change(self) -> Log:
-        """The model without friction through the change of reference."""
-        return self._change(self.robot, "none", None)
+    def linear(self) -> dict[Formulation, Log]:
+        """Both formulations' linear models without friction through the change of reference."""
+        return {name: self._linear(name, CHANGE) for name in BASIC}
 
     @cached_property
-    def changes(self) -> dict[str, Log]:
-        """The models through the change of reference, by what they are (Figures 5.1 and 5.3 to 5.6).
+    def basic(self) -> dict[Formulation, Log]:
+        """Both formulations' nonlinear models without friction through it."""
+        return {name: self.frictionless(name, CHANGE) for name in BASIC}
 
-        "linear"; "basic", without friction; "none", "full" and "partial" with friction and that compensation, which has
-        the controller's ramp in place of a sign; "full_sign" and "partial_sign" with the bare sign.
-        """
-        runs = {
-            "linear": linear_run(self.robot, self.design.gain, CHANGE, duration=MODEL_RUN),
-            "basic": self.basic_change,
+    @cached_property
+    def parting(self) -> dict[Formulation, list[tuple[Log, Log]]]:
+        """The linear and the nonlinear model without friction on straight ways, each twice as far as the one before."""
+        return {
+            name: [
+                (self._linear(name, straight(step)), self.frictionless(name, straight(step)))
+                for step in STEPS
+            ]
+            for name in BASIC
         }
-        for kind in ("none", "full", "partial"):
-            runs[kind] = self._change(self.identified, kind, None)
-        for kind in ("full", "partial"):
-            runs[f"{kind}_sign"] = self._change(self.identified, kind, SIGN)
-        return runs
 
     @cached_property
-    def validation(self) -> Validation:
-        """The models with and without friction against the log held out (chapter 4)."""
-        log = self.recordings["held_out"]["log"].without_truth()
-        return validate(self.identified, log, controller=nominal_controller(self.identified), seed=self.seed)
+    def changes(self) -> dict[str, tuple[Log, ...]]:
+        """The model with friction through the change of reference, by `KINDS`, from several starts."""
+        return {
+            kind: tuple(self._change(number, *how) for number in range(RUNS)) for kind, how in KINDS.items()
+        }
 
     @cached_property
-    def alignment(self) -> Alignment:
-        """The three minutes filmed by motion capture (Appendix IV)."""
-        logs = self.recordings["drifting"]
-        return align(logs["log"].without_truth(), logs["film"])
+    def twin_changes(self) -> dict[str, tuple[Log, ...]]:
+        """The twin through it, "none" and "full" compensation."""
+        names = {"none": "without_compensation", "full": "with_compensation"}
+        return {
+            kind: tuple(self.recordings[f"{name}_{k}"]["log"] for k in range(RUNS))
+            for kind, name in names.items()
+        }
 
     @cached_property
-    def swing(self) -> SwingFit:
-        """The body swinging about where the ball's centre would be, filmed and fitted (Figure III.1)."""
+    def validations(self) -> tuple[Validated, ...]:
+        """The models with and without friction against each of the twin's runs without compensation (chapter 4)."""
+        return tuple(
+            validated(self.robot, self.identified, log.without_truth()) for log in self.twin_changes["none"]
+        )
+
+    @cached_property
+    def alignments(self) -> tuple[Alignment, ...]:
+        """The three-minute runs beside motion capture (Appendix IV)."""
+        pairs = [self.recordings[f"drifting_{k}"] for k in range(LONG_RUNS)]
+        return tuple(align(pair["log"].without_truth(), pair["film"]) for pair in pairs)
+
+    @cached_property
+    def swings(self) -> tuple[SwingFit, ...]:
+        """Simulated swings of the body about where the ball's centre would be, fitted (Figure III.1)."""
         t = np.arange(round(SWING * FILM_RATE), dtype=np.float64) / FILM_RATE
         angle, rate = np.empty_like(t), np.empty_like(t)
         body = self.robot.body
@@ -135,27 +185,87 @@ class Bench:
         follow_pendulum(
             stiffness, PIVOT_VISCOUS / inertia, PIVOT_DRY / inertia, SWING_ANGLE, 0.0, t, 0.005, angle, rate
         )
-        # the tracking's error: N(0, TRACKING_ERROR)
-        error = TRACKING_ERROR * np.random.default_rng([self.seed, 3]).standard_normal(len(t))
-        return fit_swing(swing_of(t, angle + error, kind="angle", source="a film of the hanging body"))
+        fits = []
+        for number in range(RUNS):
+            # the tracking's error: N(0, TRACKING_ERROR)
+            random = np.random.default_rng(run_seed(self.seed, 500 + number))
+            error = TRACKING_ERROR * random.standard_normal(len(t))
+            fits.append(fit_swing(swing_of(t, angle + error, kind="angle", source="a simulated swing")))
+        return tuple(fits)
 
     @cached_property
     def film(self) -> FilmedBall:
         """The ball of the robot held upside down, filmed and followed (Appendix V)."""
-        logs = self.recordings["upside_down"]
+        logs = {name: log.between(0.0, FILMED) for name, log in self.recordings["upside_down"].items()}
         return filmed_ball(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
 
-    def _change(self, robot: Robot, compensation: Compensation, speed_band: float | None) -> Log:
-        controller = Controller(robot, self.design.gain, compensation=compensation, speed_band=speed_band)
-        return simulate(Model(robot), controller, CHANGE, duration=MODEL_RUN)
+    def _linear(self, formulation: Formulation, reference: Reference) -> Log:
+        gain = self.design.gain
+        return linear_run(self.robot, gain, reference, duration=CHANGE_RUN, formulation=formulation)
+
+    def frictionless(self, formulation: Formulation, reference: Reference) -> Log:
+        """Return the run of a nonlinear model without friction under the nominal gain."""
+        plant = ModelOnGrid(Model(self.robot, formulation=formulation))
+        return simulate(plant, Controller(self.robot, self.design.gain), reference, duration=CHANGE_RUN)
+
+    def _change(self, number: int, compensation: Compensation, speed_band: float | None) -> Log:
+        controller = Controller(
+            self.identified, self.design.gain, compensation=compensation, speed_band=speed_band
+        )
+        # leans: N(0, _START_LEAN)
+        start = np.zeros(10)
+        random = np.random.default_rng(run_seed(self.seed, 400 + number))
+        start[2:4] = np.round(_START_LEAN * random.standard_normal(2), 6)
+        plant = ModelOnGrid(Model(self.identified))
+        return simulate(plant, controller, CHANGE, duration=CHANGE_RUN, initial_state=start)
 
 
-def linear_run(robot: Robot, gain: NDArray[np.float64], reference: Reference, *, duration: float) -> Log:
+def rounded_friction(robot: Robot) -> Robot:
+    """Return a robot whose friction is rounded to three digits, so that a search ends alike on every machine."""
+
+    def rounded(value: float) -> float:
+        return float(f"{value:.{_FRICTION_DIGITS}g}")
+
+    friction = robot.friction
+    return robot.replace(
+        friction=Friction(
+            viscous=tuple(map(rounded, friction.viscous)),
+            coulomb=tuple(map(rounded, friction.coulomb)),
+            stribeck=tuple(map(rounded, friction.stribeck)),
+            stribeck_speed=rounded(friction.stribeck_speed),
+            stribeck_exponent=rounded(friction.stribeck_exponent),
+            rolling=rounded(friction.rolling),
+        )
+    )
+
+
+def straight(step: float) -> Reference:
+    """Return a change of reference without a turn: by `step` metres along x and back along y, at t = 3 s."""
+    return change_pose(x=step, y=-step, psi=0.0, at=3.0, ramp=0.0)
+
+
+def _leaning(number: int) -> NDArray[np.float64]:
+    """Return the start of a run that stands, at rest and leaning to a side of its own."""
+    start = np.zeros(10)
+    side = 2.0 * np.pi * number / RUNS
+    start[2:4] = np.round(FIRST_LEAN * np.array([np.cos(side), np.sin(side)]), 6)
+    return start
+
+
+def linear_run(
+    robot: Robot,
+    gain: NDArray[np.float64],
+    reference: Reference,
+    *,
+    duration: float,
+    formulation: Formulation = "exact",
+) -> Log:
     """Return a run of x_dot = A x + B u under u = K (r - x), from rest, sampled and held.
 
     The linear model is of psi = 0 and knows no other heading, so that the error is not turned.
     """
-    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
+    linear = Model(frictionless, formulation=formulation).linearize()
     h = robot.sensors.sample_time
     F, G = held(linear.A, linear.B, h)
     count = sample_count(duration, h)

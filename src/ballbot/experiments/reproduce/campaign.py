@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot.experiments.reproduce.bench import Bench
+from ballbot.experiments.reproduce.bench import Bench, rounded_friction
 from ballbot.experiments.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.experiments.reproduce.mistakes import MISTAKES
 from ballbot.experiments.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
@@ -103,7 +103,7 @@ def _identified(
         progress(_RECORDED + (_IDENTIFIED - _RECORDED) * now.share, f"identifying: {now.stage}")
 
     found = identify(robot, logs, seed=seed, progress=tell)
-    write_robot(found.robot, path)
+    write_robot(rounded_friction(found.robot), path)
     return read_robot(path)
 
 

@@ -1,7 +1,9 @@
 """What is recorded on the nominal twin, and kept in a folder: a run that was stopped goes on where it was.
 
-Two rounds: what friction is identified from and validated on, and then, with that friction, the comparison of
-compensations. Each recording is a function of the robot and the seed, so that it can be made in a process of its own.
+Two rounds: what friction is identified from and validated on, and then, with that friction, the compensated runs. Each
+recording is a function of the robot and the seed, so that it can be made in a process of its own. What is judged is
+recorded several times, each run with a seed of its own; all that balances runs on a grid (`grid`), so that equal seeds
+give equal runs on every machine.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -24,6 +26,9 @@ from ballbot.control.controller import Compensation
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
+from ballbot.experiments.reproduce import grid
+from ballbot.experiments.reproduce.grid import TwinOnGrid
+from ballbot.experiments.reproduce.seeds import LONG_RUNS, RUNS, run_seed
 from ballbot.files import read_sealed, write_sealed
 from ballbot.log import Log
 from ballbot.processes import uninterrupted, worker_pool
@@ -41,8 +46,14 @@ Progress = Callable[[float, str], None]
 CHANGE: Reference = change_pose(x=1.0, y=-1.0, psi=float(np.pi), at=3.0, ramp=0.0)
 #: the packages that a recording depends on
 _MADE_BY = ("robot", "mechanics", "log", "control", "estimation", "simulation", "twin")
-#: when the robot has arrived there, whatever the compensation [s]
-ARRIVED = 15.0
+#: how long a run through the change lasts [s]
+CHANGE_RUN = 48.0
+#: from when on a run counts as arrived [s]: the linear model is within 5 mm from 14.4 s on, and the model with friction
+#: and compensation, slowed by the sample and by what is left of friction, has ended its approach at 24 s
+ARRIVED = 25.0
+#: of the ball on the wheels of the robot upside down [s]: friction is identified from all of it, filmed is the
+#: beginning
+UPSIDE_DOWN, FILMED = 60.0, 8.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,51 +73,58 @@ def driveline_sweep(robot: Robot, seed: int) -> Logs:
 
 def fit_square(robot: Robot, seed: int) -> Logs:
     """Record the first of two logs that friction is identified from."""
-    return {"log": _balance(robot, square(), duration=48.0, seed=seed)}
+    return {"log": balance(robot, square(), duration=48.0, seed=run_seed(seed, 101))}
 
 
 def fit_eight(robot: Robot, seed: int) -> Logs:
     """Record the second."""
-    return {"log": _balance(robot, figure_eight(), duration=48.0, seed=seed + 1)}
+    return {"log": balance(robot, figure_eight(), duration=48.0, seed=run_seed(seed, 102))}
 
 
-def held_out(robot: Robot, seed: int) -> Logs:
-    """Record what the models are validated on: a place and a heading other than zero (section 4.1)."""
-    return {"log": _balance(robot, CHANGE, duration=48.0, seed=seed + 2)}
-
-
-def drifting(robot: Robot, seed: int) -> Logs:
+def drifting(robot: Robot, seed: int, *, number: int) -> Logs:
     """Record three minutes around a square, filmed by motion capture (Appendix IV)."""
-    log = _balance(robot, square(), duration=180.0, seed=seed)
-    film = MotionCapture.drawn(seed).film(log.truth(), ball_radius=robot.ball.radius)
+    own = run_seed(seed, 200 + number)
+    log = balance(robot, square(), duration=180.0, seed=own)
+    film = MotionCapture.drawn(own).film(log.truth(), ball_radius=robot.ball.radius)
     return {"log": log, "film": film}
 
 
-def without_compensation(robot: Robot, seed: int) -> Logs:
-    """Record the change of reference (Figure 5.7), green there."""
-    return {"log": _balance(robot, CHANGE, duration=40.0, seed=seed + 3)}
-
-
-def with_compensation(robot: Robot, seed: int) -> Logs:
-    """Record the same with full compensation of the robot's friction, blue there."""
-    return {"log": _balance(robot, CHANGE, duration=40.0, seed=seed + 3, compensation="full")}
+def change(robot: Robot, seed: int, *, number: int, compensation: Compensation) -> Logs:
+    """Record the change of reference (Figures 4.1 to 4.3, 5.7 and 5.8); both compensations of a number share noise."""
+    own = run_seed(seed, 300 + number)
+    return {"log": balance(robot, CHANGE, duration=CHANGE_RUN, seed=own, compensation=compensation)}
 
 
 def upside_down(robot: Robot, seed: int) -> Logs:
-    """Record the ball on the wheels of the robot held upside down (Appendix V)."""
-    return dict(record_bench(robot, Scenario.nominal(robot), "upside_down", duration=8.0, seed=seed).logs)
+    """Record the ball on the wheels of the robot held upside down (section 3.2, Appendix V)."""
+    return dict(
+        record_bench(robot, Scenario.nominal(robot), "upside_down", duration=UPSIDE_DOWN, seed=seed).logs
+    )
+
+
+def _changes(name: str, compensation: Compensation) -> tuple[Recording, ...]:
+    return tuple(
+        Recording(
+            name=f"{name}_{k}",
+            make=partial(change, number=k, compensation=compensation),
+            seconds=CHANGE_RUN,
+        )
+        for k in range(RUNS)
+    )
 
 
 FIRST = (
-    Recording(name="drifting", make=drifting, seconds=180.0),
+    *(
+        Recording(name=f"drifting_{k}", make=partial(drifting, number=k), seconds=180.0)
+        for k in range(LONG_RUNS)
+    ),
     Recording(name="fit_square", make=fit_square, seconds=48.0),
     Recording(name="fit_eight", make=fit_eight, seconds=48.0),
-    Recording(name="held_out", make=held_out, seconds=48.0),
-    Recording(name="without_compensation", make=without_compensation, seconds=40.0),
+    *_changes("without_compensation", "none"),
+    Recording(name="upside_down", make=upside_down, seconds=60.0),
     Recording(name="driveline_sweep", make=driveline_sweep, seconds=40.0),
-    Recording(name="upside_down", make=upside_down, seconds=8.0),
 )
-SECOND = (Recording(name="with_compensation", make=with_compensation, seconds=40.0),)
+SECOND = _changes("with_compensation", "full")
 
 
 def record_all(
@@ -153,11 +171,25 @@ def record_all(
     return found
 
 
-def _balance(
+def balance(
     robot: Robot, reference: Reference, *, duration: float, seed: int, compensation: Compensation = "none"
 ) -> Log:
+    """Return a run of the nominal twin on a grid under the nominal gain.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its friction is what is compensated.
+    reference : callable
+    duration : float
+        [s]
+    seed : int
+        Of the run.
+    compensation : {"none", "full", "partial"}
+    """
     controller = nominal_controller(robot, compensation=compensation)
-    return simulate(Twin(robot, Scenario.nominal(robot)), controller, reference, duration=duration, seed=seed)
+    plant = TwinOnGrid(Twin(robot, Scenario.nominal(robot)))
+    return simulate(plant, controller, reference, duration=duration, seed=seed)
 
 
 def _path(folder: Path, one: Recording, robot: Robot, seed: int) -> Path:
@@ -169,7 +201,7 @@ def _path(folder: Path, one: Recording, robot: Robot, seed: int) -> Path:
 @cache
 def sources_of(*packages: str) -> str:
     """Return a digest of the code of some packages, so that what older code made is not taken for theirs."""
-    digest = hashlib.sha256(Path(__file__).read_bytes())
+    digest = hashlib.sha256(Path(__file__).read_bytes() + Path(str(grid.__file__)).read_bytes())
     for package in packages:
         for path in sorted((Path(ballbot.__file__).parent / package).rglob("*.py")):
             digest.update(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Figure III.1, in numbers: the swing and the pendulum fitted to it."""
+"""Figure III.1: a simulated swing and the pendulum fitted to it."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from ballbot.report.swing_figure import swing_figure
 
 
 def figure_iii_1(bench: Bench) -> Figure:
-    """Return the filmed swing, the fitted pendulum and their difference."""
-    return swing_figure(bench.swing)
+    """Return the first simulated swing, the fitted pendulum and their difference."""
+    return swing_figure(bench.swings[0], label="simulated, with the tracking's error")

@@ -15,19 +15,19 @@ from ballbot.report.alignment_figures import (
 
 def figure_iv_1(bench: Bench) -> Figure:
     """Return the angles on board and by the cameras."""
-    return orientation_figure(bench.alignment)
+    return orientation_figure(bench.alignments[0])
 
 
 def figure_iv_2(bench: Bench) -> Figure:
     """Return the angles' errors."""
-    return orientation_error_figure(bench.alignment)
+    return orientation_error_figure(bench.alignments[0])
 
 
 def figure_iv_3(bench: Bench) -> Figure:
     """Return the position on board and by the cameras."""
-    return position_figure(bench.alignment)
+    return position_figure(bench.alignments[0])
 
 
 def figure_iv_4(bench: Bench) -> Figure:
     """Return the position's errors."""
-    return position_error_figure(bench.alignment)
+    return position_error_figure(bench.alignments[0])

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from ballbot.experiments.reproduce.bench import Bench
 from ballbot.report.driveline_figures import measured_figure, torque_speed_figure
-from ballbot.report.reproduce.lines import Shown, paths_figure
+from ballbot.report.reproduce.lines import BASIC_LABELS, THESIS_EQUATIONS, Shown, paths_figure
 from ballbot.report.style import WITH_FRICTION, WITHOUT_FRICTION
 from ballbot.report.upside_down_figures import movement_figure
 
@@ -27,9 +27,10 @@ def figure_3_4(bench: Bench) -> Figure:
 
 
 def figure_3_5(bench: Bench) -> Figure:
-    """Return the paths of both models about the origin."""
+    """Return the paths of the models about the origin, from the first of their starts."""
     runs = [
-        Shown(label="with friction", log=bench.standing["friction"], line=WITH_FRICTION),
-        Shown(label="basic model", log=bench.standing["basic"], line={**WITHOUT_FRICTION, "linewidth": 2.0}),
+        Shown(label="with friction", log=bench.standing["friction"][0], line=WITH_FRICTION),
+        Shown(label=BASIC_LABELS["thesis"], log=bench.standing["thesis"][0], line=THESIS_EQUATIONS),
+        Shown(label=BASIC_LABELS["exact"], log=bench.standing["exact"][0], line=WITHOUT_FRICTION),
     ]
     return paths_figure(runs, ball_radius=bench.robot.ball.radius, goal=False)

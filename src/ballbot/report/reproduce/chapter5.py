@@ -2,35 +2,85 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.experiments.metrics import position_error
-from ballbot.experiments.reproduce.bench import MODEL_RUN, Bench
+from ballbot.experiments.reproduce.bench import Bench
 from ballbot.experiments.reproduce.chapter5 import FAST, MOVING
-from ballbot.experiments.reproduce.measures import above
-from ballbot.experiments.reproduce.recordings import ARRIVED
+from ballbot.experiments.reproduce.measures import above, largest_lean
+from ballbot.experiments.reproduce.recordings import ARRIVED, CHANGE_RUN
 from ballbot.log import Log
 from ballbot.report.comparison_figures import RUN_LINES
 from ballbot.report.reproduce.blocks import Arrow, Block, Diagram, blocks_figure
-from ballbot.report.reproduce.lines import Shown, draw_state, paths_figure, states_figure
-from ballbot.report.style import INK, SHADE, STATE_SYMBOLS, WITH_FRICTION, WITHOUT_FRICTION, Line, thinned
+from ballbot.report.reproduce.lines import (
+    BASIC_LABELS,
+    THESIS_EQUATIONS,
+    Shown,
+    draw_state,
+    paths_figure,
+    states_figure,
+)
+from ballbot.report.style import (
+    BLUE,
+    INK,
+    MUTED,
+    ORANGE,
+    SHADE,
+    STATE_SYMBOLS,
+    STATE_UNITS,
+    WITH_FRICTION,
+    WITHOUT_FRICTION,
+    Line,
+    thinned,
+)
 
 _LINEAR: Line = {"color": INK, "linestyle": "-", "linewidth": 1.8}
 _NONE, _FULL, _PARTIAL = (RUN_LINES[kind] for kind in ("none", "full", "partial"))
+#: as the way and the lean grow
+_GROWING: tuple[Line, ...] = (
+    {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
+    {"color": BLUE, "linestyle": "-.", "linewidth": 1.1},
+    {"color": ORANGE, "linestyle": "--", "linewidth": 1.1},
+    {"color": INK, "linestyle": "-", "linewidth": 1.1},
+)
 #: what is shown of the wheels' speeds [s]
 _FIRST, _LAST = 2.5, 8.0
 
 
 def figure_5_1(bench: Bench) -> Figure:
-    """Return states of the linear model and of the nonlinear one with and without friction."""
-    runs = bench.changes
+    """Return states of the linear model and of the nonlinear ones, and how far the two part as the lean grows."""
+    linear, basic = bench.linear["exact"], bench.basic
     shown = [
-        Shown(label="linear", log=runs["linear"], line=_LINEAR),
-        Shown(label="nonlinear, no friction", log=runs["basic"], line=WITHOUT_FRICTION),
-        Shown(label="nonlinear, friction", log=runs["none"], line=WITH_FRICTION),
+        Shown(label="linear", log=linear, line=_LINEAR),
+        Shown(label=f"nonlinear, {BASIC_LABELS['exact']}", log=basic["exact"], line=WITHOUT_FRICTION),
+        Shown(label=f"nonlinear, {BASIC_LABELS['thesis']}", log=basic["thesis"], line=THESIS_EQUATIONS),
+        Shown(label="nonlinear, friction", log=bench.changes["none"][0], line=WITH_FRICTION),
     ]
-    return states_figure(shown, ("x", "y", "theta", "phi", "psi", "psi_dot"), start=0.0, end=20.0)
+    names = ("x", "y", "theta", "phi", "psi", "psi_dot")
+    figure = Figure(figsize=(7.4, 6.6), layout="constrained")
+    panels = figure.subplots(4, 2)
+    for axes, name in zip(panels.flat, names, strict=False):
+        draw_state(axes, shown, name, start=0.0, end=20.0)
+        axes.set_ylabel(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
+    for axes, name, unit in zip(panels[3], ("theta", "x"), ("mrad", "mm"), strict=True):
+        for (straight, bent), line in zip(bench.parting["exact"], _GROWING, strict=True):
+            rows = bent.t <= 20.0
+            lean = np.degrees(largest_lean(bent))
+            difference = 1e3 * (bent[name] - straight[name])[rows]
+            axes.plot(*thinned(bent.t[rows], difference), label=f"lean up to {lean:.1f}°", **line)
+        axes.set(
+            xlabel="time [s]",
+            xlim=(0.0, 20.0),
+            ylabel=f"{STATE_SYMBOLS[name]}: nonlinear\nless linear [{unit}]",
+        )
+        axes.set_yscale("symlog", linthresh=1.0)
+    panels[3, 1].legend(loc="upper right", ncols=2, fontsize=7)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
 
 
 def figure_5_2(bench: Bench) -> Figure:  # noqa: ARG001
@@ -68,11 +118,11 @@ def figure_5_3(bench: Bench) -> Figure:
     """Return the position of the linear model and of the nonlinear one with and without compensation."""
     runs = bench.changes
     shown = [
-        Shown(label="linear", log=runs["linear"], line=_LINEAR),
-        Shown(label="friction, no compensation", log=runs["none"], line=_NONE),
-        Shown(label="friction, compensation", log=runs["full"], line=_FULL),
+        Shown(label="linear", log=bench.linear["exact"], line=_LINEAR),
+        Shown(label="friction, no compensation", log=runs["none"][0], line=_NONE),
+        Shown(label="friction, compensation", log=runs["full"][0], line=_FULL),
     ]
-    return states_figure(shown, ("x", "y"), start=0.0, end=30.0)
+    return states_figure(shown, ("x", "y"), start=0.0, end=CHANGE_RUN)
 
 
 def figure_5_4(bench: Bench) -> Figure:
@@ -82,12 +132,12 @@ def figure_5_4(bench: Bench) -> Figure:
     panels = figure.subplots(2, 2, sharex=True)
     for row, (suffix, law) in zip(panels, (("_sign", "bare sign"), ("", "ramp")), strict=True):
         shown = [
-            Shown(label="linear", log=runs["linear"], line=_LINEAR),
-            Shown(label="full compensation", log=runs[f"full{suffix}"], line=_FULL),
-            Shown(label="partial compensation", log=runs[f"partial{suffix}"], line=_PARTIAL),
+            Shown(label="linear", log=bench.linear["exact"], line=_LINEAR),
+            Shown(label="full compensation", log=runs[f"full{suffix}"][0], line=_FULL),
+            Shown(label="partial compensation", log=runs[f"partial{suffix}"][0], line=_PARTIAL),
         ]
         for axes, name in zip(row, ("x", "y"), strict=True):
-            draw_state(axes, shown, name, start=0.0, end=MODEL_RUN)
+            draw_state(axes, shown, name, start=0.0, end=CHANGE_RUN)
             axes.set_ylabel(f"{STATE_SYMBOLS[name]} [m], {law}")
     for axes in panels[-1]:
         axes.set_xlabel("time [s]")
@@ -103,7 +153,7 @@ def figure_5_5(bench: Bench) -> Figure:
     panels = figure.subplots(count, 2, sharex=True, squeeze=False)
     kinds = (("full", "full compensation", _FULL), ("partial", "partial compensation", _PARTIAL))
     for kind, label, line in kinds:
-        log = bench.changes[kind]
+        log = bench.changes[kind][0]
         rows = (log.t >= _FIRST) & (log.t <= _LAST)
         t, fast = log.t[rows], 1e3 * above(log.wheel_speeds, h, FAST)[rows]
         for wheel, (whole, part) in enumerate(panels):
@@ -122,27 +172,23 @@ def figure_5_5(bench: Bench) -> Figure:
 
 
 def figure_5_6(bench: Bench) -> Figure:
-    """Return the models' paths with and without compensation."""
-    runs = {kind: bench.changes[kind] for kind in ("none", "full")}
-    return paths_figure(_compared(runs["none"], runs["full"]), ball_radius=bench.robot.ball.radius, goal=True)
+    """Return the models' paths with and without compensation, from every start."""
+    return paths_figure(_compared(bench.changes), ball_radius=bench.robot.ball.radius, goal=True)
 
 
 def figure_5_7(bench: Bench) -> Figure:
-    """Return the twin's paths with and without compensation."""
-    logs = (bench.recordings[name]["log"] for name in ("without_compensation", "with_compensation"))
-    return paths_figure(_compared(*logs), ball_radius=bench.robot.ball.radius, goal=True)
+    """Return the twin's paths with and without compensation, of every run."""
+    return paths_figure(_compared(bench.twin_changes), ball_radius=bench.robot.ball.radius, goal=True)
 
 
 def figure_5_8(bench: Bench) -> Figure:
-    """Return the twin's distance from the reference over time, and the reference."""
+    """Return the twin's distance from the reference over time, of every run, and the reference."""
     figure = Figure(figsize=(7.4, 3.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    names = {"without_compensation": ("no compensation", _NONE), "with_compensation": ("compensation", _FULL)}
-    logs = {name: bench.recordings[name]["log"] for name in names}
-    longest = max(logs.values(), key=len)
+    longest = bench.twin_changes["none"][0]
     upper.axvspan(ARRIVED, float(longest.t[-1]), color=SHADE, label="arrived: the peak is taken here")
-    for name, (label, line) in names.items():
-        upper.plot(*thinned(logs[name].t, position_error(logs[name])), label=label, **line)
+    for run in _compared(bench.twin_changes):
+        upper.plot(*thinned(run.log.t, position_error(run.log)), label=run.label, **run.line)
     upper.set_ylabel("distance from the\nreference [m]")
     upper.set_ylim(bottom=0.0)
     figure.legend(loc="outside upper center", ncols=3)
@@ -163,13 +209,19 @@ def figure_5_8(bench: Bench) -> Figure:
 
 def _largest_fast(bench: Bench, kind: str) -> float:
     """Return the largest size [rad/s] of what is fast in a wheel's speed while it is shown, past the step's jump."""
-    log = bench.changes[kind]
+    log = bench.changes[kind][0]
     fast = above(log.wheel_speeds, bench.robot.sensors.sample_time, FAST)
     return float(np.abs(fast[(log.t >= MOVING[0]) & (log.t <= _LAST)]).max())
 
 
-def _compared(none: Log, full: Log) -> list[Shown]:
+def _compared(runs: Mapping[str, Sequence[Log]]) -> list[Shown]:
+    """Return runs without and with compensation: the first of each bold and named, the others thin."""
     return [
-        Shown(label="no compensation", log=none, line=_NONE),
-        Shown(label="compensation", log=full, line=_FULL),
+        Shown(
+            label=label if number == 0 else "_" + label,
+            log=log,
+            line=line if number == 0 else {**line, "linewidth": 0.35},
+        )
+        for kind, label, line in (("none", "no compensation", _NONE), ("full", "compensation", _FULL))
+        for number, log in enumerate(runs[kind])
     ]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,7 +12,14 @@ from matplotlib.patches import Circle
 
 from ballbot.experiments.metrics import true_place
 from ballbot.log import Log
-from ballbot.report.style import INK, MUTED, REFERENCE, STATE_SYMBOLS, STATE_UNITS, Line, thinned
+from ballbot.mechanics.formulation import Formulation
+from ballbot.report.style import GREEN, INK, MUTED, REFERENCE, STATE_SYMBOLS, STATE_UNITS, Line, thinned
+
+#: the model without friction, by its equations
+BASIC_LABELS: Mapping[Formulation, str] = MappingProxyType(
+    {"exact": "no friction, exact", "thesis": "no friction, thesis's equations"}
+)
+THESIS_EQUATIONS: Line = {"color": GREEN, "linestyle": "-.", "linewidth": 1.1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +49,7 @@ def states_figure(
         panels[last].set_xlabel("time [s]")
         panels[last].tick_params(labelbottom=True)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
     return figure
 
 

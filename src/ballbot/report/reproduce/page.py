@@ -1,17 +1,18 @@
-"""The pages of the thesis remade: index.html, the figures beside it, and what results.json holds."""
+"""The page of the thesis remade, one self-contained file, the figures as files of their own, and results.json."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
 from ballbot.experiments.reproduce import VERDICTS, Check, Item, Mistake, Reproduction
+from ballbot.experiments.reproduce.seeds import RUNS
 from ballbot.files import write_text
 from ballbot.report.json_text import as_json
-from ballbot.report.page import render
+from ballbot.report.page import figure_markup, render
 from ballbot.report.provenance import Provenance
 from ballbot.report.reproduce.drawings import DRAWINGS
 from ballbot.report.reproduce.markdown import reproduction_markdown
@@ -37,30 +38,32 @@ def write_reproduction(
     folder : Path
     provenance : Provenance
     progress : callable
-        Told the share of the figures that is drawn, and which is next.
+        Called with the share of the figures that is drawn, and which is next.
     """
     shown = [item for item in made.items if item.key in DRAWINGS]
+    figures: dict[str, str] = {}
     for done, item in enumerate(shown):
         progress(done / len(shown), f"drawing {item.name}")
         svg = drawn(partial(DRAWINGS[item.key], made.bench), name=item.key.replace("_", "-"))
+        figures[item.key] = svg
         # a file of its own is as wide as an attribute says; a style counts within a page only
-        svg = re.sub(r' style="width:(\d+pt)"', r' width="\1"', svg, count=1)
-        write_text(folder / "figures" / f"{item.key}.svg", svg)
+        own = re.sub(r' style="width:(\d+pt)"', r' width="\1"', svg, count=1)
+        write_text(folder / "figures" / f"{item.key}.svg", own)
     results = reproduction_results(made) | {"provenance": provenance.to_dict()}
     write_text(folder / "results.json", as_json(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
     index = folder / "index.html"
-    write_text(index, reproduction_page(made, provenance))
+    write_text(index, reproduction_page(made, provenance, figures))
     return index
 
 
-def reproduction_page(made: Reproduction, provenance: Provenance) -> str:
-    """Return the page."""
+def reproduction_page(made: Reproduction, provenance: Provenance, figures: Mapping[str, str]) -> str:
+    """Return the page with its figures in it, SVG by `Item.key`."""
     values: dict[str, object] = {
         "title": "The thesis remade",
         "counts": [(VERDICTS[verdict], count) for verdict, count in made.counts.items()],
         "items": made.items,
-        "drawn_items": {item.key for item in made.items if item.key in DRAWINGS},
+        "figures": {key: figure_markup(svg) for key, svg in figures.items()},
         "mistakes": made.mistakes,
         "proven": sum(mistake.proven for mistake in made.mistakes),
         "words": with_symbols,
@@ -71,10 +74,10 @@ def reproduction_page(made: Reproduction, provenance: Provenance) -> str:
 
 def reproduction_results(made: Reproduction) -> dict[str, object]:
     """Return what results.json holds."""
-    friction = made.bench.identified.friction
     return {
         "seed": made.bench.seed,
-        "friction_identified": asdict(friction),
+        "friction_identified": asdict(made.bench.identified.friction),
+        "runs": RUNS,
         "items": [_item(item) for item in made.items],
         "mistakes": [_mistake(mistake) for mistake in made.mistakes],
     }
@@ -105,4 +108,4 @@ def _mistake(mistake: Mistake) -> dict[str, object]:
 
 
 def _check(check: Check) -> dict[str, object]:
-    return {**asdict(check), "agrees": check.agrees}
+    return {**asdict(check), "agrees": check.agrees, "undecided": check.undecided}

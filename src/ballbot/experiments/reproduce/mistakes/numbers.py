@@ -10,6 +10,7 @@ from ballbot.experiments.reproduce.item import Check, Mistake
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot.derived import shell_wall, thick_shell_inertia, thin_shell_inertia, wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines, speed_clamp
+from ballbot.validation.state_errors import thesis_error
 
 #: the thesis's sweep: amplitude [N m], period [s]; the limit [rad/s]
 _AMPLITUDE, _PERIOD, _LIMIT = 1.0, 62.83, 27.7
@@ -148,12 +149,14 @@ def rounded_constants(bench: Bench) -> Mistake:
 
 def error_over_count(bench: Bench) -> Mistake:
     """(4.1) divides the norm by n."""
-    closed = bench.validation.closed_loop
-    assert closed is not None  # the log is of the controller that is given
-    whole, short = closed.whole.first, closed.restarted.first
-    share = float(np.median(short.error / whole.error))
-    rmse = float(np.median(short.rmse / whole.rmse))
-    expected = float(np.sqrt(whole.samples[0] / short.samples[0]))
+    h = bench.robot.sensors.sample_time
+    # a model that is off by a sine of 1 mm, over 4 s as over 48 s
+    short, long = (
+        1e-3 * np.sin(2.0 * np.pi * 0.5 * h * np.arange(round(seconds / h)))[:, None]
+        for seconds in (4.0, 48.0)
+    )
+    errors = [float(thesis_error(one)[0]) for one in (short, long)]
+    roots = [error * np.sqrt(len(one)) for error, one in zip(errors, (short, long), strict=True)]
     return Mistake(
         number=15,
         where="(4.1), Tables 4.1 and 4.2",
@@ -164,11 +167,17 @@ def error_over_count(bench: Bench) -> Mistake:
         shown_by=(
             Check(
                 claim="e depends on the length",
-                quantity=f"e over runs of {short.samples[0]} samples over that of one of {whole.samples[0]}, "
-                "median of the states, for the same RMSE",
-                value=share / rmse,
-                lowest=0.8 * expected,
-                highest=1.2 * expected,
+                quantity="e of a model that is off by a sine of 1 mm, over 4 s by over 48 s",
+                value=errors[0] / errors[1],
+                lowest=3.46,
+                highest=3.47,
+            ),
+            Check(
+                claim="the root mean square error does not",
+                quantity="the same of e sqrt(n)",
+                value=float(roots[0] / roots[1]),
+                lowest=0.999,
+                highest=1.001,
             ),
         ),
     )
