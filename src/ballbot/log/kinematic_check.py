@@ -26,7 +26,7 @@ CLEAR_CORRELATION = 0.9
 #: gains within these of one are right (slip, play and noise take a few percent)
 GAIN_RANGE = (0.9, 1.1)
 #: gains within this factor of each other have one cause, which is an error from the second factor on
-ALIKE, WRONG_GAIN = 1.12, 1.15
+ALIKE, WRONG_GAIN = 1.12, 1.2
 #: a gain that no slip makes
 IMPOSSIBLE_GAIN = 3.0
 #: rows that are judged as one, and the fewest such blocks
