@@ -21,18 +21,20 @@ class Verdict:
     Raises
     ------
     InputError
-        If the bounds are not rows of ten finite numbers, or a limit is not above zero.
+        If the bounds are not rows of ten numbers, or a limit is not above zero.
     """
 
-    #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame
+    #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;
+    #: infinite numbers for what never settles
     settled: NDArray[np.float64]
     lost: float  #: lean [rad] beyond which a robot that leans further cannot come back
     grip: float = math.inf  #: friction coefficient of wheels on ball that holds; needing more ends a lane
 
     def __post_init__(self) -> None:
-        rows = real_array(
-            self.settled, ("...", 10), "The array of bounds within which a robot counts as settled"
-        )
+        what = "The array of bounds within which a robot counts as settled"
+        rows = real_array(self.settled, ("...", 10), what, finite=False)
+        if np.isnan(rows).any():
+            raise InputError(f"{what} holds a value that is not a number.")
         if rows.ndim != 2:
             raise InputError(
                 f"The bounds of a verdict have the shape {rows.shape}; they must be rows of ten."
