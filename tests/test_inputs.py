@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from log_examples import smooth_log
 from pyarrow import parquet
 
-from ballbot import InputError
+from ballbot import InputError, inputs
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.nominal import nominal_controller
@@ -27,13 +27,24 @@ from ballbot.identification.axis.mat_file import parse_mat, read_mat
 from ballbot.identification.bounds import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.inputs import parse_toml, read_json, read_text
-from ballbot.log import Log
+from ballbot.log import Log, sampling_times
+from ballbot.log.columns import LARGEST_CELL
 from ballbot.log.local_fit import local_fit
+from ballbot.log.log import LONGEST, SHORTEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.log.proposal import foreign_table
 from ballbot.robot import Robot
 from ballbot.robot.file import read_robot, robot_text
 from ballbot.simulation.run import sample_count
-from ballbot.sizes import MOST_CELLS, MOST_ROWS, length_words, rows_between
+from ballbot.sizes import (
+    MOST_CELLS,
+    MOST_COLUMNS,
+    MOST_ROWS,
+    SHORTEST_SAMPLE,
+    SHORTEST_STEP,
+    length_words,
+    rows_between,
+)
 from ballbot.twin.scenario_file import read_scenario
 
 ALTEN = Robot.load("alten")
@@ -391,3 +402,19 @@ def test_a_refusal_of_a_long_value_is_short(tmp_path, capsys):
 def test_mappings_are_refused_as_texts_are():
     with pytest.raises(InputError, match="a file is nested too deeply"):
         parse_mapping("a." * 200 + "a = 1", source="a file")
+
+
+def test_the_documents_have_the_limits():
+    text = (Path(__file__).parents[1] / "docs" / "logs.md").read_text(encoding="utf-8")
+    limits = text.partition("## Limits")[2]
+    for words in (
+        f"| {inputs.LARGEST_TABLE // 10**6} MB; {foreign_table._LARGEST // 10**6} MB where",
+        f"| {inputs.LARGEST_SETTINGS // 10**6} MB, {inputs.LARGEST_RESULTS // 10**6} MB |",
+        f"in these | {inputs.DEEPEST} |",
+        f"{MOST_ROWS // 10**6} million, {MOST_COLUMNS}, {MOST_CELLS // 10**6} million",
+        f"last | {LONGEST / 86400.0:g} days |",
+        f"{SHORTEST * 1e9:g} ns; {sampling_times.SHORTEST * 1e3:g} ms",
+        f"| {LARGEST_CELL:.0e};".replace("e+", "e"),
+        f"{SHORTEST_SAMPLE * 1e6:g} µs, {SHORTEST_STEP * 1e6:g} µs",
+    ):
+        assert words in limits
