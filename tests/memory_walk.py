@@ -68,6 +68,7 @@ class Case:
     call: Callable[[Arrays], object]
     arrays: Arrays
     missing: bool = False  #: whether a value that is no number is a measurement that is missing
+    unbounded: tuple[str, ...] = ()  #: arrays in which an infinite number has a meaning
     rows: tuple[str, ...] = ()  #: arrays of which another number of rows, or more dimensions, is welcome
     lengths: tuple[str, ...] = ()  #: arrays of any length above zero
     optional: tuple[str, ...] = ()  #: arrays that may be None
@@ -271,6 +272,7 @@ def _simulation() -> Iterator[tuple[str, Case]]:
             arrays={"wanted": reference, "starts": np.array([STATE, 0.5 * STATE]), "settled": verdict},
             rows=("starts", "settled"),
             optional=("starts",),
+            unbounded=("settled",),
         ),
     )
     for friction in (Classical(**CURVE, stribeck_exponent=1.1), LUGRE):
@@ -445,8 +447,8 @@ def wrong(case: Case, name: str, variant: Variant) -> str | None:
         welcome = {
             "1e+300": True,
             "nan": case.missing,
-            "inf": case.missing,
-            "-inf": case.missing,
+            "inf": case.missing or name in case.unbounded,
+            "-inf": case.missing or name in case.unbounded,
             "None": name in case.optional,
             "one": name in case.lengths,
         }
