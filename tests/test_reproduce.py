@@ -19,11 +19,12 @@ from scipy.stats import binom
 from symbolic_oracle import random_state
 
 from ballbot.cli.main import main
+from ballbot.control.controller import Compensation
 from ballbot.control.nominal import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 
 pytest.importorskip("mujoco")
@@ -41,7 +42,7 @@ from ballbot.experiments.reproduce import (
 )
 from ballbot.experiments.reproduce.bench import Bench, linear_run
 from ballbot.experiments.reproduce.grid import ModelOnGrid, TwinOnGrid
-from ballbot.experiments.reproduce.measures import above
+from ballbot.experiments.reproduce.measures import above, distance_at
 from ballbot.experiments.reproduce.mistakes import (
     MISTAKES,
     algebra,
@@ -50,11 +51,12 @@ from ballbot.experiments.reproduce.mistakes import (
     mechanics,
     numbers,
 )
-from ballbot.experiments.reproduce.recordings import CHANGE, Logs, Recording, record_all
+from ballbot.experiments.reproduce.recordings import CHANGE, Logs, Recording, balance, record_all
 from ballbot.experiments.reproduce.registry import ITEMS
-from ballbot.experiments.reproduce.seeds import median_interval
+from ballbot.experiments.reproduce.seeds import median_interval, run_seed
 from ballbot.report.provenance import provenance
 from ballbot.report.reproduce.drawings import DRAWINGS
+from ballbot.report.reproduce.markdown import friction_line, item_markdown, mistake_markdown
 from ballbot.report.reproduce.page import write_reproduction
 from ballbot.twin import Scenario, Twin
 
@@ -276,6 +278,55 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
     np.testing.assert_allclose(run(1.0, grid=True), run(changed, grid=True), rtol=0.0, atol=1e-9)
     if plant == "twin":
         assert np.abs(run(1.0, grid=False) - run(changed, grid=False)).max() > 1e-6
+
+
+@pytest.mark.slow
+def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
+    """All that needs no recording, and the first of the twin's runs; benchmarks/reproduce.py compares the whole."""
+    page = Path(__file__).parents[1].joinpath("docs", "reproduce.md").read_text(encoding="utf-8")
+    recorded = {"rounded_constants", "residual_pairs"}
+    for make in MISTAKES:
+        if make.__name__ not in recorded:
+            assert mistake_markdown(make(bench)) in page
+    for make in (chapter2.figure_2_1, chapter5.figure_5_2, appendix1.figure_i_1, appendix3.figure_iii_1):
+        assert item_markdown(make(bench)) in page
+    friction = documented_friction(page)
+    assert friction_line(friction) in page
+    row = next(line for line in page.splitlines() if line.startswith("| 0 |")).strip("| ").split(" | ")
+    columns: tuple[tuple[int, Compensation], ...] = ((1, "none"), (3, "full"))
+    for place, compensation in columns:
+        robot = bench.robot.replace(friction=friction if compensation == "full" else Friction.none(3))
+        log = balance(
+            robot, CHANGE, duration=chapter5.EARLY + 0.1, seed=run_seed(0, 300), compensation=compensation
+        )
+        assert f"{distance_at(log, chapter5.EARLY):.3f}" == row[place]
+
+
+def documented_friction(page: str) -> Friction:
+    line = next(line for line in page.splitlines() if line.startswith("Friction identified"))
+    names = ("b", "c", "s", "v_s", "delta", "C_rr")
+    b, c, s, v_s, delta, rolling = (
+        tuple(
+            float(value)
+            for value in re.findall(
+                r"[-+.\de]+",
+                re.split(rf"\b{name} = ", line)[1]
+                .split(" N m")[0]
+                .split(" rad")[0]
+                .split(";")[0]
+                .rstrip("."),
+            )
+        )
+        for name in names
+    )
+    return Friction(
+        viscous=b,
+        coulomb=c,
+        stribeck=s,
+        stribeck_speed=v_s[0],
+        stribeck_exponent=delta[0],
+        rolling=rolling[0],
+    )
 
 
 def counted(robot: Robot, seed: int) -> Logs:
