@@ -418,3 +418,14 @@ def test_the_documents_have_the_limits():
         f"{SHORTEST_SAMPLE * 1e6:g} µs, {SHORTEST_STEP * 1e6:g} µs",
     ):
         assert words in limits
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["excite", "alten", "--generations", "2147483648"],
+        ["design", "alten", "--robust", "--robots", "100000000"],
+    ],
+)
+def test_a_search_of_years(tmp_path, capsys, words):
+    assert "it must be 100000 or less" in refused(capsys, *words, "--out", tmp_path / "out")

@@ -144,7 +144,7 @@ def _missing(mistake: _Mistake, of: str) -> str:
 
 def _unknown_key(mistake: _Mistake, of: str) -> str:
     known = list(dict.fromkeys(key for hint in mistake.hints for key in _keys(hint)))
-    near = get_close_matches(str(mistake.place[-1]), known, n=1, cutoff=_NEAR)
+    near = get_close_matches(str(mistake.place[-1]) if mistake.place else "", known, n=1, cutoff=_NEAR)
     hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(known)}."
     return f"{shown_place(mistake.place)} is not a key of {of}; {hint}"
 

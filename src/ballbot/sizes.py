@@ -14,6 +14,8 @@ from ballbot.errors import InputError
 MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 10_000_000, 1000, 50_000_000
 #: between two decisions of a controller, and two steps of the physics engine [s]
 SHORTEST_SAMPLE, SHORTEST_STEP = 1e-5, 1e-6
+#: robots, candidates or generations of a search
+MOST_TRIALS = 100_000
 _YEAR = 365.25 * 86400.0
 #: what a length of time is written in, and from which length on [s]
 _LENGTHS = (

@@ -75,7 +75,7 @@ def check_column_names(names: Iterable[str], *, source: str) -> None:
     for place, name in enumerate(names, start=1):
         if not name.isprintable():
             raise InputError(
-                f"{source}: the name of column {place}, {name!r}, holds marks that cannot be printed."
+                f"{source}: the name of column {place}, {name[:40]!r}, has marks that cannot be printed."
             )
 
 

@@ -24,6 +24,7 @@ from ballbot.experiments.excite.task import Run, Task, run
 from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.evolution import evolve
 from ballbot.identification.spread import Spread, Threads
+from ballbot.sizes import MOST_TRIALS
 
 #: on the model the limits are this share of those given: noise, rollers and a friction believed wrongly come on top
 MARGIN = 0.85
@@ -54,6 +55,8 @@ class Effort:
         for name, least in (("generations", 1), ("population", 4)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
+            if getattr(self, name) > MOST_TRIALS:
+                raise InputError(f"{name} is {getattr(self, name)!r}; it must be {MOST_TRIALS} or less.")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

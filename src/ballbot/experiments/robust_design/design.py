@@ -23,6 +23,7 @@ from ballbot.identification.checkpoint import Recall, afresh
 from ballbot.identification.evolution import evolve
 from ballbot.robot import Robot
 from ballbot.seeds import check_seed
+from ballbot.sizes import MOST_TRIALS
 
 #: places of the state that share a weight
 GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
@@ -53,6 +54,10 @@ class Effort:
             if getattr(self, name) < least:
                 raise InputError(
                     f"The number of {name} is {getattr(self, name)}; it must be at least {least}."
+                )
+            if getattr(self, name) > MOST_TRIALS:
+                raise InputError(
+                    f"The number of {name} is {getattr(self, name)}; it must be {MOST_TRIALS} or less."
                 )
 
 
