@@ -7,12 +7,12 @@ from benchmarks.coverage import TRUTHS, held, repeat, truth_of
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth():
-    done, truth = [repeat(TRUTHS["all"], seed=seed) for seed in range(4)], truth_of("all")
+    done, truth = [repeat(TRUTHS["all"], seed=seed) for seed in range(3)], truth_of("all")
     inside = {label: sum(held(label, done, truth)) for label in truth}
-    # of 4 right 95 % intervals fewer than 2 hold the truth in one case of 2000, and twelve are looked at
+    # of 3 right 95 % intervals fewer than 2 hold the truth in one case of 140, and twelve are looked at
     assert min(inside.values()) >= 2
-    # 48 in all, of which 2.4 fail on average; those of one log go together, hence the wide margin
-    assert sum(inside.values()) >= 39
+    # 36 in all, of which 1.8 fail on average; those of one log go together, hence the wide margin
+    assert sum(inside.values()) >= 29
 
 
 @pytest.mark.slow

@@ -108,7 +108,7 @@ def test_files_that_are_no_logs(tmp_path):
         Log.read(tmp_path / "log.csv")
     with pytest.raises(InputError, match="not a whole Parquet file"):
         Log.read(tmp_path / "log.parquet")
-    with pytest.raises(InputError, match=r"those are \.csv, \.parquet"):
+    with pytest.raises(InputError, match=r"ends in \.csv, \.parquet"):
         Log.read(tmp_path / "log.mat")
     for name in ("absent.csv", "absent.parquet"):
         with pytest.raises(InputError, match="cannot be read: No such file"):

@@ -363,7 +363,7 @@ def test_what_a_pivoting_model_refuses() -> None:
         Model(alten(), "thesis", pivoting=0.1)
     with pytest.raises(InputError, match="linearise the model without pivoting"):
         Model(alten(), pivoting=0.1).linearize()
-    with pytest.raises(InputError, match="ten numbers"):
+    with pytest.raises(InputError, match="its last dimension must be 10"):
         simulate(
             Model(alten(), pivoting=0.1),
             nominal_controller(alten()),

@@ -226,7 +226,6 @@ def test_distance_that_no_body_has_is_refused(robot: Robot) -> None:
 #: a swing of so many radians, recorded wrongly, and what must be said
 MISTAKES: dict[str, tuple[float, str, str]] = {
     "milliseconds": (0.3, "swing-inertia", "t looks to be in milliseconds"),
-    "microseconds": (0.3, "swing-inertia", "t looks to be in microseconds"),
     "1 degree in degrees": (np.radians(1.0), "swing-unit", "looks to be in degrees"),
     "clipped": (0.3, "swing-clipped", "of its rows have its (largest|least) value"),
     "frozen": (0.3, "stuck", "repeats one value for 4 s from t = 10 s on"),
@@ -242,8 +241,6 @@ def test_swing_recorded_wrongly_is_stopped_with_its_cause(
     match request.node.callspec.id:
         case "milliseconds":
             t = 1e3 * t
-        case "microseconds":
-            t = 1e6 * t
         case "clipped":
             angle = np.clip(angle, -0.2, 0.2)
         case "frozen":

@@ -74,6 +74,16 @@ WRONG_LOGS = {
     "torques halved": wrong(
         lambda log: scaled(log, 0.5, *TORQUES), "torque-scale", "scaled", "lighter than its file"
     ),
+    "one torque doubled": WrongLog(
+        spoil=lambda correct: scaled(correct.other, 2.0, "u2"),
+        code="torque-scale",
+        words=("u2 is 2", "times as large as the other torques"),
+    ),
+    "one torque halved": WrongLog(
+        spoil=lambda correct: scaled(correct.other, 0.5, "u2"),
+        code="torque-scale",
+        words=("u2 is 0.5", "times as large as the other torques"),
+    ),
     "torques in mN m": wrong(lambda log: scaled(log, 1e3, *TORQUES), "torque-scale", "1e+03 times"),
     "torques per unit of the limit": wrong(
         lambda log: scaled(log, 1.0 / 6.0, *TORQUES), "torque-scale", "per-unit values"

@@ -31,6 +31,9 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import compiled, inlined
 
+#: numbers of a shaping beyond which its derivatives are lost in rounding or overflow
+_LEAST, _MOST = 1e-12, 1e12
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceShaping:
@@ -41,7 +44,7 @@ class ReferenceShaping:
     Raises
     ------
     InputError
-        Where a value is not positive.
+        If a value is not from 1e-12 to 1e12.
     """
 
     frequency: float = 3.0  #: w of each of the four lags of x and y [rad/s]
@@ -54,8 +57,10 @@ class ReferenceShaping:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{field.name} of a reference shaping is {value:g}; it must be positive.")
+            if not _LEAST <= value <= _MOST:
+                raise InputError(
+                    f"{field.name} of a reference shaping is {value:g}; it must be from {_LEAST:g} to {_MOST:g}."
+                )
 
 
 #: lag of the bends [s]

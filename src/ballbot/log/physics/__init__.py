@@ -6,6 +6,7 @@ motion             filtered motion of ball and body, all signals through one fil
 delay              how late the torques answer the states
 lean               lean axes against the ball's acceleration: gravity accelerates the robot towards its lean
 torque             wheel torques against the torques that the motion needs: sign, order, scale
+gains              how large the torques are, wheel by wheel
 examine            the checks of one log, in the order in which one rests on another
 different_robots   the scales of several logs against each other
 """

@@ -11,6 +11,7 @@ from ballbot.log.columns import torque_names
 from ballbot.log.kinematic_check import wheel_agreement
 from ballbot.log.log import Log
 from ballbot.log.physics.delay import answer_of, delay_findings
+from ballbot.log.physics.gains import gain_findings, torque_gains
 from ballbot.log.physics.lean import LeanEvidence, lean_evidence, lean_findings
 from ballbot.log.physics.motion import Motion, Rows, motion_of, usable_rows
 from ballbot.log.physics.torque import TorqueEvidence, driving_of, torque_evidence, torque_findings
@@ -69,9 +70,12 @@ def _torque(
     if driving is None:
         return None, []
     found = torque_evidence(driving)
-    findings = torque_findings(found, names=torque_names(robot.wheel_count))
-    wrong = any(finding.code != "torque-scale" for finding in findings)
-    return None if wrong else found, findings
+    names = torque_names(robot.wheel_count)
+    findings = torque_findings(found, names=names)
+    if any(finding.code != "torque-scale" for finding in findings):
+        return None, findings
+    gains = torque_gains(driving, motion, robot)
+    return found, (gain_findings(gains, found, names=names) if gains else []) or findings
 
 
 def _wheel_gain(log: Log, robot: Robot) -> float | None:

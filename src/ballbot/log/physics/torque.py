@@ -302,6 +302,11 @@ def _bounded(left: NDArray[np.float64], one: Assignment, torques: list[int]) -> 
     return np.asarray((own - best) / np.maximum(own + best, 1e-30))
 
 
+def enough_turning(driving: Driving) -> bool:
+    """Return whether the wheels turn for certain long enough to judge the torques' scale."""
+    return EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER)) >= LEAST_TURNING
+
+
 def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], float]:
     """Return k by regression of torque on need, and of need on torque, and the first's standard error.
 
@@ -315,8 +320,7 @@ def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], floa
         y = without(columns, sign * driving.torque[:, j] * weight)
         for sums, product in ((xx, x * x), (xy, x * y), (yy, y * y)):
             sums += block_sums(product, driving.block)
-    turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
-    if turned < LEAST_TURNING or not (xx.sum() > 0.0 and yy.sum() > 0.0 and xy.sum() > 0.0):
+    if not enough_turning(driving) or not (xx.sum() > 0.0 and yy.sum() > 0.0 and xy.sum() > 0.0):
         return (0.0, float("inf")), float("inf")
     k = xy.sum() / xx.sum()
     error = float(np.sqrt(np.sum((xy - k * xx) ** 2)) / xx.sum())
