@@ -13,6 +13,7 @@ from wrong_log_examples import (
     WHEELS,
     CorrectLogs,
     WrongLog,
+    clipped,
     constant,
     copied,
     everything,
@@ -83,6 +84,9 @@ WRONG_LOGS = {
         spoil=lambda correct: scaled(correct.other, 0.5, "u2"),
         code="torque-scale",
         words=("u2 is 0.5", "times as large as the other torques"),
+    ),
+    "torques clipped to a third": wrong(
+        lambda log: clipped(log, 0.3, *TORQUES), "torque-clipped", "clipped in the recording", "u1 at"
     ),
     "torques in mN m": wrong(lambda log: scaled(log, 1e3, *TORQUES), "torque-scale", "1e+03 times"),
     "torques per unit of the limit": wrong(

@@ -65,6 +65,12 @@ def _turning(reference: Callable[[float], NDArray[np.float64]]) -> Callable[[flo
     return turned
 
 
+def clipped(log: Log, share: float, *names: str) -> Log:
+    """Return columns cut off at a share of their largest values."""
+    peaks = {name: share * np.abs(log[name]).max() for name in names}
+    return log.with_columns({name: np.clip(log[name], -peak, peak) for name, peak in peaks.items()})
+
+
 def scaled(log: Log, factor: float, *names: str) -> Log:
     return log.with_columns({name: factor * log[name] for name in names})
 

@@ -82,6 +82,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "time": "time does not increase throughout a foreign file",
         "time-scale": "time is in another unit, or runs too fast or too slowly",
         "timing": "rows' times differ from the moments of sampling",
+        "torque-clipped": "the torques were clipped in the recording",
         "torque-delay": "the torques stand too late or too early beside the states that they answer",
         "torque-limit": "torques exceed the robot's limit",
         "torque-order": "the torques drive other wheels than the columns say",

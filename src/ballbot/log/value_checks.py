@@ -83,6 +83,9 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
                 f"{start + 1} (t = {log.t[start]:.6g} s): it is saturated there, and a controller's law does "
                 f"not hold."
             )
+            if torque_limit is not None and peak < 0.9 * torque_limit:
+                limit = f"The robot's limit is {torque_limit:.4g} N m"
+                sentence += f" {limit}: the driver has a lower one, or the recording clips."
             findings.append(
                 Finding(
                     severity="warning",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, Place
 from ballbot.log.columns import torque_names
 from ballbot.log.kinematic_check import wheel_agreement
 from ballbot.log.log import Log
@@ -16,6 +16,10 @@ from ballbot.log.physics.lean import LeanEvidence, lean_evidence, lean_findings
 from ballbot.log.physics.motion import Motion, Rows, motion_of, usable_rows
 from ballbot.log.physics.torque import TorqueEvidence, driving_of, torque_evidence, torque_findings
 from ballbot.robot import Robot
+
+#: share of the rows at a torque's largest value from which it is clipped; a motor at its limit is there, too, but then
+#: the motion needs no more
+CLIPPED = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,8 +78,29 @@ def _torque(
     findings = torque_findings(found, names=names)
     if any(finding.code != "torque-scale" for finding in findings):
         return None, findings
+    if findings and found.scale[1] < 1.0 and (clipped := _clipped(log, names)):
+        return found, [clipped]
     gains = torque_gains(driving, motion, robot)
     return found, (gain_findings(gains, found, names=names) if gains else []) or findings
+
+
+def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
+    """Return the error of torques that are too small because they stand at their largest value for long."""
+    peaks = {name: float(np.nanmax(np.abs(log[name]))) for name in names}
+    shares = {name: float(np.mean(np.abs(log[name]) == peak)) for name, peak in peaks.items()}
+    clipped = [name for name, share in shares.items() if share > CLIPPED]
+    if not clipped:
+        return None
+    values = ", ".join(
+        f"{name} at {peaks[name]:.3g} N m in {100 * shares[name]:.0f} % of the rows" for name in clipped
+    )
+    sentence = (
+        f"The torques were clipped in the recording: they stand at their largest value ({values}), where the motion "
+        "needs more. Record them without that limit, or leave these stretches out."
+    )
+    return Finding(
+        code="torque-clipped", severity="error", text=sentence, where=Place(columns=tuple(clipped))
+    )
 
 
 def _wheel_gain(log: Log, robot: Robot) -> float | None:
