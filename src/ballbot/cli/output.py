@@ -61,7 +61,7 @@ class _DrawnBar:
         self._progress, self._task, self._pace = progress, task, Pace()
 
     def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
-        left = _time_left(self._pace.seconds_left(share))
+        left = _time_left(self._pace, share)
         shown = None if doing is None else printable_line(doing)
         self._progress.update(
             self._task, completed=share, description=shown, note=printable_line(note), left=left
@@ -83,7 +83,7 @@ class _WrittenLines:
         self._first.start()
 
     def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
-        left = _time_left(self._pace.seconds_left(share))
+        left = _time_left(self._pace, share)
         self._doing = doing or self._doing
         self._line = ", ".join(part for part in (self._doing, f"{100.0 * share:.0f} %", note, left) if part)
         stage_is_new = bool(self._written_of) and self._doing != self._written_of
@@ -101,8 +101,9 @@ class _WrittenLines:
         print(f"ballbot: {printable_line(self._line)}", file=sys.stderr, flush=True)
 
 
-def _time_left(seconds: float | None) -> str:
-    return "" if seconds is None else f"about {as_clock(seconds)} left"
+def _time_left(pace: Pace, share: float) -> str:
+    seconds = pace.seconds_left(share)
+    return "" if seconds is None or share >= 1.0 else f"about {as_clock(seconds)} left"
 
 
 @contextmanager
