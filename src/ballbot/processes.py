@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import signal
 import sys
 import threading
@@ -12,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
+from os import _exit  # as a controller of the user's runs, the module's own is another
 
 _PR_SET_PDEATHSIG = 1  # of <sys/prctl.h>
 
@@ -47,7 +47,7 @@ def end_with_parent() -> None:
 
     def watch() -> None:
         wait([sentinel])
-        os._exit(1)
+        _exit(1)
 
     threading.Thread(target=watch, name="end with parent", daemon=True).start()
 

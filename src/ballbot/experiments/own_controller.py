@@ -16,9 +16,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import NoReturn, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +108,8 @@ class OwnController:
 
     def _guarded(self, moment: str, call: Callable[[], _Result]) -> _Result:
         try:
-            return call()
+            with _kept_running():
+                return call()
         except InputError:
             raise
         except BaseException as error:  # sys.exit ends nothing but this call
@@ -151,7 +153,7 @@ def _attribute(path: str, name: str) -> tuple[Callable[[Robot], object], set[Pat
         if folder not in sys.path:
             sys.path.append(folder)
         try:
-            with files_opened(file.parent) as opened:
+            with files_opened(file.parent) as opened, _kept_running():
                 spec.loader.exec_module(module)
                 _read[module_name] = opened()
         except BaseException as error:
@@ -183,6 +185,27 @@ def _check_names(path: str) -> None:
             )
 
 
+class _CalledExit(BaseException):
+    """A controller called os._exit."""
+
+
+@contextmanager
+def _kept_running() -> Iterator[None]:
+    """Turn os._exit into an exception in the block, which else would end the program as if all had gone well."""
+    end, process = os._exit, os.getpid()
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != process:  # a process that the controller has begun ends by it
+            end(status)
+        raise _CalledExit(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = end
+
+
 def _told(error: BaseException, file: Path) -> str:
     """Return an error in words, with the last line of the user's file that it passed through."""
     line, step = None, error.__traceback__
@@ -193,6 +216,8 @@ def _told(error: BaseException, file: Path) -> str:
     words = " ".join(f"{type(error).__name__}: {_text(error)}".split()).rstrip(".:")
     if isinstance(error, SystemExit):
         words = f"it called sys.exit({_text(error)}), and a controller must not end the program"
+    if isinstance(error, _CalledExit):
+        words = f"it called os._exit({_text(error)}), and a controller must not end the program"
     return f"{words} (line {line})" if line else words
 
 
