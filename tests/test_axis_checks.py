@@ -160,5 +160,5 @@ def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.Captur
     assert main(["identify-axis", str(tmp_path / "record.csv"), "--out", str(out)]) == 2
     told = capsys.readouterr().err
     assert "the force, or the position, has the opposite sign" in told
-    assert told.endswith("To go on all the same: --accept force-sign.\n")
+    assert told.endswith("To continue despite this: --accept force-sign.\n")
     assert not out.exists()

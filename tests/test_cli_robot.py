@@ -73,6 +73,22 @@ def test_check_refuses_a_robot_whose_numbers_do_not_go_together(
     assert "error (accepted)" in (out / "check.txt").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("command", ["simulate", "record", "design"])
+def test_other_commands_stop_on_such_a_robot_too(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = tmp_path / "light.toml", tmp_path / "out"
+    assert main(["new", "light", "--out", str(path)]) == 0
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("value = 17.076", "value = 0.017076"), encoding="utf-8")
+    words = [command, "nominal", "--robot", str(path)] if command == "record" else [command, str(path)]
+    sentence = refused(capsys, *words, "--out", str(out))
+    assert "Did you mean body.mass 17.08 kg?" in sentence
+    assert f"run `ballbot check {path}`" in sentence
+    assert "--accept robot-body" in sentence
+    assert not out.exists()
+
+
 def test_check_says_what_record_would_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "rows.toml"
     assert main(["new", "rows", "--out", str(path)]) == 0

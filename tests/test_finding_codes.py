@@ -83,5 +83,5 @@ def test_an_unknown_code_is_refused_with_the_nearest():
 
 def test_python_names_the_argument_that_accepts():
     finding = Finding(code="sign", severity="error", text="The rate is negated.")
-    with pytest.raises(InputError, match=r"To go on all the same: accept=\['sign'\]\."):
+    with pytest.raises(InputError, match=r"To continue despite this: accept=\['sign'\]\."):
         stop_on_errors([finding], going_on=as_argument)

@@ -131,7 +131,7 @@ def test_the_command_stops_before_it_works(tmp_path, capsys) -> None:
     assert main(["identify-driveline", "alten", str(tmp_path / "sweep.csv"), "--out", str(out)]) == 2
     told = capsys.readouterr().err
     assert "have the opposite sign" in told
-    assert told.endswith("To go on all the same: --accept torque-sign.\n")
+    assert told.endswith("To continue despite this: --accept torque-sign.\n")
     assert not out.exists()
 
 

@@ -105,5 +105,5 @@ def test_the_commands_stop_before_they_work(
     assert main([command, "alten", *words, "--out", str(out)]) == 2
     told = capsys.readouterr().err
     assert "have the opposite sign" in told
-    assert told.endswith("To go on all the same: --accept ball-omega.\n")
+    assert told.endswith("To continue despite this: --accept ball-omega.\n")
     assert not out.exists()

@@ -134,6 +134,16 @@ def as_argument(codes: Sequence[str]) -> str:
     return f"accept=[{', '.join(repr(code) for code in codes)}]"
 
 
+def in_check_log(_: Finding) -> str:
+    """Return what shows all errors of logs if no command line is known."""
+    return "run `ballbot check-log`"
+
+
+def nowhere(_: Finding) -> str:
+    """Return nothing, as nothing shows all errors at once."""
+    return ""
+
+
 def check_codes(accept: Iterable[str]) -> tuple[str, ...]:
     """Return codes to accept, each once.
 
@@ -156,7 +166,7 @@ def stop_on_errors(
     *,
     accept: Collection[str] = (),
     going_on: Callable[[Sequence[str]], str] = as_options,
-    more: str = "in `ballbot check-log`",
+    more: Callable[[Finding], str] = in_check_log,
 ) -> None:
     """Raise InputError on the first error whose code is not accepted.
 
@@ -167,8 +177,8 @@ def stop_on_errors(
         Codes of errors that the user knows of.
     going_on : callable
         Returns how the user accepts codes: `as_options` on a command line, `as_argument` in Python.
-    more : str
-        Where the other errors can be read, if there are several.
+    more : callable
+        Returns what shows the other errors, if there are several, for the first of them; empty if nothing does.
 
     Raises
     ------
@@ -181,8 +191,10 @@ def stop_on_errors(
     first = errors[0]
     file = f"{first.where.file}: " if first.where.file else ""
     codes = list(dict.fromkeys(finding.code for finding in errors))
-    others = f" ({len(errors) - 1} more, {more})" if len(errors) > 1 else ""
-    raise InputError(f"{file}{first.text}{others} To go on all the same: {going_on(codes)}.")
+    shown_by = more(first)
+    count = f"{len(errors) - 1} more error{'s' if len(errors) > 2 else ''}"
+    others = f" ({count}{f': {shown_by}' if shown_by else ''})" if len(errors) > 1 else ""
+    raise InputError(f"{file}{first.text}{others} To continue despite this: {going_on(codes)}.")
 
 
 def finding_results(findings: Iterable[Finding]) -> list[dict[str, object]]:

@@ -45,7 +45,7 @@ def align(
         A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
-    findings = check_input(None, {log: run}, accept=accept)
+    findings = check_input(None, {log: run}, accept=accept, mappings={log: mapping})
     console = standard_output()
     words = ["ballbot", "align", str(log), str(mocap), "--out", str(out)]
     words += ["--mapping", str(mapping)] if mapping else []

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from ballbot.cli.findings import finding_line
 from ballbot.cli.output import table
-from ballbot.findings import Finding, by_severity, check_codes, finding_results, stop_on_errors
+from ballbot.findings import Finding, by_severity, check_codes, finding_results, nowhere, stop_on_errors
 from ballbot.identification.swing import (
     Pivot,
     SwingFit,
@@ -104,4 +104,4 @@ def examine_swing(robot: Robot, options: SwingOptions) -> CheckedSwing:
 
 def _stop(findings: Sequence[Finding], options: SwingOptions) -> None:
     named = [replace(one, where=replace(one.where, file=str(options.file))) for one in findings]
-    stop_on_errors(named, accept=check_codes(options.accept), more="with them accepted")
+    stop_on_errors(named, accept=check_codes(options.accept), more=nowhere)

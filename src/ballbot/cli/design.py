@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import matrix_text, standard_output, table
 from ballbot.cli.pumping_words import warn_of_idle_compensation
 from ballbot.cli.robust_design import DESIGN_FILES, RobustOptions, design_robustly
@@ -56,6 +57,7 @@ def design(
     allow_pumping: Annotated[bool, Parameter(negative="")] = False,
     robust: bool = False,
     search: RobustOptions = _SEARCH,
+    accept: Accept = None,
     out: Path,
 ) -> None:
     """Design a controller: sampled LQR on the exact model, with friction compensation.
@@ -111,6 +113,8 @@ def design(
         raise InputError(
             f"--compensation-gain is {compensation_gain:g}; it must be zero or more, such as 0.8."
         )
+    described = Robot.load(robot)
+    check_robot(described, robot, accept=accept)
     if robust:
         given = (kind, q, r, compensation_gain, notch, delay, adaptive)
         if given != ("nominal", None, TORQUE_WEIGHT, 1.0, None, None, False):
@@ -119,10 +123,11 @@ def design(
                 "--compensation-gain, --notch, --delay and --adaptive."
             )
         chosen = compensation or "none"
-        design_robustly(robot, sample_time=sample_time, compensation=chosen, options=search, out=out)
+        design_robustly(
+            robot, sample_time=sample_time, compensation=chosen, options=search, accept=accept, out=out
+        )
         return
     inputs = [] if robot in Robot.presets() else [Path(robot)]
-    described = Robot.load(robot)
     designed = _designer(kind, None if q is None else _weights(q), r, sample_time)
     with result_folder(out, command="design", names=DESIGN_FILES, inputs=inputs) as folder:
         found = designed(described)

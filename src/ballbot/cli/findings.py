@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -11,8 +12,10 @@ from rich.console import Console
 from rich.text import Text
 
 from ballbot.cli.output import standard_output
-from ballbot.findings import Finding, as_options, check_codes, stop_on_errors
+from ballbot.findings import Finding, as_options, check_codes, nowhere, stop_on_errors
+from ballbot.printable import shell_line
 from ballbot.robot import Robot
+from ballbot.robot.plausibility import named_robot_findings
 
 if TYPE_CHECKING:
     from ballbot.log import Log
@@ -25,14 +28,19 @@ Accept = Annotated[
     Parameter(
         name="--accept",
         negative="",
-        help="The code of an error, such as torque-sign, to go on in spite of it; may be given more than once. "
+        help="Continue despite an error with this code, such as torque-sign. May be given more than once. "
         "docs/logs.md lists the codes.",
     ),
 ]
 
 
 def check_input(
-    robot: Robot | None, logs: Mapping[Path, Log], *, accept: Sequence[str] | None
+    robot: Robot | None,
+    logs: Mapping[Path, Log],
+    *,
+    accept: Sequence[str] | None,
+    source: str | None = None,
+    mappings: Mapping[Path, Path | None] = MappingProxyType({}),
 ) -> tuple[Finding, ...]:
     """Check the logs of a command, print accepted errors and warnings, and return all findings.
 
@@ -44,6 +52,10 @@ def check_input(
         By their files.
     accept : sequence of str, optional
         What `--accept` gave.
+    source : str, optional
+        The preset or file of the robot, as the command line names it.
+    mappings : mapping of Path to Path or None, optional
+        The mapping files of the logs, by the logs' files.
 
     Raises
     ------
@@ -53,12 +65,47 @@ def check_input(
     from ballbot.log.checked import checked_logs  # `ballbot check` starts without the checks of logs
 
     named = {str(path): log for path, log in logs.items()}
-    findings = checked_logs(robot, named, accept=accept or (), going_on=as_options).findings
+    used = {str(path): mapping for path, mapping in mappings.items()}
+
+    def listed_by(error: Finding) -> str:
+        file = error.where.file
+        words = ["ballbot", "check-log", file]
+        if file not in named:  # it is about the robot
+            words = ["ballbot", "check", source or "ROBOT"]
+        else:
+            words += ["--robot", source] if source else []
+            words += ["--mapping", str(used[file])] if used.get(file) else []
+        return f"run `{shell_line(words)}`"
+
+    findings = checked_logs(robot, named, accept=accept or (), going_on=as_options, more=listed_by).findings
     show_findings(findings)
     return findings
 
 
-def stop_or_show(findings: Sequence[Finding], *, accept: Sequence[str] | None) -> None:
+def check_robot(robot: Robot, source: str, *, accept: Sequence[str] | None) -> tuple[Finding, ...]:
+    """Check a robot's numbers against one another, print accepted errors and warnings, and return all findings.
+
+    Parameters
+    ----------
+    robot : Robot
+    source : str
+        Its preset or file, as the command line names it.
+    accept : sequence of str, optional
+        What `--accept` gave.
+
+    Raises
+    ------
+    InputError
+        If there is an error whose code is not accepted, or a code is unknown.
+    """
+    findings = named_robot_findings(robot)
+    stop_or_show(findings, accept=accept, more=lambda _: f"run `{shell_line(['ballbot', 'check', source])}`")
+    return findings
+
+
+def stop_or_show(
+    findings: Sequence[Finding], *, accept: Sequence[str] | None, more: Callable[[Finding], str] = nowhere
+) -> None:
     """Stop on an error that is not accepted; else print accepted errors and warnings.
 
     Raises
@@ -66,7 +113,7 @@ def stop_or_show(findings: Sequence[Finding], *, accept: Sequence[str] | None) -
     InputError
         On such an error, or if a code is unknown.
     """
-    stop_on_errors(findings, accept=check_codes(accept or ()))
+    stop_on_errors(findings, accept=check_codes(accept or ()), more=more)
     show_findings(findings)
 
 

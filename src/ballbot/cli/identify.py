@@ -267,8 +267,14 @@ def _checked(
     asked: _Asked, robot: Robot, named: Mapping[str, _Named], others: Mapping[str, _Named]
 ) -> CheckedLogs:
     """Check all logs together, as they are one robot's; return those to fit, with the findings of all."""
-    of_all = {one.path: one.log for one in (*named.values(), *others.values())}
-    findings = check_input(robot, of_all, accept=asked.accept)
+    both = (*named.values(), *others.values())
+    findings = check_input(
+        robot,
+        {one.path: one.log for one in both},
+        accept=asked.accept,
+        source=asked.robot,
+        mappings={one.path: one.mapping for one in both},
+    )
     return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
 
 

@@ -56,8 +56,8 @@ def check_log(
     names = _PROPOSED if proposes else _WRITTEN
     held = result_folder(out, command="check-log", names=names, inputs=files) if out else nullcontext()
     with held as folder:
-        if described and proposes:
-            propose_mapping(file, described, folder=folder)
+        if robot and described and proposes:
+            propose_mapping(file, described, source=robot, folder=folder)
         else:
             _check(file, described, mapping, folder)
 

@@ -23,7 +23,9 @@ from ballbot.result_folder import ResultFolder
 from ballbot.robot import Robot
 
 
-def propose_mapping(file: Path, robot: Robot, *, folder: ResultFolder | None) -> tuple[Finding, ...]:
+def propose_mapping(
+    file: Path, robot: Robot, *, source: str, folder: ResultFolder | None
+) -> tuple[Finding, ...]:
     """Show the mapping proposed for a foreign file; with a folder, write it, the log it makes and results.json."""
     console = standard_output()
     with console.status("reading the encoders' times"):
@@ -52,14 +54,14 @@ def propose_mapping(file: Path, robot: Robot, *, folder: ResultFolder | None) ->
         words = [
             "ballbot",
             command,
-            "ROBOT",
+            source,
             str(file),
             "--mapping",
             str(out / "mapping.toml"),
             "--out",
             "found",
         ]
-        console.print(f"go on with: {shell_line(words)}", markup=False, soft_wrap=True)
+        console.print(f"Next: {shell_line(words)}", markup=False, soft_wrap=True)
     return findings
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
+from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
@@ -39,6 +40,7 @@ def record(
     estimator: EstimatorName = "onboard",
     format: LogFormat = "csv",
     resume: Annotated[bool, Parameter(negative="")] = False,
+    accept: Accept = None,
     out: Path,
 ) -> None:
     """Record logs from the twin, a MuJoCo robot with real rollers, sensors and faults.
@@ -81,6 +83,7 @@ def record(
         The folder to write into.
     """
     described = Robot.load(robot)
+    check_robot(described, robot, accept=accept)
     # refused before anything is run or made
     reference_of(reference)
     check_seed(seed)

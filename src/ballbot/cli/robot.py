@@ -152,7 +152,7 @@ def check(
     held = result_folder(out, command="check", names=_WRITTEN, inputs=inputs) if out else nullcontext()
     with held as folder:
         swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
-        log = None if predict is None else _log(hung, predict, accept)
+        log = None if predict is None else _log(hung, robot, predict, accept)
         checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
         for part in _report(checked, framed=console.is_terminal):
             console.print(part)
@@ -203,7 +203,7 @@ def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ..
     refused = [one for one in findings if one.severity == "error" and one.code not in codes]
     if refused:
         show_findings(findings, accept=codes)
-        stop_on_errors(refused, more="above")
+        stop_on_errors(refused, more=lambda _: "shown above")
     return findings
 
 
@@ -276,12 +276,14 @@ def _examine(
     )
 
 
-def _log(robot: Robot, path: Path, accept: list[str] | None) -> CheckedLogs:
+def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> CheckedLogs:
     from ballbot.log import Log
     from ballbot.log.checked import CheckedLogs
 
     log = Log.read(path)
-    return CheckedLogs(logs={str(path): log}, findings=check_input(robot, {path: log}, accept=accept))
+    return CheckedLogs(
+        logs={str(path): log}, findings=check_input(robot, {path: log}, accept=accept, source=source)
+    )
 
 
 def _band(robot: Robot, log: CheckedLogs) -> PredictionBand:

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
+from ballbot.cli.findings import Accept, accept_words
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import matrix_text, progress_bar, standard_output, table
 from ballbot.control.controller import Compensation
@@ -66,6 +67,7 @@ def design_robustly(
     sample_time: float | None,
     compensation: Compensation,
     options: RobustOptions,
+    accept: Accept,
     out: Path,
 ) -> None:
     """Seek the weights, and write controller.toml, results.json and robust.svg."""
@@ -80,7 +82,7 @@ def design_robustly(
         fresh=options.fresh,
     )
     console = standard_output()
-    words = _words(source, sample_time, compensation, options, out)
+    words = [*_words(source, sample_time, compensation, options, out), *accept_words(accept)]
     files = [Path(source)] if Path(source).is_file() else []
     asked = {"compensation": compensation, "seed": options.seed, **asdict(spread), **asdict(effort)}
     with (

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Literal
 
+from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.control.controller import Compensation
@@ -36,6 +37,7 @@ def simulate(
     compensation: Compensation = "none",
     formulation: Formulation = "exact",
     format: Literal["csv", "parquet"] = "csv",
+    accept: Accept = None,
     out: Path,
 ) -> None:
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
@@ -65,6 +67,7 @@ def simulate(
         The folder to write into.
     """
     described = Robot.load(robot)
+    check_robot(described, robot, accept=accept)
     path = reference_of(reference)
     chosen = (
         read_controller(controller, described)

@@ -74,7 +74,13 @@ def study(
     described = Robot.load(robot)
     named = read_balancing_logs(logs, mapping, described)
     within = read_bounds(bounds) if bounds else None
-    findings = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
+    findings = check_input(
+        described,
+        dict(zip(logs, named.values(), strict=True)),
+        accept=accept,
+        source=robot,
+        mappings=dict.fromkeys(logs, mapping),
+    )
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
     words = _words(
         robot, logs, out=out, plant=plant, leave_out=leave_out, mapping=mapping, bounds=bounds, seed=seed

@@ -89,7 +89,13 @@ def validate(
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
-    found = check_input(described, dict(zip(logs, named.values(), strict=True)), accept=accept)
+    found = check_input(
+        described,
+        dict(zip(logs, named.values(), strict=True)),
+        accept=accept,
+        source=robot,
+        mappings=dict.fromkeys(logs, mapping),
+    )
     words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]
     words += ["--against", against] if against else []
     words += ["--formulation", formulation] if formulation != "exact" else []

@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ballbot.findings import Finding, as_argument, by_severity, check_codes, stop_on_errors
+from ballbot.findings import (
+    Finding,
+    as_argument,
+    by_severity,
+    check_codes,
+    in_check_log,
+    stop_on_errors,
+)
 from ballbot.log.checks import check, check_logs
 from ballbot.log.log import Log
 from ballbot.robot import Robot
-from ballbot.robot.plausibility import robot_findings
+from ballbot.robot.plausibility import named_robot_findings
 
 #: what concerns a robot that balances: columns that it needs, and a law that holds below the torque limit
 _OF_BALANCING = ("use", "saturation")
@@ -38,6 +45,7 @@ def checked_logs(
     *,
     accept: Collection[str] = (),
     going_on: Callable[[Sequence[str]], str] = as_argument,
+    more: Callable[[Finding], str] = in_check_log,
 ) -> CheckedLogs:
     """Check logs, unless they are checked, and stop on an error that is not accepted.
 
@@ -49,7 +57,7 @@ def checked_logs(
         A mapping's keys are the names in messages; the logs of a sequence are called log 1, log 2, ...
     accept : collection of str
         Codes of errors to go on in spite of; see `ballbot.findings.CODES`.
-    going_on : callable
+    going_on, more : callable
         See `ballbot.findings.stop_on_errors`.
 
     Raises
@@ -62,7 +70,7 @@ def checked_logs(
         return logs
     named = _named(logs)
     findings = _with_robot(robot, named) if robot else _without_robot(named)
-    stop_on_errors(findings, accept=codes, going_on=going_on)
+    stop_on_errors(findings, accept=codes, going_on=going_on, more=more)
     return CheckedLogs(logs=named, findings=findings)
 
 
@@ -76,7 +84,7 @@ def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]
         By the names that messages use.
     """
     of_logs = (one for one in _without_robot(logs) if one.code not in _OF_BALANCING)
-    return by_severity([*_of_robot(robot), *of_logs])
+    return by_severity([*named_robot_findings(robot), *of_logs])
 
 
 def _named(logs: Log | Sequence[Log] | Mapping[str, Log]) -> Mapping[str, Log]:
@@ -90,12 +98,7 @@ def _named(logs: Log | Sequence[Log] | Mapping[str, Log]) -> Mapping[str, Log]:
 
 
 def _with_robot(robot: Robot, named: Mapping[str, Log]) -> tuple[Finding, ...]:
-    return by_severity([*_of_robot(robot), *check_logs(named, robot=robot)])
-
-
-def _of_robot(robot: Robot) -> list[Finding]:
-    name = f"robot {robot.name}"
-    return [replace(one, where=replace(one.where, file=name)) for one in robot_findings(robot)]
+    return by_severity([*named_robot_findings(robot), *check_logs(named, robot=robot)])
 
 
 def _without_robot(named: Mapping[str, Log]) -> tuple[Finding, ...]:

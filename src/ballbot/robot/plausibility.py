@@ -55,6 +55,12 @@ def robot_findings(robot: Robot) -> tuple[Finding, ...]:
     return by_severity(map(with_remedy, findings))
 
 
+def named_robot_findings(robot: Robot) -> tuple[Finding, ...]:
+    """Return `robot_findings` with the robot's name as their place, for messages that are about files as well."""
+    name = f"robot {robot.name}"
+    return tuple(replace(one, where=replace(one.where, file=name)) for one in robot_findings(robot))
+
+
 def _findings(robot: Robot) -> Iterator[Finding]:
     yield from chain(
         _of_gravity(robot),
