@@ -10,7 +10,7 @@ demo: .venv/.demo  ## record a balancing robot on the twin, then study its logs
 	$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
 
 test: .venv/.test  ## all tests, the fast ones first
-	$(BIN)/python -m pytest -m "not slow" -n auto
+	$(BIN)/python -m pytest -m "not slow" -n auto --dist worksteal
 	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
 
 bench: .venv/.bench  ## timings against peers, into benchmarks/README.md
