@@ -80,8 +80,8 @@ def run(known: Robot, job: tuple[str, int]) -> Outcome:
     name, seed = job
     task = TASKS[name]
     robot, scenario = another(seed) if task.off else (ALTEN, Scenario.nominal(ALTEN))
-    estimator = named_estimator("kalman" if task.precise else "onboard", ALTEN, sample_time=SAMPLE_TIME)
     controller = precise_controller(known) if task.precise else nominal_controller(known)
+    estimator = named_estimator(controller.estimator, ALTEN, sample_time=SAMPLE_TIME)
     log = simulate(
         Twin(robot, scenario, estimator=estimator),
         controller,

@@ -37,7 +37,6 @@ def play_league(
         {one.name: one.controller(robot) for one in entrants},
         courses,
         seeds=seeds,
-        estimators={one.name: one.estimator for one in entrants},
         processes=processes,
         progress=progress,
     )

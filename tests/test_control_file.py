@@ -19,7 +19,12 @@ from ballbot.control.precise import precise_controller
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
 def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
     written = Controller(
-        robot, design_gain(robot).gain, compensation="partial", torque_limit=3.3, speed_band=0.1
+        robot,
+        design_gain(robot).gain,
+        compensation="partial",
+        torque_limit=3.3,
+        speed_band=0.1,
+        estimator="kalman",
     )
     path = tmp_path / "folder" / "controller.toml"
     write_controller(written, path)
@@ -27,6 +32,27 @@ def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
     np.testing.assert_array_equal(read.packed, written.packed)
     assert read.sample_time == written.sample_time
     assert read.compensation == "partial"
+    assert read.estimator == "kalman"
+
+
+def test_a_file_without_an_estimator_is_for_the_thesis_s_state(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(precise_controller(robot), path)
+    text = path.read_text()
+    assert 'estimator = "kalman"' in text
+    path.write_text(text.replace('estimator = "kalman"\n', ""))
+    assert read_controller(path, robot).estimator == "onboard"
+    path.write_text(text.replace('estimator = "kalman"', 'estimator = "kalmann"'))
+    with pytest.raises(InputError, match="estimator"):
+        read_controller(path, robot)
+
+
+def test_a_copy_keeps_the_estimator():
+    controller = precise_controller(alten(FRICTION))
+    assert controller.estimator == "kalman"
+    assert controller.with_compensation("none").estimator == "kalman"
+    assert controller.with_parts(controller.parts).estimator == "kalman"
+    assert controller.with_estimator("onboard").estimator == "onboard"
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])

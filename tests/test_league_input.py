@@ -11,10 +11,14 @@ from league_examples import OWN
 
 from ballbot import InputError
 from ballbot.cli.main import main
+from ballbot.control.file import write_controller
+from ballbot.control.interface import estimator_of
+from ballbot.control.precise import precise_controller
 from ballbot.experiments.league.course import Unlike
 from ballbot.experiments.league.course_file import choose_courses
 from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.league.play import play
+from ballbot.robot import Robot
 from ballbot.twin import Twin
 
 COURSE = '[mine.one]\nreference = "hold"\nduration = 9.0\n'
@@ -207,12 +211,39 @@ def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, argu
     assert not (tmp_path / "out").exists()
 
 
-def test_precise_is_given_the_filter_s_state_and_others_what_they_ask_for():
-    found = entrants_of(["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman"])
-    assert {one.name: (one.source, one.estimator) for one in found} == {
-        "precise": ("precise", "kalman"),
-        "precise@onboard": ("precise", "onboard"),
-        "none": ("none", "onboard"),
-        "none@kalman": ("none", "kalman"),
-        "mine": ("full", "kalman"),
+def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
+    robot = Robot.load("alten")
+    file, own = tmp_path / "stiff.toml", tmp_path / "mine.py"
+    write_controller(precise_controller(robot), file)
+    own.write_text(OWN_WITH_ESTIMATOR)
+    words = ["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman", str(file)]
+    words += [f"own={own}:Mine", f"other={own}:Mine@onboard"]
+    found = {one.name: estimator_of(one.controller(robot)) for one in entrants_of(words)}
+    assert found == {
+        "precise": "kalman",
+        "precise@onboard": "onboard",
+        "none": "onboard",
+        "none@kalman": "kalman",
+        "mine": "kalman",
+        "stiff.toml": "kalman",
+        "own": "kalman",
+        "other": "onboard",
     }
+
+
+def test_an_own_controller_with_an_unknown_estimator_is_refused(tmp_path):
+    own = tmp_path / "mine.py"
+    own.write_text(OWN_WITH_ESTIMATOR.replace("kalman", "kalmann"))
+    with pytest.raises(InputError, match=r"no estimator 'kalmann'.*onboard, kalman"):
+        entrants_of([f"{own}:Mine"])[0].controller(Robot.load("alten"))
+
+
+OWN_WITH_ESTIMATOR = """\
+class Mine:
+    sample_time = 0.005
+    estimator = "kalman"
+
+    def __init__(self, robot): pass
+    def reset(self): pass
+    def update(self, t, state, reference): return [0.0, 0.0, 0.0]
+"""

@@ -285,9 +285,12 @@ def test_estimator_steers_and_a_batch_of_another_is_refused(
         for folder in (onboard, kalman)
     )
     assert quiet < rough / 2  # measured: a quarter
-    assert (onboard / "controller.toml").read_bytes() == (kalman / "controller.toml").read_bytes()
+    file = kalman / "controller.toml"
+    assert 'estimator = "kalman"' in file.read_text()
+    assert main([*command, str(tmp_path / "file"), "--controller", str(file)]) == 0
+    assert (tmp_path / "file" / "seed_0001" / "log.csv").read_bytes() == (kalman / "log.csv").read_bytes()
     assert main([*command, str(tmp_path / "kalman")]) == 2
-    assert "record.toml differs" in capsys.readouterr().err
+    assert "controller.toml differs" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

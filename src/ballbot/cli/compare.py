@@ -16,7 +16,6 @@ from ballbot.cli.seeds import parse_seeds
 from ballbot.control.interface import Feedback
 from ballbot.control.reference_file import is_file
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.course_file import PlantName, choose_courses
 from ballbot.experiments.league.entrants import Entrant, entrants_of
@@ -62,8 +61,9 @@ def compare(
         A preset's name or a robot file. Its friction is compensated, and acts in the model.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
-        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one, and a trailing
-        @kalman feeds it the Kalman filter's state on the twin. The others are compared with the first.
+        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. On the twin each feeds
+        back the state of the estimator that it names (estimator = "kalman" in its file, or an attribute of your
+        class), else the thesis's; a trailing @kalman or @onboard changes that. The others are compared with the first.
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
     scenarios
@@ -84,7 +84,6 @@ def compare(
     entrants, courses = entrants_of(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in entrants}
-    estimators: dict[str, EstimatorName] = {one.name: one.estimator for one in entrants}
     words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
     words += ["--seeds", seeds, "--out", str(out)]
     own = _own_files(made.values())
@@ -106,7 +105,6 @@ def compare(
             made,
             courses,
             seeds=numbers,
-            estimators=estimators,
             processes=processes,
             recall=run.recall,
             progress=bar.show,

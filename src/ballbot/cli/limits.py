@@ -13,7 +13,6 @@ from rich.console import Console
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
@@ -76,7 +75,7 @@ def limits(
         A preset's name or a robot file, with its friction.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
-        compare, LABEL=... renames one, and a trailing @kalman feeds it the Kalman filter's state on the twin.
+        compare, LABEL=... renames one, and a trailing @kalman changes the estimator that it is given on the twin.
     grip
         Friction coefficient of the wheels on the ball.
     refinements
@@ -119,7 +118,7 @@ def limits(
                 found.model[one.name] = find_limits(loop, refinements=refinements, tell=tell)
                 if truth is not None:
                     bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
-                    found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], one.estimator, seed)
+                    found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], seed)
         with folder.replaced() as new:
             _write(found, described, grip, made, new)
     _show(found, console)
@@ -160,14 +159,10 @@ def _truth(scenario: str, robot: Robot) -> Scenario:
     return Scenario.load(scenario, robot)
 
 
-def _on_twin(
-    loop: Loop, truth: Scenario, found: RobotLimits, estimator: EstimatorName, seed: int
-) -> Sequence[TwinEdge]:
+def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinEdge]:
     from ballbot.experiments.limits.twin_edges import twin_edges
 
-    return twin_edges(
-        loop.robot, loop.controller, truth, found, directions=_ON_TWIN, estimator=estimator, seed=seed
-    )
+    return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, seed=seed)
 
 
 def _write(found: _Found, robot: Robot, grip: float, made: Provenance, folder: Path) -> None:

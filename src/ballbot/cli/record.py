@@ -37,7 +37,7 @@ def record(
     seeds: str | None = None,
     compensation: Literal["none", "full", "partial"] = "none",
     controller: Path | None = None,
-    estimator: EstimatorName = "onboard",
+    estimator: EstimatorName | None = None,
     format: LogFormat = "csv",
     resume: Annotated[bool, Parameter(negative="")] = False,
     accept: Accept = None,
@@ -74,7 +74,8 @@ def record(
         A controller file, instead of the nominal gain and compensation.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard, as in the thesis (a sum of
-        wheel speeds); or kalman, a filter that also uses the scenario's fixes.
+        wheel speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
+        controller's file names.
     format
         File format of the log, the truth and the motion capture.
     resume
@@ -88,17 +89,17 @@ def record(
     reference_of(reference)
     check_seed(seed)
     all_seeds = None if seeds is None else parse_seeds(seeds)
+    chosen = (
+        read_controller(controller, described)
+        if controller
+        else nominal_controller(described, compensation=compensation)
+    )
     job = Job(
         robot=described,
         scenario=Scenario.load(scenario, described),
-        controller=(
-            read_controller(controller, described)
-            if controller
-            else nominal_controller(described, compensation=compensation)
-        ),
+        controller=chosen if estimator is None else chosen.with_estimator(estimator),
         experiment=experiment,
         reference=reference,
-        estimator=estimator,
         duration=DURATIONS[experiment] if duration is None else duration,
         log_format=format,
     )

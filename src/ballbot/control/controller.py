@@ -13,6 +13,7 @@ from ballbot.control.law import ALLOWED, control_law
 from ballbot.control.law_row import MEMORY, drag, given_back, pack_law, scales
 from ballbot.control.parts import Parts
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
@@ -58,6 +59,9 @@ class Controller:
         Wheel speed [rad/s] below which the friction's sign is a linear ramp; `default_speed_band` where not given.
     parts : Parts
         What is added; nothing by default.
+    estimator : {"onboard", "kalman"}
+        The on-board state that the controller is made for. It does not change the law: who runs the controller on
+        sensors gives it this state.
 
     Raises
     ------
@@ -72,6 +76,7 @@ class Controller:
     torque_limit: float
     speed_band: float
     parts: Parts
+    estimator: EstimatorName
 
     def __init__(
         self,
@@ -83,6 +88,7 @@ class Controller:
         torque_limit: float | None = None,
         speed_band: float | None = None,
         parts: Parts = Parts(),  # noqa: B008 (frozen)
+        estimator: EstimatorName = "onboard",
     ) -> None:
         self.robot = robot
         self.gain = _checked_gain(gain, robot.wheel_count)
@@ -107,6 +113,7 @@ class Controller:
             if part is not None and compensation == "none":
                 raise InputError(f"A {name} needs a compensation, 'full' or 'partial', that it can scale.")
         self.parts = parts
+        self.estimator = checked_name(estimator)
         self._memory = np.zeros(MEMORY)
 
     @cached_property
@@ -116,27 +123,15 @@ class Controller:
 
     def with_compensation(self, compensation: Compensation) -> Controller:
         """Return a copy that compensates friction in another way."""
-        return Controller(
-            self.robot,
-            self.gain,
-            sample_time=self.sample_time,
-            compensation=compensation,
-            torque_limit=self.torque_limit,
-            speed_band=self.speed_band,
-            parts=self.parts,
-        )
+        return self._copy(compensation=compensation)
 
     def with_parts(self, parts: Parts) -> Controller:
         """Return a copy with other parts."""
-        return Controller(
-            self.robot,
-            self.gain,
-            sample_time=self.sample_time,
-            compensation=self.compensation,
-            torque_limit=self.torque_limit,
-            speed_band=self.speed_band,
-            parts=parts,
-        )
+        return self._copy(parts=parts)
+
+    def with_estimator(self, estimator: EstimatorName) -> Controller:
+        """Return a copy that is made for another on-board state."""
+        return self._copy(estimator=estimator)
 
     def reset(self) -> None:
         """Forget the past: a run starts, and a shaped reference with it at the pose first measured."""
@@ -177,6 +172,24 @@ class Controller:
         if place != ALLOWED:
             raise InputError(refusal(place, float(wanted[place])))
         return torques
+
+    def _copy(
+        self,
+        *,
+        compensation: Compensation | None = None,
+        parts: Parts | None = None,
+        estimator: EstimatorName | None = None,
+    ) -> Controller:
+        return Controller(
+            self.robot,
+            self.gain,
+            sample_time=self.sample_time,
+            compensation=compensation or self.compensation,
+            torque_limit=self.torque_limit,
+            speed_band=self.speed_band,
+            parts=self.parts if parts is None else parts,
+            estimator=estimator or self.estimator,
+        )
 
     @property
     def friction_scales(self) -> NDArray[np.float64]:

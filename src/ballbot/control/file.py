@@ -19,6 +19,7 @@ from pydantic import (
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.parts_file import PartsTable, Table, parts_of, parts_text
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName
 from ballbot.files import write_text
 from ballbot.inputs import read_toml
 from ballbot.printable import toml_string
@@ -48,6 +49,8 @@ class ControllerTable(PartsTable):
     compensation: Compensation
     torque_limit: PositiveFloat
     speed_band: PositiveFloat
+    #: files written before the controller named its estimator were made for the thesis's state
+    estimator: EstimatorName = "onboard"
     gain: Annotated[tuple[_GainRow, ...], Field(min_length=3, max_length=4)]
     friction: FrictionTable
 
@@ -102,6 +105,8 @@ compensation = "{controller.compensation}"
 torque_limit = {controller.torque_limit!r}
 # [rad/s] wheel speed below which the compensated friction's sign is a ramp
 speed_band = {controller.speed_band!r}
+# the on-board state that it is made for: "onboard" (as in the thesis) or "kalman" (a filter of the same sensors)
+estimator = "{controller.estimator}"
 # K, a row for each wheel [N m per m, m, rad, rad, rad, and per each of their rates]
 gain = [
 {rows}
@@ -141,4 +146,5 @@ def _controller(table: ControllerTable, robot: Robot) -> Controller:
         torque_limit=table.torque_limit,
         speed_band=table.speed_band,
         parts=parts_of(table, robot, table.sample_time),
+        estimator=table.estimator,
     )

@@ -7,6 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.estimation.named import EstimatorName, checked_name
+
 #: a measured state that holds a larger number, or no number, is invalid: nothing on a robot is a million metres away
 LARGEST_STATE = 1e6
 
@@ -28,3 +30,14 @@ class Feedback(Protocol):
     ) -> NDArray[np.float64]:
         """Return the wheel torques (n,) [N m] for the measured state (10,) and the reference (10,) at time t [s]."""
         ...
+
+
+def estimator_of(controller: Feedback) -> EstimatorName:
+    """Return the name of the on-board state that a controller is made for; "onboard" if it has no `estimator`.
+
+    Raises
+    ------
+    InputError
+        If its `estimator` is not the name of one.
+    """
+    return checked_name(getattr(controller, "estimator", "onboard"))

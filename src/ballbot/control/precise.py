@@ -132,6 +132,7 @@ def precise_controller(
             observer=DisturbanceObserver(balance=TorqueBalance.of(robot)),
             lean_bound=LeanBound(),
         ),
+        estimator="kalman",
     )
 
 

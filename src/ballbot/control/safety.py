@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array, whole_number
-from ballbot.control.interface import LARGEST_STATE, Feedback
+from ballbot.control.interface import LARGEST_STATE, Feedback, estimator_of
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName
 from ballbot.robot import Robot
 
 #: lean [rad] past which no wheel holds the ball any more, the model's own end
@@ -157,6 +158,11 @@ class SafeController:
     def sample_time(self) -> float:
         """Time between two updates [s], the controller's."""
         return self.controller.sample_time
+
+    @property
+    def estimator(self) -> EstimatorName:
+        """Name of the on-board state that the controller is made for."""
+        return estimator_of(self.controller)
 
     @property
     def stop(self) -> Stop | None:

@@ -2,6 +2,7 @@
 
 class Mine:
     sample_time = 0.005
+    estimator = "kalman"  # the on-board state it is given on the twin; "onboard", the thesis's, if left out
 
     def __init__(self, robot: ballbot.Robot) -> None: ...
     def reset(self) -> None: ...
@@ -24,8 +25,9 @@ from typing import NoReturn, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.interface import Feedback
+from ballbot.control.interface import Feedback, estimator_of
 from ballbot.errors import InputError
+from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.own_files import (
     Checksums,
     changed_file,
@@ -46,10 +48,13 @@ class OwnController:
     """
 
     sample_time: float  #: [s]
+    estimator: (
+        EstimatorName  #: of the on-board state that it is given; the user's `estimator`, else "onboard"
+    )
     checksums: Checksums  #: of all files that it is made of
 
-    def __init__(self, path: str, made_by: str, robot: Robot) -> None:
-        """Make it: `made_by(robot)` in the Python file at `path`."""
+    def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
+        """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
         self._path, self._made_by, self._robot = path, made_by, robot
         make, read = _attribute(path, made_by)
         with files_opened(Path(path).parent) as opened:
@@ -57,6 +62,11 @@ class OwnController:
             read = read | opened()
         self.checksums = checksums_of({*files_named(Path(path)), *modules_imported(), *read})
         self._take(made)
+        self.estimator = estimator or self._guarded("when it was looked at", lambda: estimator_of(self._made))
+
+    def with_estimator(self, estimator: EstimatorName) -> OwnController:
+        """Return a new one of the same file for another on-board state."""
+        return OwnController(self._path, self._made_by, self._robot, estimator)
 
     def _take(self, made: object) -> None:
         """Keep what was made, if it is a controller."""
@@ -77,8 +87,16 @@ class OwnController:
                 f"the sample_time of {self._place} is {self.sample_time!r}; it must be above zero."
             )
 
-    def __reduce__(self) -> tuple[Callable[..., OwnController], tuple[str, str, Robot, dict[str, str]]]:
-        return _made_again, (self._path, self._made_by, self._robot, dict(self.checksums))
+    def __reduce__(
+        self,
+    ) -> tuple[Callable[..., OwnController], tuple[str, str, Robot, EstimatorName, dict[str, str]]]:
+        return _made_again, (
+            self._path,
+            self._made_by,
+            self._robot,
+            self.estimator,
+            dict(self.checksums),
+        )
 
     def reset(self) -> None:
         """Forget everything that happened so far."""
@@ -118,7 +136,9 @@ class OwnController:
             raise InputError(f"{self._place} failed {moment}: {_told(error, Path(self._path))}.") from error
 
 
-def _made_again(path: str, made_by: str, robot: Robot, checksums: Checksums) -> OwnController:
+def _made_again(
+    path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksums: Checksums
+) -> OwnController:
     """Return a copy of a controller, if the files that it is made of are as they were."""
     changed = changed_file(checksums)
     if changed:
@@ -126,7 +146,7 @@ def _made_again(path: str, made_by: str, robot: Robot, checksums: Checksums) -> 
             f"{os.path.relpath(changed)} was changed while {path}:{made_by} ran; begin anew, so that all runs are of "
             "one controller."
         )
-    return OwnController(path, made_by, robot)
+    return OwnController(path, made_by, robot, estimator)
 
 
 #: files that a module read while it was run, by its name

@@ -26,7 +26,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.control.reference_file import is_file, reference_of, reference_text
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.named import named_estimator
 from ballbot.files import write_text
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.result_folder import read_manifest, result_folder
@@ -67,7 +67,6 @@ class Job:
     controller: Controller
     experiment: Experiment = "balance"
     reference: str = "square"  #: a name of `ballbot.control.references`, or a file; nothing to the bench
-    estimator: EstimatorName = "onboard"  #: whose state the controller feeds back; nothing to the bench
     duration: float  #: [s]
     log_format: LogFormat = "csv"
 
@@ -221,8 +220,8 @@ def settings(job: Job, seed: int) -> dict[str, str]:
             reference = "reference.csv"
             texts[reference] = reference_text(job.reference)
         run |= {"reference": reference, "compensation": job.controller.compensation}
-        run["estimator"] = job.estimator
-        options += f" --reference {reference} --controller controller.toml --estimator {job.estimator}"
+        run["estimator"] = job.controller.estimator
+        options += f" --reference {reference} --controller controller.toml"
         tables["motion_capture"] = asdict(MotionCapture.drawn(seed))
         header += _CAMERAS
     run["command"] = f"ballbot record scenario.toml --robot robot.toml {options} --out again"
@@ -236,7 +235,7 @@ def _record(job: Job, seed: int, progress: Callable[[float], None] | None) -> Re
             job.robot, job.scenario, job.experiment, duration=job.duration, seed=seed, progress=progress
         )
     sample_time = job.scenario.sensors.sample_time
-    estimator = named_estimator(job.estimator, job.robot, sample_time=sample_time)
+    estimator = named_estimator(job.controller.estimator, job.robot, sample_time=sample_time)
     twin = Twin(job.robot, job.scenario, estimator=estimator)
     reference = reference_of(job.reference)
     return record_balance(

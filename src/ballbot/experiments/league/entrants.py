@@ -5,7 +5,7 @@ precise                        the precise controller (`ballbot.control.precise`
 found/controller.toml          a controller file
 mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
 adaptive=mine.py:Mine          any of these under another name
-found/controller.toml@kalman   any of these with an estimator's state, where the robot's has errors
+found/controller.toml@kalman   any of these with another on-board state than the one that it is made for
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
-from ballbot.control.controller import Compensation
+from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.nominal import nominal_controller
@@ -36,7 +36,9 @@ class Entrant:
 
     name: str  #: in tables and figures
     source: str  #: one of `NAMED`, a controller file, or FILE.py:NAME
-    estimator: EstimatorName = "onboard"  #: whose state it is given
+    estimator: EstimatorName | None = (
+        None  #: the on-board state it is given; by default the one it is made for
+    )
 
     def controller(self, robot: Robot) -> Feedback:
         """Return it, new.
@@ -44,8 +46,12 @@ class Entrant:
         Raises
         ------
         InputError
-            Where there is no such controller, or what a user's file makes is none.
+            If there is no such controller, or a user's file does not make one.
         """
+        made = self._made(robot)
+        return made if self.estimator is None else made.with_estimator(self.estimator)
+
+    def _made(self, robot: Robot) -> Controller | OwnController:
         for compensation in get_args(Compensation):
             if self.source == compensation:
                 return nominal_controller(robot, compensation=compensation)
@@ -78,8 +84,7 @@ class Entrant:
 def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
     """Return those whom words of the command line name.
 
-    The precise controller is given the Kalman filter's state, for which it is made; others the thesis's where no word
-    says otherwise.
+    Each gets the on-board state that it is made for unless its word names another.
 
     Raises
     ------
@@ -106,9 +111,9 @@ def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
     return tuple(found.values())
 
 
-def _parted(source: str) -> tuple[str, EstimatorName]:
-    """Return what makes a controller and whose state it is given, of SOURCE or SOURCE@ESTIMATOR."""
+def _parted(source: str) -> tuple[str, EstimatorName | None]:
+    """Return the source and the estimator, if one is named, of SOURCE or SOURCE@ESTIMATOR."""
     before, at, after = source.rpartition("@")
     if at and "/" not in after:
         return before, checked_name(after)
-    return source, "kalman" if source == "precise" else "onboard"
+    return source, None

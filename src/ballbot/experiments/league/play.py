@@ -12,14 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.interface import Feedback
+from ballbot.control.interface import Feedback, estimator_of
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
@@ -66,7 +65,6 @@ def play(
     courses: Sequence[Course],
     *,
     seeds: Sequence[int],
-    estimators: Mapping[str, EstimatorName] = MappingProxyType({}),
     processes: int | None = None,
     recall: Recall = afresh,
     progress: Callable[[float], None] | None = None,
@@ -80,11 +78,10 @@ def play(
     robot : Robot
         As it is described; courses may differ from it. Its friction is true of the model and nothing to the twin.
     controllers : mapping of str to Feedback
-        By name; every run gets a copy. They are pickled where there is more than one process.
+        By name; every run gets a copy, and on the twin the on-board state that it is made for. They are pickled if
+        there is more than one process.
     courses : sequence of Course
     seeds : sequence of int
-    estimators : mapping of str to {"onboard", "kalman"}, optional
-        Whose state a controller is given on the twin, by its name; onboard where not given.
     processes : int, optional
         One for each core where not given; with one, all is done in this process.
     recall : Recall, optional
@@ -104,7 +101,6 @@ def play(
             course=course,
             name=name,
             controller=controller,
-            estimator=estimators.get(name, "onboard"),
             seed=seed,
             tracked=seed == seeds[0],
         )
@@ -141,7 +137,6 @@ class _Game:
     course: Course
     name: str
     controller: Feedback
-    estimator: EstimatorName
     seed: int
     tracked: bool
 
@@ -185,7 +180,7 @@ def _play(robot: Robot, game: _Game) -> Arrays:
     """Return the score's numbers, the codes of why the run ended, and the track (4, N), empty unless tracked."""
     course = game.course
     log = simulate(
-        course.plant(robot, estimator=game.estimator),
+        course.plant(robot, estimator=estimator_of(game.controller)),
         copy.deepcopy(game.controller),
         course.asked.reference(),
         duration=course.duration,

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import hold
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.limits import Kind, RobotLimits, TwinEdge
 from ballbot.experiments.limits.starts import leaning
 from ballbot.mechanics.equations import LARGEST_LEAN
@@ -31,7 +31,6 @@ def twin_edges(
     found: RobotLimits,
     *,
     directions: Sequence[int],
-    estimator: EstimatorName = "onboard",
     seed: int = 1,
     tell: Callable[[float], None] | None = None,
 ) -> list[TwinEdge]:
@@ -47,15 +46,13 @@ def twin_edges(
         The model's.
     directions : sequence of int
         Places among its directions.
-    estimator : {"onboard", "kalman"}
-        Whose state the controller is given.
     seed : int
         Of every run.
     tell : callable, optional
         Told the share that is done.
     """
     lenient = replace(scenario, fallen_lean=LARGEST_LEAN)
-    state = named_estimator(estimator, robot, sample_time=scenario.sensors.sample_time)
+    state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
     twin = Twin(robot, lenient, estimator=state)
     edges = []
     for done, place in enumerate(directions, start=1):

@@ -155,7 +155,7 @@ def robust_design(
 
     def controller_of(weights: tuple[float, ...], torque_weight: float = TORQUE_WEIGHT) -> Controller:
         gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
-        return Controller(robot, gain, compensation=compensation)
+        return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
     nominal = run_marks(robot, [controller_of(STATE_WEIGHTS)], judges, step=SEARCH_STEP, threads=threads)
     units = units_of(nominal)
