@@ -36,7 +36,9 @@ from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
 from ballbot.simulation.conditions import Conditions
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
+from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.simulation.upside_down import follow as follow_ball
 from ballbot.simulation.verdict import Verdict
@@ -52,6 +54,8 @@ FRICTION = Friction(
 )
 ROBOT = Robot.load("alten").replace(friction=FRICTION)
 MODEL, H, TWIN = Model(ROBOT), 0.005, Twin(ROBOT)
+SENSED = SensedPlant(MODEL, Imperfections(sensors=ROBOT.sensors, backlash=0.02, slope=(0.02, 0.01)))
+GEARED = GearPlayPlant(MODEL, 0.02)
 CONTROLLER = nominal_controller(ROBOT)
 BALL = ClampedBall.of_robot(ROBOT)
 CURVE = {"viscous": 0.01, "coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6}
@@ -236,11 +240,25 @@ def _simulation() -> Iterator[tuple[str, Case]]:
         TWIN.reset(a.get("state", STATE), seed=1)
         return TWIN.step(a.get("torques", TORQUES), H).state
 
+    def sensed(a: Arrays) -> object:
+        SENSED.reset(a.get("state", STATE), seed=1)
+        return SENSED.step(a.get("torques", TORQUES), H).state
+
+    def loads(a: Arrays) -> object:
+        GEARED.reset(STATE)
+        return GEARED.step(a["torques"], H, wheel_load=a.get("load", 0.5 * TORQUES)).state
+
     yield (
         "ModelPlant",
         Case(call=step, arrays={"state": STATE, "torques": TORQUES}, rows=("state",), optional=("state",)),
     )
     yield "Twin", Case(call=twin, arrays={"state": STATE, "torques": TORQUES}, optional=("state",))
+    yield (
+        "SensedPlant",
+        Case(call=sensed, arrays={"state": STATE, "torques": TORQUES}, rows=("state",), optional=("state",)),
+    )
+    loaded = {"torques": TORQUES, "load": 0.5 * TORQUES}
+    yield "GearPlayPlant, its load", Case(call=loads, arrays=loaded, optional=("load",))
     yield (
         "simulate",
         Case(

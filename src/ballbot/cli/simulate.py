@@ -13,6 +13,7 @@ from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.nominal import nominal_controller
 from ballbot.control.reference_file import reference_of
+from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.metrics import SETTLE, settled
 from ballbot.experiments.score import score
 from ballbot.files import write_text
@@ -22,7 +23,12 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.report.json_text import as_json
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
+from ballbot.seeds import check_seed
+from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin import Scenario
+from ballbot.twin.imperfections import imperfections_of
 
 _WRITTEN = ("log.csv", "log.parquet", "results.json")
 
@@ -36,6 +42,8 @@ def simulate(
     controller: Path | None = None,
     compensation: Compensation = "none",
     formulation: Formulation = "exact",
+    scenario: str | None = None,
+    seed: int = 1,
     format: Literal["csv", "parquet"] = "csv",
     accept: Accept = None,
     out: Path,
@@ -43,6 +51,8 @@ def simulate(
     """Simulate a robot in closed loop on its equations of motion, with stick-slip friction.
 
     Example: ballbot simulate alten --reference square --duration 32 --out run1
+
+    Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
 
     Writes log.csv and results.json (position errors, torque, how the run ended).
 
@@ -61,6 +71,12 @@ def simulate(
         Compensation of the robot's friction by the nominal controller: none, full or partial.
     formulation
         exact, or thesis (Appendix II as printed).
+    scenario
+        Sensors, delay, play, torque noise and floor of this scenario of the twin, a name or a file, on the equations
+        of motion; the friction stays the robot's. The controller gets the state of the estimator that its file names.
+        Perfect sensors if not given.
+    seed
+        Random seed of a scenario's noise. The same seed gives the same run.
     format
         File format of the log.
     out
@@ -68,6 +84,7 @@ def simulate(
     """
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
+    check_seed(seed)
     path = reference_of(reference)
     chosen = (
         read_controller(controller, described)
@@ -78,14 +95,16 @@ def simulate(
     if controller:
         warn_of_pumping({str(controller): chosen}, described, console)
     warn_of_idle_compensation({str(controller or "nominal controller"): chosen}, console)
-    inputs = [Path(one) for one in (robot, reference, controller) if one and Path(one).is_file()]
+    plant = _plant(Model(described, formulation), scenario, chosen.estimator)
+    inputs = [Path(one) for one in (robot, reference, controller, scenario) if one and Path(one).is_file()]
     with result_folder(out, command="simulate", names=_WRITTEN, inputs=inputs) as folder:
         with progress_bar(console, f"simulating {duration:g} s") as bar:
             log = run(
-                Model(described, formulation),
+                plant,
                 chosen,
                 path,
                 duration=duration,
+                seed=seed,
                 progress=bar.show,
             )
         with folder.replaced() as new:
@@ -94,6 +113,14 @@ def simulate(
     console.print(str(folder.path / f"log.{format}"), soft_wrap=True)
     if log.ended:
         console.print(f"The run ended early: {log.ended}.", soft_wrap=True)
+
+
+def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plant | Model:
+    """Return the model, behind the sensors of a scenario where there is one."""
+    if scenario is None:
+        return model
+    imperfections = imperfections_of(Scenario.load(scenario, model.robot))
+    return SensedPlant(model, imperfections, estimator=estimator)
 
 
 def _results(log: Log) -> dict[str, object]:

@@ -27,6 +27,8 @@ from ballbot.robot import Robot
 FALLING_PART = 0.05
 #: the steepest slope for which the first order is taken: 0.1 is 5.7 degrees
 STEEPEST = 0.1
+#: samples by which torques may be late: 5 s at 200 Hz, in which any ballbot falls; each takes room in a batch
+LONGEST_DELAY = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +38,8 @@ class Conditions:
     Raises
     ------
     InputError
-        If the delay or the missing samples are not whole numbers, the speed is not positive, or the slope is not that
-        of a floor to stand on.
+        If the delay is not a whole number of at most 1,000 samples, the missing samples are not whole numbers, the
+        speed is not positive, or the slope is not that of a floor to stand on.
     """
 
     delay: int = 0  #: samples by which torques come later than they were computed
@@ -54,6 +56,10 @@ class Conditions:
             whole_number(getattr(self, name), f"{name} of the conditions", least=0)
         if not isinstance(self.delay, int) or self.delay < 0:
             raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number, zero or more.")
+        if self.delay > LONGEST_DELAY:
+            raise InputError(
+                f"The delay is {self.delay} samples; it must be at most {LONGEST_DELAY}, by when any robot has fallen."
+            )
         if not self.top_speed > 0.0:
             raise InputError(f"The wheels' highest speed is {self.top_speed:g} rad/s; it must be positive.")
         if not np.hypot(*self.slope) <= STEEPEST:

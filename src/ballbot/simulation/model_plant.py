@@ -11,6 +11,7 @@ from ballbot.mechanics.engine import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis
 from ballbot.robot import Robot
 from ballbot.simulation.floor import lift_off, sinking_of
 from ballbot.simulation.plant import Measurement
@@ -88,31 +89,64 @@ class ModelPlant:
         )  # whole nanoseconds: a sum would drift past a reference's corners
         self._wheel_speeds = self._speeds()
         self._wheel_angles = self._wheel_angles + 0.5 * duration * (before + self._wheel_speeds)
-        return self._measure(self._why_ended(torques))
+        model = self.model
+        ended = why_ended(model.selected, model.packed, self._state, torques, self._lift_off, self._t)
+        return self._measure(ended)
 
     def _speeds(self) -> NDArray[np.float64]:
         if not np.isfinite(self._state).all():  # torques too large for numbers; the run ends
             return np.full(self.robot.wheel_count, np.nan)
         return self.model.wheel_speed(self._state[:5], self._state[5:])
 
-    def _why_ended(self, torques: NDArray[np.float64]) -> str | None:
-        if not np.abs(self._state[2:4]).max() <= LARGEST_LEAN:
-            return f"{FALLEN} at t = {self._t:.3f} s"
-        if not sinking_of(self.model.selected, self.model.packed, self._state, torques) < self._lift_off:
-            return f"{LIFTED} at t = {self._t:.3f} s"
-        return None
-
     def _measure(self, ended: str | None) -> Measurement:
-        state = self._state[:10].copy()
-        return Measurement(
-            t=self._t,
-            state=state,
-            wheel_angles=self._wheel_angles,
-            wheel_speeds=self._wheel_speeds,
-            gyro=body_rates_matrix(*state[2:5]) @ state[7:],
-            truth=state,
-            ended=ended,
-        )
+        return measurement(self._t, self._state, self._wheel_angles, self._wheel_speeds, ended)
+
+
+def why_ended(
+    selected: Exact | Thesis | Pivoting,
+    row: NDArray[np.float64],
+    state: NDArray[np.float64],
+    torques: NDArray[np.float64],
+    limit: float,
+    t: float,
+) -> str | None:
+    """Return why a run of a packed robot ends at time t [s], or None.
+
+    Parameters
+    ----------
+    selected, row
+        What selects the equations, and the robot's numbers for them (`Model.selected`, `Model.packed`).
+    state : ndarray (10,) or (11,)
+    torques : ndarray (n,)
+        [N m].
+    limit : float
+        Of the robot's floor (`lift_off`) [1/s^2].
+    """
+    if not np.abs(state[2:4]).max() <= LARGEST_LEAN:
+        return f"{FALLEN} at t = {t:.3f} s"
+    if not sinking_of(selected, row, state, torques) < limit:
+        return f"{LIFTED} at t = {t:.3f} s"
+    return None
+
+
+def measurement(
+    t: float,
+    state: NDArray[np.float64],
+    wheel_angles: NDArray[np.float64],
+    wheel_speeds: NDArray[np.float64],
+    ended: str | None,
+) -> Measurement:
+    """Return the measurement of perfect sensors: what is measured of a state (10,) or (11,) is what is true."""
+    seen = state[:10].copy()
+    return Measurement(
+        t=t,
+        state=seen,
+        wheel_angles=wheel_angles,
+        wheel_speeds=wheel_speeds,
+        gyro=body_rates_matrix(*seen[2:5]) @ seen[7:],
+        truth=seen,
+        ended=ended,
+    )
 
 
 def checked_states(states: ArrayLike) -> NDArray[np.float64]:

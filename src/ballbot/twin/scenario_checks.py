@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass
 
 from ballbot.errors import InputError
 from ballbot.robot.robot import Robot
+from ballbot.simulation.conditions import LONGEST_DELAY
 from ballbot.sizes import SHORTEST_SAMPLE, SHORTEST_STEP
 from ballbot.twin.scenario import Scenario
 
@@ -37,7 +38,7 @@ _POSITIVE = (
 
 #: sizes that decide how much is computed or kept, and the most that is
 _LARGEST = {
-    "delay": 1000.0,  # samples
+    "delay": float(LONGEST_DELAY),  # samples
     "latency": 10.0,
     "speed_window": 10_000.0,
     "per_row": 500.0,

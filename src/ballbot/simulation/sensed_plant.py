@@ -1,0 +1,329 @@
+"""The model as a robot has it: through its own sensors, late, noisy, with play, on a floor that is not level.
+
+It stands between `ModelPlant`, whose sensors are perfect, and the MuJoCo twin: the equations of motion with what a
+scenario of the twin says of sensors and drive, in a fraction of the twin's time. Controllers can so be compared on
+robots whose masses, geometry or friction differ from those that the controller knows.
+
+What each imperfection is:
+
+- sensors, their faults, an accelerometer and fixes: those of the twin (`ballbot.simulation.sensor_suite`). The
+  controller's state is an estimator's, of the robot that the controller knows.
+- delay: torques act whole samples later, zero at first. Noise comes upon each sample's torques when they act, and then
+  the driver's torque limit and the supply's speed limit, which is taken by the speed at the sample's start.
+- play: `ballbot.simulation.gear_play`; without it the model is stepped as `ModelPlant` does, bit for bit.
+- slope: to first order, as `ballbot.simulation.conditions` has it. The lean that is measured is larger by that at
+  which the robot rests, and the slope loads the wheels beyond their play.
+
+Rolling and pivoting friction are the model's, and so is the friction of its drivelines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.arrays import positive_number, real_array, real_number, whole_number
+from ballbot.errors import InputError
+from ballbot.estimation.interface import Reading
+from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.geometry import body_rates_matrix
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.derived import wheel_speed_limit
+from ballbot.robot.robot import Sensors
+from ballbot.simulation.accelerometer import Accelerometer
+from ballbot.simulation.conditions import FALLING_PART, Conditions, rest_on_slope
+from ballbot.simulation.fixes import FixSource
+from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.model_plant import ModelPlant, checked_states
+from ballbot.simulation.plant import Measurement
+from ballbot.simulation.sensor_suite import SensorSuite
+from ballbot.simulation.sensors import SensorFaults
+from ballbot.sizes import SHORTEST_SAMPLE
+
+#: samples over which counts may be differenced
+_LONGEST_WINDOW = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Imperfections:
+    """What a robot's sensors, drive and floor are, besides what its model says; all but the sensors is off by default.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number of the kind that is asked for, or out of its bounds.
+    """
+
+    sensors: Sensors  #: what the sensors really do; their sample time is the plant's
+    speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
+    sensor_faults: SensorFaults | None = None
+    accelerometer: Accelerometer | None = None
+    fix: FixSource | None = None
+    delay: int = 0  #: samples by which torques come later than they were computed
+    torque_noise: float = 0.0  #: standard deviation of each sample's torque [N m]
+    backlash: float = 0.0  #: gearbox play at the wheel, from stop to stop [rad]
+    slope: tuple[float, float] = (0.0, 0.0)  #: rise of the floor along x and along y [-]
+    fallen_lean: float = LARGEST_LEAN  #: lean at which a run ends [rad]
+
+    def __post_init__(self) -> None:
+        _check_sensors(self.sensors)
+        if whole_number(self.speed_window, "speed_window", least=1) > _LONGEST_WINDOW:
+            raise InputError(f"speed_window is {self.speed_window}; it must be at most {_LONGEST_WINDOW}.")
+        for name in ("torque_noise", "backlash"):
+            if not real_number(getattr(self, name), name) >= 0.0:
+                raise InputError(f"{name} is {getattr(self, name):g}; it must be zero or more.")
+        if not positive_number(self.fallen_lean, "fallen_lean") <= LARGEST_LEAN:
+            raise InputError(
+                f"fallen_lean is {self.fallen_lean:g} rad; the model holds up to {LARGEST_LEAN:g} rad."
+            )
+        Conditions(delay=self.delay, slope=self.slope)  # the same bounds
+
+
+class SensedPlant:
+    """A model behind a robot's own sensors, drive and floor.
+
+    Parameters
+    ----------
+    model : Model
+        What is true: mechanics, friction, limits of the drive. Of the exact formulation, whose wheel speeds are those
+        that encoders see.
+    imperfections : Imperfections
+    known : Robot, optional
+        The robot that the estimator knows; the model's where not given.
+    estimator : {"onboard", "kalman"}
+
+    Raises
+    ------
+    InputError
+        If the formulation is not "exact", the known robot has another number of wheels, or the model cannot have play
+        (`GearPlayPlant`).
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        imperfections: Imperfections,
+        *,
+        known: Robot | None = None,
+        estimator: EstimatorName = "onboard",
+    ) -> None:
+        if model.formulation != "exact":
+            raise InputError(
+                "Sensors need the formulation 'exact'; the wheel speeds of 'thesis' are not those that encoders see."
+            )
+        robot, assumed = model.robot, model.robot if known is None else known
+        if assumed.wheel_count != robot.wheel_count:
+            raise InputError(
+                f"The known robot has {assumed.wheel_count} wheels and the model's {robot.wheel_count}; they must have "
+                "the same number."
+            )
+        self.model, self.imperfections = model, imperfections
+        self._mechanics = (
+            GearPlayPlant(model, imperfections.backlash)
+            if imperfections.backlash > 0.0
+            else ModelPlant(model)
+        )
+        self._sensors = SensorSuite(
+            robot,
+            imperfections.sensors,
+            window=imperfections.speed_window,
+            faults=imperfections.sensor_faults,
+            accelerometer=imperfections.accelerometer,
+            fix=imperfections.fix,
+        )
+        self._estimator = named_estimator(estimator, assumed, sample_time=imperfections.sensors.sample_time)
+        self._drive = _Drive(robot)
+        self._slope = _Slope(robot, imperfections.slope)
+        self._upright_cosine = math.cos(imperfections.fallen_lean)
+        self.reset()
+
+    @property
+    def robot(self) -> Robot:
+        """The model's robot."""
+        return self.model.robot
+
+    @property
+    def motor_angles(self) -> NDArray[np.float64]:
+        """Angles (n,) of the motors at the wheels, of which the encoders count [rad]."""
+        return self._true.wheel_angles.copy()
+
+    @property
+    def play_places(self) -> NDArray[np.float64]:
+        """How far each motor is ahead of its wheel (n,) [rad]; zero without play."""
+        mechanics = self._mechanics
+        return (
+            mechanics.play_places
+            if isinstance(mechanics, GearPlayPlant)
+            else np.zeros(self.robot.wheel_count)
+        )
+
+    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
+        """Start at t = 0 and return what the sensors say.
+
+        Parameters
+        ----------
+        initial_state : array_like (10,) or None
+            True state; None is upright at rest at the origin.
+        seed : int
+            All noise, and where in its play each gearbox rests, follow from it: equal seeds give equal runs, bit for
+            bit.
+
+        Raises
+        ------
+        InputError
+            If the state is not ten finite numbers with a lean of at most 1.2 rad.
+        """
+        state = np.zeros(10) if initial_state is None else checked_states(initial_state)[0]
+        self._random = np.random.default_rng(seed)
+        self._waiting = deque([np.zeros(self.robot.wheel_count)] * self.imperfections.delay)
+        self._true = self._mechanics.reset(self._slope.on_level(state), seed=seed)
+        self._sensors.reset(self._random, self._true.wheel_angles)
+        self._estimator.reset(position=(float(state[0]), float(state[1])))
+        return self._measure()
+
+    def step(self, torques: ArrayLike, duration: float) -> Measurement:
+        """Hold the torques for a duration and return what the sensors say at its end.
+
+        Parameters
+        ----------
+        torques : array_like (n,)
+            Commanded torques at the wheels [N m]; delay, noise, torque limit and supply limit come upon them.
+        duration : float
+            A whole number of the sensors' sample times [s]; the sensors are read at each.
+
+        Raises
+        ------
+        InputError
+            If the torques are not n finite numbers, or the duration is no such number.
+        """
+        held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
+        duration = positive_number(duration, "The duration")
+        sample_time = self.imperfections.sensors.sample_time
+        samples = round(duration / sample_time)
+        if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
+            raise InputError(
+                f"The sensors are read every {sample_time:g} s, so a controller's sample time must be a whole number "
+                f"of that, not {duration:g} s."
+            )
+        for _ in range(samples - 1):
+            self._advance(held)
+            self._measure()
+        self._advance(held)
+        return self._measure()
+
+    def _advance(self, torques: NDArray[np.float64]) -> None:
+        """Advance by one sample with the torques (n,) that were commanded."""
+        imperfections, mechanics = self.imperfections, self._mechanics
+        self._waiting.append(torques)
+        noise = imperfections.torque_noise * self._random.standard_normal(self.robot.wheel_count)
+        acting = self._drive.within_limits(self._waiting.popleft() + noise, self._true.wheel_speeds)
+        sample_time = imperfections.sensors.sample_time
+        load = self._slope.load(float(self._true.state[4]))
+        if isinstance(mechanics, GearPlayPlant):
+            self._true = mechanics.step(acting, sample_time, wheel_load=load)
+        else:
+            self._true = mechanics.step(acting - load, sample_time)
+
+    def _measure(self) -> Measurement:
+        """Read every sensor once."""
+        true = self._true
+        truth = self._slope.on_slope(true.truth)
+        reading = self._read(true, truth)
+        return Measurement(
+            t=true.t,
+            state=self._estimator.update(reading),
+            wheel_angles=reading.wheel_angles,
+            wheel_speeds=reading.wheel_speeds,
+            gyro=reading.gyro,
+            acceleration=reading.acceleration,
+            truth=truth,
+            valid=reading.whole,
+            ended=self._why_ended(true, truth),
+        )
+
+    def _read(self, true: Measurement, truth: NDArray[np.float64]) -> Reading:
+        body_rate = true.gyro if truth is true.truth else body_rates_matrix(*truth[2:5]) @ truth[7:]
+        body_velocity = np.array([truth[5], truth[6], 0.0, *body_rate])
+        return self._sensors.read(true.t, truth, body_velocity, true.wheel_angles)
+
+    def _why_ended(self, true: Measurement, truth: NDArray[np.float64]) -> str | None:
+        limit = self.imperfections.fallen_lean
+        upright = math.cos(truth[2]) * math.cos(truth[3])  # cosine of the lean
+        if true.ended is None and limit < LARGEST_LEAN and upright < self._upright_cosine:
+            return f"fallen: lean past {limit:g} rad at t = {true.t:.3f} s"
+        return true.ended
+
+
+class _Drive:
+    """Torque limit of the drivers and speed limit of the supply, as on the twin."""
+
+    def __init__(self, robot: Robot) -> None:
+        drive = robot.drive
+        self._limit = drive.torque_limit
+        self._top = wheel_speed_limit(
+            supply_voltage=drive.supply_voltage,
+            speed_constant=drive.speed_constant,
+            gear_ratio=drive.gear_ratio,
+        )
+
+    def within_limits(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the motors can of torques (n,) [N m] at motor speeds (n,) [rad/s]."""
+        limit, top = self._limit, self._top
+        clipped = np.minimum(np.maximum(torques, -limit), limit)
+        if np.abs(speeds).max() <= (1.0 - FALLING_PART) * top:
+            return clipped
+        # one-sided: a motor at its highest speed can still brake with full torque
+        share = np.clip((top - speeds * np.sign(clipped)) / (FALLING_PART * top), 0.0, 1.0)
+        return np.sign(clipped) * np.minimum(np.abs(clipped), share * limit)
+
+
+class _Slope:
+    """A floor that rises, as lean and wheel torques that the robot on level ground lacks."""
+
+    def __init__(self, robot: Robot, slope: tuple[float, float]) -> None:
+        self._lean, self._along = rest_on_slope(robot, slope)
+        _, self._across = rest_on_slope(robot, (slope[1], -slope[0]))
+        self._level = slope[0] == slope[1] == 0.0
+        self._none = np.zeros(robot.wheel_count)
+
+    def on_level(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the state (10,) of the robot on level ground that moves as one on the slope."""
+        return state if self._level else self._leaning(state, -1.0)
+
+    def on_slope(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the state (10,) on the slope of a robot on level ground."""
+        return state if self._level else self._leaning(state, 1.0)
+
+    def load(self, psi: float) -> NDArray[np.float64]:
+        """Return the torques (n,) [N m] with which the slope loads the wheels at a heading [rad]."""
+        if self._level:
+            return self._none
+        return math.cos(psi) * self._along + math.sin(psi) * self._across
+
+    def _leaning(self, state: NDArray[np.float64], sign: float) -> NDArray[np.float64]:
+        moved = state.copy()
+        moved[2:4] += sign * self._lean
+        return moved
+
+
+def without_imperfections(sensors: Sensors) -> Imperfections:
+    """Return what perfect sensors come closest to: no noise and no drift, but counts and samples as they are."""
+    return Imperfections(sensors=replace(sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0))
+
+
+def _check_sensors(sensors: Sensors) -> None:
+    if not positive_number(sensors.sample_time, "sample_time of the sensors") >= SHORTEST_SAMPLE:
+        raise InputError(
+            f"sample_time of the sensors is {sensors.sample_time:g} s; it must be at least {SHORTEST_SAMPLE:g} s."
+        )
+    whole_number(sensors.encoder_counts, "encoder_counts of the sensors", least=1)
+    for name in ("gyro_noise", "attitude_noise"):
+        if not real_number(getattr(sensors, name), f"{name} of the sensors") >= 0.0:
+            raise InputError(f"{name} of the sensors is {getattr(sensors, name):g}; it must be zero or more.")
+    real_number(sensors.heading_drift, "heading_drift of the sensors")
