@@ -23,7 +23,7 @@ from ballbot.simulation.conditions import LONGEST_DELAY, Conditions, rest_on_slo
 from ballbot.simulation.fixes import FixSource
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.sensed_plant import Imperfections, SensedPlant, without_imperfections
+from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Payload, Timing
@@ -31,7 +31,10 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 
 SAMPLE = 0.005
 FREE, STUCK = Model(alten()), Model(alten(FRICTION))
-PERFECT = without_imperfections(FREE.robot.sensors)
+#: encoders count and samples are held, and nothing else errs
+PERFECT = Imperfections(
+    sensors=replace(FREE.robot.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
+)
 NOMINAL = imperfections_of(Scenario.nominal(Robot.load("alten")))
 DRIVE = FREE.robot.drive
 ROTOR = reflected_rotor_inertia(

@@ -15,9 +15,10 @@ A step of at most 0.5 ms has one implicit solution for the torques T, the set-va
 the stops, found contact by contact (Gauss and Seidel's method; each contact is solved exactly), as in J. J. Moreau,
 Unilateral contact and dry friction in finite freedom dynamics, 1988.
 
-What it neglects: rebound and compliance at the stops (an impact's torque lasts one or two steps), friction and lost
-torque between the gear's teeth, and the rotors' turning with the body, as the model does. Velocities are of first order
-in the step, where `ModelPlant` is of fourth while nothing sticks.
+What it neglects: rebound and compliance at the stops (an impact's torque lasts one or two steps; the twin's stops are
+soft, which makes its torques rougher where friction is compensated), friction between the gear's teeth, and the rotors'
+turning with the body, as the model does. Velocities are of first order in the step, where `ModelPlant` is of fourth
+while nothing sticks.
 """
 
 from __future__ import annotations

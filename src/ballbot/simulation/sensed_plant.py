@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -310,11 +310,6 @@ class _Slope:
         moved = state.copy()
         moved[2:4] += sign * self._lean
         return moved
-
-
-def without_imperfections(sensors: Sensors) -> Imperfections:
-    """Return what perfect sensors come closest to: no noise and no drift, but counts and samples as they are."""
-    return Imperfections(sensors=replace(sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0))
 
 
 def _check_sensors(sensors: Sensors) -> None:
