@@ -126,14 +126,22 @@ MISTAKES: dict[str, tuple[Callable[[Log], Log], str, str]] = {
         "torque-order",
         "u1 drives wheel 2, u2 drives wheel 3, u3 drives wheel 1",
     ),
-    "torques twice": (lambda log: scaled(log, 2.0, *TORQUES), "torque-scale", "times what the motion needs"),
-    "torques halved": (lambda log: scaled(log, 0.5, *TORQUES), "torque-scale", "times what the motion needs"),
+    "torques twice": (
+        lambda log: scaled(log, 2.0, *TORQUES),
+        "torque-scale",
+        "times what the motion of this robot needs",
+    ),
+    "torques halved": (
+        lambda log: scaled(log, 0.5, *TORQUES),
+        "torque-scale",
+        "times what the motion of this robot needs",
+    ),
     "random torques": (
         lambda log: log.with_columns(
             dict(zip(TORQUES, np.random.default_rng(0).standard_normal((3, len(log))), strict=True))
         ),
         "torque-unrelated",
-        "nothing to do with the motion",
+        "unrelated to the motion",
     ),
     "torques 80 ms late": (lambda log: delayed(log, 0.08, *TORQUES), "torque-delay", "80 ms too late"),
     "torques 50 ms early": (lambda log: delayed(log, -0.05, *TORQUES), "torque-delay", "50 ms too early"),

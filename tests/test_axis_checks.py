@@ -34,21 +34,21 @@ Change = Callable[[AxisRecord], AxisRecord]
 WRONG_OPEN: dict[str, tuple[Change, str, str]] = {
     "force negated": (lambda r: replace(r, force=-r.force), "force-sign", "has the opposite sign"),
     "position negated": (lambda r: replace(r, position=-r.position), "force-sign", "has the opposite sign"),
-    "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise, or of another run"),
-    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "t looks to be in milliseconds"),
+    "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise or from another run"),
+    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "t appears to be in milliseconds"),
 }
 WRONG_CLOSED: dict[str, tuple[Change, str, str]] = {
     "force negated": (
         lambda r: replace(r, force=-r.force),
         "force-sign",
-        "the loop's with the opposite sign",
+        "the opposite sign of the control law",
     ),
     "force in mN": (
         lambda r: replace(r, force=1e3 * r.force),
         "axis-loop",
-        "1000 times what the loop's gains give",
+        "1000 times the force of the control law",
     ),
-    "no force scale": (looped(force_per_input=1.0), "axis-loop", "35 times what the loop's gains give"),
+    "no force scale": (looped(force_per_input=1.0), "axis-loop", "35 times the force of the control law"),
     "position in mm": (
         lambda r: replace(r, position=1e3 * r.position),
         "axis-reference",
@@ -57,11 +57,11 @@ WRONG_CLOSED: dict[str, tuple[Change, str, str]] = {
     "reference negated": (
         lambda r: replace(r, reference=-r.reference),
         "axis-reference",
-        "one of them is negated",
+        "negate one of them",
     ),
     "another column": (lambda r: replace(r, force=noise(r)), "axis-loop", "another column"),
     "time ten times": (lambda r: replace(r, sample_time=1e-2), "axis-loop", "the time base"),
-    "position gain": (looped(position_gain=16.0), "axis-loop", "--position-gain is off by that factor"),
+    "position gain": (looped(position_gain=16.0), "axis-loop", "--position-gain is wrong by that factor"),
 }
 
 

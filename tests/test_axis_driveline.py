@@ -98,8 +98,8 @@ def with_body(**columns: np.ndarray) -> Log:
     ("name", "size", "sentence"),
     [
         # a whole turn of a sine of 0.02 rad: 0.02 / sqrt(2) rad
-        ("theta", 0.02, "leans to and fro by 0.81 degrees (root mean square of theta)"),
-        ("phi", 0.05, "logs of a balancing robot are for `ballbot identify`"),
+        ("theta", 0.02, "sways by 0.81 degrees (root mean square of theta)"),
+        ("phi", 0.05, "use `ballbot identify` for logs of a balancing robot"),
         ("ball_omega_y", 1.0, "a ball turns (ball_omega_y)"),
     ],
 )

@@ -61,7 +61,7 @@ def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
     with monkeypatch.context() as patch:
         patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
         assert main(command) == 130
-    assert "go on where it stopped with: ballbot identify-axis" in capsys.readouterr().err
+    assert "continue with: ballbot identify-axis" in capsys.readouterr().err
     # six laws on the ladder and two of the fits that follow; what is on file is not made again
     assert (tmp_path / "checkpoint.jsonl").read_bytes().count(b"\n") == 1 + 6 + 2
     monkeypatch.setattr(ladder, "_held_out", pytest.fail)
@@ -91,13 +91,13 @@ def test_a_mat_file_that_is_not_there(tmp_path, capsys):
     ("words", "sentence"),
     [
         (["--position", "possition"], "did you mean 'position'?"),
-        (["--force-scale", "aim"], "where one number is needed"),
+        (["--force-scale", "aim"], "it must be one number"),
         (["--force-scale", "0"], "the force is 0 N throughout"),
         (["--position-gain", "160"], "needs both"),
         (["--law", "magic"], "There is no friction law 'magic'"),
-        (["--window", "5"], "the ladder needs 8"),
+        (["--window", "5"], "model selection needs 8"),
         (["--bandwidth", "0"], "needs a filter at 0 Hz"),
-        (["{file}"], "called alike"),
+        (["{file}"], "have the same name"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, words, sentence):
@@ -112,7 +112,7 @@ def test_a_force_of_the_wrong_sign_is_told(noisy_record):
     record = AxisRecord(
         name="wrong", sample_time=1e-3, force=-noisy_record.force, position=noisy_record.position
     )
-    with pytest.raises(InputError, match="the force's sign or its column is wrong"):
+    with pytest.raises(InputError, match="The sign of the force or its column is wrong"):
         identify_axis(record)
 
 

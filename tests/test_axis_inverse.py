@@ -74,7 +74,7 @@ def test_an_axis_that_moves_one_way_is_refused():
     forwards = AxisRecord(
         name="one way", sample_time=1e-3, force=20.0 + 200.0 * t, position=0.1 * t + 0.01 * np.sin(2.0 * t)
     )
-    with pytest.raises(InputError, match="both ways"):
+    with pytest.raises(InputError, match="in both directions"):
         inverse_fit(forwards)
 
 

@@ -104,7 +104,7 @@ def test_closed_loop_standard_errors_are_of_the_size_of_the_errors():
 def test_a_record_without_its_loop_has_no_closed_loop():
     record = simulated_record()
     bare = AxisRecord(name="bare", sample_time=SAMPLE_TIME, force=record.force, position=record.position)
-    with pytest.raises(InputError, match="bare does not say what loop"):
+    with pytest.raises(InputError, match="bare does not contain the control loop"):
         Axis(rung=RUNGS["coulomb"], values=TRUTH).closed_loop(bare, speed=0.0)
 
 

@@ -150,12 +150,12 @@ def other_seed(text: str) -> str:
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda _: "", "is not a whole checkpoint"),
-        (lambda _: "t,x\n1,2\n", "is not a whole checkpoint"),
-        (lambda _: "[]\n", "is not a whole checkpoint"),
-        (other_format, "is not a whole checkpoint"),
-        (cut, "is not a whole checkpoint"),
-        (lambda _: "[" * 100_000, "is not a whole checkpoint"),
+        (lambda _: "", "is not a complete checkpoint"),
+        (lambda _: "t,x\n1,2\n", "is not a complete checkpoint"),
+        (lambda _: "[]\n", "is not a complete checkpoint"),
+        (other_format, "is not a complete checkpoint"),
+        (cut, "is not a complete checkpoint"),
+        (lambda _: "[" * 100_000, "is not a complete checkpoint"),
         (other_seed, "was edited at line 1;"),
         (lambda text: text.replace('"answer"', '"reply"'), "was edited at line 2;"),
         (lambda text: text.replace("evolution", "polish"), "was edited at line 2;"),
@@ -183,14 +183,14 @@ def test_no_changed_byte_is_taken_for_what_was_written(tmp_path_factory, data):
     place = data.draw(st.integers(0, len(written) - 1))
     written[place] ^= data.draw(st.integers(1, 255))
     path.write_bytes(written)
-    with pytest.raises(InputError, match="delete it to begin anew"):
+    with pytest.raises(InputError, match="delete it to start again"):
         begin(path, resume=True)
 
 
 def test_another_question_is_refused(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     begin(path)("evolution", np.ones(3), list)
-    with pytest.raises(InputError, match="now asks something else"):
+    with pytest.raises(InputError, match="the run differs"):
         begin(path, resume=True)("polish", np.ones(3), never)
 
 
@@ -205,7 +205,7 @@ def test_only_a_file_is_resumed(tmp_path, kind):
 def test_a_question_that_differs_by_one_bit_is_refused(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     begin(path)("stage", np.ones(3), lambda: [np.zeros(1)])
-    with pytest.raises(InputError, match="at line 2 the run now asks something else"):
+    with pytest.raises(InputError, match="from line 2 on the run differs"):
         begin(path, resume=True)("stage", np.array([1.0, 1.0, np.nextafter(1.0, 2.0)]), never)
 
 

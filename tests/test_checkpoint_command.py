@@ -58,7 +58,7 @@ def test_the_sentence_is_a_command_that_ends_in_the_same_bytes(
 ):
     assert interrupted.count("\n") == 1
     told, command = interrupted.rstrip().split(": ballbot identify ")
-    assert told == "ballbot: interrupted; go on where it stopped with"
+    assert told == "ballbot: interrupted; continue with"
     assert main(["identify", *shlex.split(command)]) == 0
     resumed = outputs()
     assert set(resumed) == {"results.json", "robot.toml"}  # and no checkpoint any more

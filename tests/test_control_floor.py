@@ -102,12 +102,12 @@ def test_what_is_given_does_not_jump_as_it_is_carried_over():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: FloorAdaptation(time=0.0), "time of a floor adaptation is 0; it must be positive"),
-        (lambda: FloorAdaptation(highest=np.inf), "highest of a floor adaptation"),
-        (lambda: Parts(floor_adaptation=FloorAdaptation()), "needs an integral action"),
+        (lambda: FloorAdaptation(time=0.0), "time of the floor adaptation is 0; it must be positive"),
+        (lambda: FloorAdaptation(highest=np.inf), "highest of the floor adaptation"),
+        (lambda: Parts(floor_adaptation=FloorAdaptation()), "needs integral action"),
         (
             lambda: Parts(floor_adaptation=FloorAdaptation(), integral=IntegralAction(gain=np.zeros((3, 3)))),
-            "and a shaping",
+            "and reference shaping",
         ),
     ],
 )

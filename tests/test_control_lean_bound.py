@@ -101,7 +101,7 @@ def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray)
 
 @pytest.mark.parametrize("wrong", [{"lean": 0.0}, {"lean": np.inf}, {"turn": -1.0}])
 def test_bounds_that_are_none_are_refused(wrong):
-    with pytest.raises(InputError, match=r"of a lean bound is .* must be positive"):
+    with pytest.raises(InputError, match=r"of the lean limit is .* must be positive"):
         LeanBound(**wrong)
 
 

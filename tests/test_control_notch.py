@@ -68,9 +68,9 @@ def test_a_measurement_that_is_none_is_not_remembered():
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ({"frequency": 0.0}, "frequency of a notch is 0"),
-        ({"frequency": 20.0, "width": -1.0}, "width of a notch is -1"),
-        ({"frequency": 20.0, "depth": 1.0}, "depth of a notch is 1"),
+        ({"frequency": 0.0}, "frequency of the notch is 0"),
+        ({"frequency": 20.0, "width": -1.0}, "width of the notch is -1"),
+        ({"frequency": 20.0, "depth": 1.0}, "depth of the notch is 1"),
     ],
 )
 def test_what_is_no_notch_is_refused(wrong, told):

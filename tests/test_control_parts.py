@@ -349,22 +349,25 @@ def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: ReferenceShaping(frequency=0.0), "frequency of a reference shaping is 0"),
+        (lambda: ReferenceShaping(frequency=0.0), "frequency of the reference shaping is 0"),
         (lambda: ReferenceShaping(yaw_rate_limit=np.nan), "yaw_rate_limit"),
         (lambda: IntegralAction(gain=np.zeros((3, 2))), "three finite numbers for each wheel"),
-        (lambda: IntegralAction(gain=np.zeros((3, 3)), memory=0.0), "memory of an integral action is 0"),
+        (lambda: IntegralAction(gain=np.zeros((3, 3)), memory=0.0), "memory of the integral action is 0"),
         (lambda: IntegralAction(gain=np.zeros((3, 3)), dead_band=-1.0), "dead_band"),
-        (lambda: Standstill(feed=1.5), "feed of a standstill is 1.5; it must be a share"),
+        (lambda: Standstill(feed=1.5), "feed of the standstill is 1.5; it must be from 0 to 1"),
         (lambda: Standstill(feed_torque=0.0), "feed_torque"),
-        (lambda: DisturbanceObserver(balance=TorqueBalance.of(alten()), frequency=-1.0), "frequency of a dist"),
-        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), time=0.0), "time of a driveline adaptation"),
+        (lambda: DisturbanceObserver(balance=TorqueBalance.of(alten()), frequency=-1.0), "frequency of the dist"),
+        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), time=0.0), "time of the driveline adaptation"),
         (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), highest=0.9), "1 must lie between"),
         (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), lowest=1.1), "1 must lie between"),
-        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), noise=0.0), "noise of a driveline adaptation"),
-        (lambda: LoadScaling(share=1.2), "share of a load scaling is 1.2; it must be from 0 to 1"),
+        (
+            lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), noise=0.0),
+            "noise of the driveline adaptation",
+        ),
+        (lambda: LoadScaling(share=1.2), "share of the load scaling is 1.2; it must be from 0 to 1"),
         (
             lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(load_scaling=LoadScaling(share=1.0))),
-            "A load scaling needs",
+            "A load scaling adjusts",
         ),
         (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs reference shaping"),
         (
@@ -373,7 +376,7 @@ def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
                 np.zeros((3, 10)),
                 parts=Parts(driveline_adaptation=DrivelineAdaptation(balance=TorqueBalance.of(alten()))),
             ),
-            "needs a compensation",
+            "choose compensation",
         ),
         (
             lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),

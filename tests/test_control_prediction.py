@@ -199,7 +199,7 @@ def test_one_measurement_that_is_no_number_is_forgotten():
                 sample_time=0.01,
                 parts=Parts(prediction=DelayPrediction.of(alten(), delay=0.01)),
             ),
-            "a sample time of 0.005 s; the controller's is 0.01 s",
+            "a sample time of 0.005 s; the controller's sample time is 0.01 s",
         ),
         (
             lambda: Controller(
@@ -228,7 +228,7 @@ def test_design_writes_what_it_is_asked_for(tmp_path, capsys):
     write_robot(alten(FRICTION), path)
     options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]
     assert main(["design", str(path), *options]) == 0
-    assert "adaptation and load may scale that up to 150 %" in capsys.readouterr().out
+    assert "Adaptation and load scaling may raise that up to 150 %" in capsys.readouterr().out
     parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.016
@@ -241,8 +241,8 @@ def test_design_writes_what_it_is_asked_for(tmp_path, capsys):
     [
         (["--delay", "0"], "The delay to predict over is 0 s; it must be positive"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
-        (["--adaptive"], "--adaptive has nothing to follow"),
-        (["--robust", "--adaptive"], "leave out --kind"),
+        (["--adaptive"], "--adaptive has nothing to adapt"),
+        (["--robust", "--adaptive"], "remove --kind"),
     ],
 )
 def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):

@@ -59,7 +59,7 @@ def test_the_nominal_twin_passes_and_stays_upright():
 def test_a_wrong_sign_is_named(wrong):
     signs = tuple(-1 if i == wrong else 1 for i in range(3))
     (finding,) = findings_of(Miswired(alten(FRICTION), order=(0, 1, 2), signs=signs))
-    assert f"Motor {wrong + 1} was pushed forward and its encoder turned back" in finding
+    assert f"Motor {wrong + 1} was driven forward and its encoder turned back" in finding
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1), (0, 2, 1)])
@@ -69,12 +69,12 @@ def test_a_wrong_order_is_named(order):
     assert len(findings) == len(wrong)
     for motor, finding in zip(wrong, findings, strict=True):
         turning = order.index(motor) + 1
-        assert f"Motor {motor + 1} was pushed and encoder {turning} turned the most" in finding
+        assert f"Motor {motor + 1} was driven and encoder {turning} turned the most" in finding
 
 
 def test_a_motor_without_power_is_named():
     (finding,) = findings_of(Miswired(alten(FRICTION), order=(0, 1, 2), signs=(1, 0, 1)))
-    assert "Motor 2 was pushed and no encoder turned" in finding
+    assert "Motor 2 was driven and no encoder turned" in finding
 
 
 def test_the_example_in_the_documents_runs(capsys):
@@ -90,7 +90,7 @@ def test_wrong_input_is_told():
     with pytest.raises(InputError, match=r"above the largest break-away torque, 0\.18 N m"):
         SelfTest(alten(FRICTION), torque=0.1)
     strong = alten(replace(FRICTION, coulomb=(7.0, 7.0, 7.0)))
-    with pytest.raises(InputError, match="at most the drive's 6 N m"):
+    with pytest.raises(InputError, match="the torque limit of the drive, 6 N m"):
         SelfTest(strong, torque=8.0)
     robot = alten(FRICTION)
     short = simulate(Model(robot), SelfTest(robot), hold(), duration=0.2)

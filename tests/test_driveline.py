@@ -359,7 +359,7 @@ def test_of_wheel_takes_the_robots_values():
         ({"torque_of": [1]}, "torque_of"),
         ({"initial_speeds": [1.0, 2.0], "torque_of": [0, 0, 0]}, "lanes"),
         ({"initial_speeds": math.inf}, "initial speeds"),
-        ({"drivelines": [wheel(LAWS["dahl"]), wheel(LAWS["lugre"])]}, "single kind"),
+        ({"drivelines": [wheel(LAWS["dahl"]), wheel(LAWS["lugre"])]}, "must have the same law"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(values, word):

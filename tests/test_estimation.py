@@ -105,5 +105,5 @@ def test_errors_of_a_run_are_what_was_put_upon_the_truth() -> None:
     assert found.heading == pytest.approx(0.1 / np.sqrt(2), rel=1e-3)
     assert (found.rate, found.velocity) == (pytest.approx(0.7), 0.0)
     assert np.isnan(state_errors(t[:500], states[:500], truth[:500]).position_drift)
-    with pytest.raises(InputError, match=r"twice \(N, 10\)"):
+    with pytest.raises(InputError, match=r"two arrays of states \(N, 10\)"):
         state_errors(t, states, truth[:5])

@@ -230,9 +230,9 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
 
 
 def test_a_design_that_a_square_beats_is_not_praised():
-    assert "4.0 times a square's, so that the square tells more" in gain_words(0.25)
+    assert "4.0 times a square's, so the square is more informative" in gain_words(0.25)
     assert "4.0 times smaller than a square's" in gain_words(4.0)
-    assert "leaves parameters unidentifiable" in gain_words(math.inf)
+    assert "some parameters cannot be identified" in gain_words(math.inf)
 
 
 @pytest.mark.slow
@@ -243,7 +243,7 @@ def test_the_command_tries_it_on_the_twin(tmp_path, capsys):
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["limits_held_on_twin"] is True
     assert set(results["on_twin"]) == {"square", "designed"}
-    assert "The twin kept all limits." in capsys.readouterr().out
+    assert "The twin stayed within all limits." in capsys.readouterr().out
 
 
 def test_bad_input_is_refused_in_one_sentence(tmp_path, capsys):

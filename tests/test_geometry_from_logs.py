@@ -135,15 +135,15 @@ class TestKnownRobots:
     def test_upside_down_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), upside_down=[upside_down_log(ALTEN, seed=6)])
         remarks = geometry_remarks(found)
-        assert "would tell which of the two radii" in remarks[0]
-        assert "take a balancing run" in remarks[-1]
+        assert "would show which of the two radii" in remarks[0]
+        assert "need a balancing run" in remarks[-1]
         with pytest.raises(InputError, match=r"did not give ball\.radius"):
             found.find("ball.radius")
 
     def test_balancing_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), balancing=[balancing_run(ALTEN, seed=7)])
         remarks = geometry_remarks(found)
-        assert "whether it is the radius or the tilt" in remarks[0]
+        assert "whether the radius or the tilt" in remarks[0]
         assert "upside down as well" in remarks[-1]
 
     def test_a_turned_camera_is_not_taken_for_turned_wheels(self):
@@ -271,16 +271,16 @@ class TestStandIn:
 class TestRefusals:
     def test_no_log(self, tmp_path, capsys):
         assert main(["identify-geometry", "alten", "--out", str(tmp_path)]) == 2
-        assert "Geometry needs a log" in capsys.readouterr().err
+        assert "geometry needs a log" in capsys.readouterr().err
 
     def test_as_many_films_as_runs(self, tmp_path, capsys):
         assert main(["identify-geometry", "alten", "--balancing", "run.csv", "--out", str(tmp_path)]) == 2
-        assert "For 1 of --balancing there are 0 of --motion-capture" in capsys.readouterr().err
+        assert "--balancing is given 1 times and --motion-capture 0 times" in capsys.readouterr().err
 
     def test_a_film_of_another_run(self):
         log, _ = balancing_run(ALTEN, seed=20)
         _, film = balancing_run(ALTEN, seed=21)
-        with pytest.raises(InputError, match="do not show one and the same run"):
+        with pytest.raises(InputError, match="are not of the same run"):
             survey_geometry(ALTEN, balancing=[(log, film)])
 
     def test_a_short_log(self):

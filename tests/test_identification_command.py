@@ -70,7 +70,7 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
     assert results["judged_on"]["other"]["ratios"]["phi"] < 1.0
     assert (tmp_path / "out" / "ladder.svg").read_text().startswith("<svg")
     shown = capsys.readouterr().out
-    assert "laws on windows held out" in shown
+    assert "Friction laws on held-out windows" in shown
     assert "other" in shown
 
 
@@ -83,7 +83,7 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
         (["{log}", "--window", "1"], "windows of 1 s"),
         (["{log}", "--free", "frixion"], "did you mean 'friction'?"),
         (["{log}", "--leave-out", "psy"], "'psy' is not a state"),
-        (["{log}", "--mapping", "a", "--mapping", "b"], "--mapping is given 2 times and there are 1 logs"),
+        (["{log}", "--mapping", "a", "--mapping", "b"], "--mapping is given 2 times for 1 logs"),
         (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
         (["{log}", "--free", ""], "Nothing is to be estimated. Name some of friction"),
         (["{unread}"], "The log's column theta has no value in any row"),

@@ -172,9 +172,9 @@ def test_bounds_come_from_a_file(tmp_path):
     [
         ("coulom = [0, 1]", "'coulom' is not a quantity that can be identified; did you mean 'coulomb'?"),
         ("coulomb = 0.3", "coulomb is 0.3; write two numbers"),
-        ("coulomb = [0.3, 0.1]", "write the lower one first"),
+        ("coulomb = [0.3, 0.1]", "the lower one must come first"),
         ("stribeck_speed = [0, 1]", "lower bound of stribeck_speed is 0; it must be above zero"),
-        ("viscous = [-1, 1]", "lower bound of viscous is -1; it must be zero or above"),
+        ("viscous = [-1, 1]", "lower bound of viscous is -1; it must be zero or more"),
         ("coulomb = [", "is not valid TOML"),
     ],
 )

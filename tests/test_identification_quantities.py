@@ -361,12 +361,12 @@ def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
     # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
     assert share == pytest.approx(0.4, abs=0.01)
     for left_out, freed, words in (
-        ((), (), "(--free friction,pivoting), or leave the heading out"),
-        (("psi", "psi_dot"), (), "the heading was left out of the cost"),
-        ((), ("pivoting",), "T_p, was among what was sought"),
+        ((), (), "(--free friction,pivoting), or exclude the heading"),
+        (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
+        ((), ("pivoting",), "T_p, was among the estimated parameters"),
     ):
         (told,) = heading_remarks([share, None], left_out=left_out, sought=freed)
-        assert told.startswith("The wheels show 40 % of the heading's turning")
+        assert told.startswith("The wheels show only 40 % of the turning of the heading")
         assert words in told
 
 
@@ -381,5 +381,5 @@ def test_a_heading_that_the_wheels_show_is_not_spoken_of():
 def test_a_ball_cannot_be_seen_to_pivot_without_encoders():
     log, _ = pivoting_log()
     blind = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
-    with pytest.raises(InputError, match=r"takes the wheel speeds wheel1_dot \.\. wheel3_dot"):
+    with pytest.raises(InputError, match=r"needs the wheel speeds wheel1_dot \.\. wheel3_dot"):
         ball_spin(blind, alten())

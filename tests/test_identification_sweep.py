@@ -106,7 +106,9 @@ def test_what_contradicts_the_logs_is_left_out_and_said():
     told[1, 1] -= 0.06  # six of the logs' errors
     combined = combine(Layout(wheel_count=3), TRUE[:12], C, SweepFriction(values=told, covariances=P))
     assert set(combined.used) == {"b1", "b2", "b3", "c1", "c3"}
-    assert [remark.startswith("The sweep's c2, 0.06, is not") for remark in combined.remarks] == [True]
+    assert [
+        remark.startswith("c2 of the sweep, 0.06, and of the balancing logs") for remark in combined.remarks
+    ] == [True]
     np.testing.assert_allclose(combined.values, TRUE[:12], rtol=1e-12)
 
 
@@ -149,7 +151,7 @@ def test_the_file_of_the_sweep_is_read(tmp_path):
     np.testing.assert_array_equal(read.values[:, 1], [0.01, 0.02, 0.03])
     assert np.isnan(read.covariances[1, 0, 0])
     assert read.covariances[1, 1, 1] == pytest.approx(0.02**2)
-    with pytest.raises(InputError, match=r"is of 3 wheels, where the robot has 4"):
+    with pytest.raises(InputError, match=r"has 3 wheels, but the robot has 4"):
         read_sweep(path, wheel_count=4)
 
 

@@ -120,7 +120,7 @@ def test_code_runs_without_any_folder_to_keep_it(tmp_path: Path, monkeypatch) ->
     (tmp_path / "file").touch()
     monkeypatch.setattr(config, "CACHE_LOCATOR_CLASSES", "UserProvidedCacheLocator")
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "file" / "folder"))  # cannot be made
-    with pytest.warns(CompiledCodeNotKept, match="Set NUMBA_CACHE_DIR to a folder that can be written"):
+    with pytest.warns(CompiledCodeNotKept, match="Set NUMBA_CACHE_DIR to a writable folder"):
         assert compiled_alone(halve)(3.0) == 1.5
 
 

@@ -246,7 +246,7 @@ def test_a_path_that_is_no_file(tmp_path, capsys, command, kind):
     elif kind == "zero byte":
         path = tmp_path / f"a\0b{suffix}"
     if kind in ("nothing", "zero byte") and command == ["check"]:
-        assert "there is no robot file or preset" in refused(capsys, *command, path)
+        assert "There is no robot file or preset" in refused(capsys, *command, path)
         return
     after = ["--out", tmp_path / "out"] if command == ["identify-axis"] else []
     words = {
@@ -338,7 +338,7 @@ def _read_or_refused(content: bytes) -> dict[str, np.ndarray]:
     try:
         return parse_mat(memoryview(content), source="a.mat")
     except InputError as error:
-        if "a.mat is no whole MATLAB file" not in str(error):
+        if "a.mat is not a complete MATLAB file" not in str(error):
             raise
         return {}
 
@@ -354,7 +354,7 @@ def test_a_cluster_without_a_port(tmp_path, capsys, address):
 
 @pytest.mark.parametrize(("duration", "sample_time"), [(86400.0, 1e-4), (1.0, 1e-9), (86400.0, 5e-324)])
 def test_a_run_whose_log_would_not_fit(duration, sample_time):
-    with pytest.raises(InputError, match=r"A run of .* samples of .* would fill the memory"):
+    with pytest.raises(InputError, match=r"A run of .* samples of .* would not fit in memory"):
         sample_count(duration, sample_time)
 
 

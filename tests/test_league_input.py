@@ -88,11 +88,11 @@ def test_the_robots_of_the_set_unlike_are_all_corners():
         ("{}/own.py:broken", "failed when it was made: AttributeError: 'Robot' object has no attribute"),
         ("{}/own.py:Timeless", "the sample_time of"),
         ("{}/nowhere.py:Mine", "there is no Python file"),
-        ("{}/nowhere.toml", "There is no controller file"),
+        ("{}/nowhere.toml", "There is no controller"),
         ("{}/bad.py:Mine", "bad.py cannot be run: NameError: name 'no_such_name' is not defined (line 2)"),
         ("{}/worse.py:Mine", "worse.py cannot be run: SyntaxError"),
         ("=none", "lacks its name or its source"),
-        ("none@camera", "there is no estimator 'camera'; there are onboard, kalman"),
+        ("none@camera", "There is no estimator 'camera'; the estimators are onboard, kalman"),
     ],
 )
 def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
@@ -123,7 +123,7 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
     ("text", "sentence"),
     [
         ("", "holds no courses"),
-        ("duration = 3.0", "duration holds no courses; write each below a line [duration.NAME]"),
+        ("duration = 3.0", "duration holds no courses; write each under a line [duration.NAME]"),
         ("[mine.one]\nduration = 3.0", "[mine.one]: reference is missing; a course needs it."),
         (COURSE.replace("9.0", "-9.0"), "duration is -9.0; it must be above 0."),
         (COURSE.replace("9.0", "nan"), "duration is nan"),
@@ -131,10 +131,10 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
             COURSE.replace("9.0", "1e9"),
             "duration is 1000000000.0; it must be at most 86400.",
         ),
-        (COURSE.replace("hold", "holt"), "there is no reference 'holt'; did you mean 'hold'?"),
+        (COURSE.replace("hold", "holt"), "There is no reference 'holt'; did you mean 'hold'?"),
         (
             COURSE.replace('"hold"', '{ name = "hold", side = 1.0 }'),
-            "the reference hold has no side; it has x, y, psi.",
+            "The reference hold has no option side; it has x, y, psi.",
         ),
         (COURSE.replace('"hold"', "{ x = 1.0 }"), "a table without a name"),
         (
@@ -149,7 +149,7 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
         (COURSE + "unlike = { mass = 0.0 }", "unlike.mass is 0.0; it must be above 0"),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + '[mine.one.scenario]\npivoting = "much"', "pivoting is 'much'; it must be a number."),
-        (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "there are two courses 'one'"),
+        (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "There are two courses 'one'"),
         ("[mine", "is not valid TOML"),
     ],
 )
@@ -190,15 +190,15 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["alten", "none", "none"], "two controllers are called 'none'"),
+        (["alten", "none", "none"], "Two controllers are called 'none'"),
         (["alten", "none", "--seeds", "0-"], "The seeds are '0-'"),
         (["alten", "none", "--scenarios", "push"], "choose --plant twin"),
         (
             ["alten", "none", "--scenarios", "moon"],
-            "there is no set or course 'moon'; the sets are league, motions",
+            "There is no set or course 'moon'. The sets are league, motions",
         ),
         (["alten", "none", "--scenarios", "moon.toml"], "moon.toml cannot be read"),
-        (["alten", "nowhere.toml"], "There is no controller file 'nowhere.toml'"),
+        (["alten", "nowhere.toml"], "There is no controller 'nowhere.toml'"),
         (["alten", "none", "--processes", "0"], "--processes is 0; it must be at least 1"),
     ],
 )

@@ -190,9 +190,9 @@ def test_a_slope_moves_the_robot_as_it_moves_the_twin():
 def test_conditions_that_are_none_are_told():
     with pytest.raises(InputError, match="delay is -1 samples"):
         Conditions(delay=-1)
-    with pytest.raises(InputError, match=r"slope is 0\.3"):
+    with pytest.raises(InputError, match=r"slope of the floor is 0\.3"):
         Conditions(slope=(0.3, 0.0))
-    with pytest.raises(InputError, match="highest speed is 0"):
+    with pytest.raises(InputError, match="largest wheel speed is 0"):
         Conditions(top_speed=0.0)
     model = Model(alten())
     with pytest.raises(InputError, match="2 conditions"):
@@ -243,7 +243,7 @@ def test_margins_say_what_cannot_be_followed_and_why():
     assert not fast.can_be_followed
     torque = fast.uses[0]
     assert torque.value > torque.limit == 6.0
-    assert f"wheel {torque.wheel} would need {torque.value:.3g} N m" in words
+    assert f"wheel {torque.wheel} needs {torque.value:.3g} N m" in words
     jumps = check_reference(robot, controller, square(), duration=20.0)
     assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
     assert jumps.can_be_followed
@@ -268,7 +268,7 @@ def test_check_says_whether_a_reference_can_be_followed(tmp_path, capsys):
 
 def test_limits_are_found_and_drawn(tmp_path, capsys):
     assert main(["limits", "alten", "none", "--refinements", "0", "--out", str(tmp_path)]) == 0
-    assert "no wheel lets go" in capsys.readouterr().out
+    assert "no wheel slips" in capsys.readouterr().out
     results = json.loads((tmp_path / "results.json").read_text())["controllers"]["none"]
     assert len(results["lean"]["sure"]) == len(results["directions"]) == 36
     assert all(

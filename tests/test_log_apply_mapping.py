@@ -83,7 +83,7 @@ def test_spans_and_damaged_rows(tmp_path):
     log = read(tmp_path, "time a\n" + "\n".join(rows) + "\nend\n", mapping)
     expected = [*range(11, 21), *(k for k in range(31, 51) if k not in (40, 41))]
     assert log["x"].tolist() == expected
-    with pytest.raises(InputError, match="holds no row"):
+    with pytest.raises(InputError, match="selects no row"):
         read(
             tmp_path,
             "time a\n0 1\n1 2\n",
@@ -121,11 +121,11 @@ def test_odometry_is_the_states_own_motion():
 @pytest.mark.parametrize(
     ("mapping", "sentence"),
     [
-        ('[time]\nrepair = true\n[columns]\nt = "time"\n', "needs the angles of two wheels or more"),
+        ('[time]\nrepair = true\n[columns]\nt = "time"\n', "needs the angles of at least two wheels"),
         ('[time]\nkeep = [[2.0, 1.0]]\n[columns]\nt = "time"\n', "write the earlier time first"),
         (
             '[columns]\nt = "time"\ntheta = "a"\n[attitude]\nfrom = ["a", "a"]\n',
-            "has theta, which .attitude. makes",
+            "has theta, which .attitude. provides",
         ),
     ],
 )

@@ -85,7 +85,7 @@ def test_missing_values_are_counted_and_located(row, number, name):
 def test_degrees_in_one_column_are_found(log, name):
     found = [f for f in check(log.with_columns({name: np.degrees(log[name])})) if f.severity == "error"]
     assert {f.code for f in found} == {"degrees"}
-    assert f"{name} is in degrees where radians belong" in found[0].text
+    assert f"{name} is in degrees" in found[0].text
 
 
 def test_degrees_in_wheel_angles_are_found():

@@ -38,7 +38,7 @@ def test_a_warning_is_shown_and_is_no_failure(tmp_path, capsys):
 def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
     log = smooth_log()
     log.with_columns({"psi": np.degrees(log["psi"])}).write(tmp_path / "log.csv")
-    with pytest.raises(InputError, match="psi is in degrees where radians belong"):
+    with pytest.raises(InputError, match="psi is in degrees, not in radians"):
         check_log(tmp_path / "log.csv", out=tmp_path)
     assert "psi_dot" in capsys.readouterr().out
     results = json.loads((tmp_path / "results.json").read_text())
@@ -64,7 +64,7 @@ def test_a_column_without_any_value_is_still_valid_json(tmp_path):
         ("t,x\n0,one\n", None, "is not a number"),
         ("t,x\n", None, "has a header and no rows"),
         ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean 'from'?"),
-        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "the column 'time', which is not there"),
+        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "the column 'time', which does not exist"),
     ],
 )
 def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, sentence):

@@ -47,12 +47,12 @@ def test_every_value_comes_back_to_the_bit(tmp_path, suffix, log):
         ("", "is empty"),
         ("\n \n", "is empty"),
         ("t,x\n", "a header and no rows"),
-        ("0,1\n1,2\n", "line 1: numbers stand where the header"),
-        ("t,x,x\n0,1,2\n", "line 1: the column name x stands there twice"),
+        ("0,1\n1,2\n", "line 1: this line has numbers; it must be the header"),
+        ("t,x,x\n0,1,2\n", "line 1: the column name x appears twice"),
         ("t,,x\n0,1,2\n", "line 1: column 2 of the header has no name"),
-        ("t,x\n0,1\n1,2,3\n", "line 3: the row has 3 cells, the header 2"),
-        ("t,x\n0,1\n\n1\n", "line 4: the row has 1 cells, the header 2"),
-        ("t,x,y\n0,1\n1,2\n", "line 2: the row has 2 cells, the header 3"),
+        ("t,x\n0,1\n1,2,3\n", "line 3: the row has 3 cells, but the header has 2"),
+        ("t,x\n0,1\n\n1\n", "line 4: the row has 1 cells, but the header has 2"),
+        ("t,x,y\n0,1\n1,2\n", "line 2: the row has 2 cells, but the header has 3"),
         ("t,x\n0,1\n1,two\n", "line 3: 'two' in column x is not a number"),
         ("t,x\n0,1\n1,1_0\n", "line 3: '1_0' in column x is not a number"),
         ("t;x\n0;1\n", "line 1: the header is not separated by commas"),
@@ -106,14 +106,14 @@ def test_files_that_are_no_logs(tmp_path):
     (tmp_path / "log.mat").write_text("")
     with pytest.raises(InputError, match="not a text file in UTF-8"):
         Log.read(tmp_path / "log.csv")
-    with pytest.raises(InputError, match="not a whole Parquet file"):
+    with pytest.raises(InputError, match="not a complete Parquet file"):
         Log.read(tmp_path / "log.parquet")
     with pytest.raises(InputError, match=r"ends in \.csv, \.parquet"):
         Log.read(tmp_path / "log.mat")
     for name in ("absent.csv", "absent.parquet"):
         with pytest.raises(InputError, match="cannot be read: No such file"):
             Log.read(tmp_path / name)
-    with pytest.raises(InputError, match=r"ends in \.csv or \.parquet"):
+    with pytest.raises(InputError, match=r"end in \.csv or \.parquet"):
         smooth_log(rows=2).write(tmp_path / "log.xlsx")
     with pytest.raises(InputError, match="cannot be written to CSV"):
         Log({"t": [0.0], "a,b": [1.0]}).write(tmp_path / "log.csv")
@@ -126,7 +126,7 @@ def test_a_parquet_column_of_words_is_refused_and_a_null_is_nan(tmp_path):
     parquet.write_table(pyarrow.table({"t": [0, 1], "x": [None, 2.0]}), tmp_path / "log.parquet")
     np.testing.assert_array_equal(Log.read(tmp_path / "log.parquet")["x"], [np.nan, 2.0])
     parquet.write_table(pyarrow.table({"t": [0, 1], "x": ["a", "b"]}), tmp_path / "log.parquet")
-    with pytest.raises(InputError, match="column x holds string, where numbers belong"):
+    with pytest.raises(InputError, match="column x contains string; it must contain numbers"):
         Log.read(tmp_path / "log.parquet")
 
 

@@ -170,14 +170,14 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ),
         (
             '[columns]\nt = "t"\nthetadot = "a"\n',
-            "thetadot, which is no column of a log; did you mean theta_dot?",
+            "thetadot, which is not a column of a log; did you mean theta_dot?",
         ),
-        ('[columns]\nt = "t"\nu1 = "a"\n', "torques are mapped in [input]"),
+        ('[columns]\nt = "t"\nu1 = "a"\n', "map torques in [input]"),
         ('[columns]\nt = "t"\ntheta = { unit = "deg" }\n', "theta needs from"),
         ('[columns]\nt = { from = "t", delay = 1 }\n', "t cannot have a delay"),
         (
             '[columns]\nt = "t"\ntheta = { from = "a", unit = "m" }\n',
-            "'m' cannot become rad; those that can are rad",
+            "'m' cannot be converted to rad; the units that can are rad",
         ),
         ('[columns]\nt = "t"\npsi = { from = "a", unit = "counts" }\n', "needs counts_per_turn"),
         (
@@ -191,12 +191,12 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ('[columns]\nt = "t"\npsi = 3\n', "columns.psi is 3; it must be a table"),
         (
             '[columns]\nt = "t"\ntheta_dot = { derivative_of = "theta" }\n',
-            "is to be the derivative of 'theta'",
+            "is the derivative of 'theta'",
         ),
         ('[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\norder = [1, 1]\n', "order is [1, 1]"),
         (
             '[columns]\nt = "t"\n[wheels]\nangle = { from = ["a", "b"] }\nsign = [1]\n',
-            "1 values for 2 wheels",
+            "1 values; it needs one for each of the 2 wheels",
         ),
         ('[columns]\nt = "t"\n[wheels]\nspeed = { unit = "rpm" }\n', "[wheels] speed needs from"),
         (
@@ -205,9 +205,9 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ),
         (
             '[columns]\nt = "t"\npsi = "a"\npsi_dot = { derivative_of = "psi", sign = -1 }\n',
-            "psi_dot has derivative_of and takes nothing beside it, but has sign",
+            "psi_dot has derivative_of, which allows no other key, but also has sign",
         ),
-        ('[columns]\nt = "t"\n[file]\nnames = ["t", "t"]\n', "[file] names holds a name twice"),
+        ('[columns]\nt = "t"\n[file]\nnames = ["t", "t"]\n', "[file] names contains a name twice"),
         (
             '[columns]\nt = "t"\n[input]\nkind = "volt"\nfrom = ["a"]\n',
             "input.kind is 'volt'; it must be",
@@ -216,7 +216,7 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
             '[columns]\nt = "t"\n[input]\nkind = "current"\nfrom = ["a"]\ngear_ratio = 2.0\n',
             "torque_constant is missing",
         ),
-        ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and so needs names"),
+        ('[columns]\nt = "t"\n[file]\nheader_lines = 0\n', "header_lines = 0 and therefore needs names"),
         ('[columns]\nt = "t"\n[file]\nseparator = ":"\n', "file.separator is ':'; it must be 'comma'"),
     ],
 )
@@ -227,7 +227,7 @@ def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
 def test_pwm_without_a_wheel_speed_is_refused(tmp_path):
     mapping = ROB311.replace("speed = { derivative_of", "# speed = { derivative_of")
     names = "t_now u1 u2 u3 theta_x theta_y psi_1 psi_2 psi_3"
-    with pytest.raises(InputError, match="needs the wheel's speed: map the column wheel1_dot"):
+    with pytest.raises(InputError, match="needs the speed of the wheel: map the column wheel1_dot"):
         read(tmp_path, names + "\n" + "0 " * 9 + "\n" + "1 " * 9 + "\n", mapping)
 
 

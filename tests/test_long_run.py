@@ -75,6 +75,6 @@ def test_what_was_computed_outlives_results_that_cannot_be_written(tmp_path):
 
 def test_a_checkpoint_that_does_not_fit_is_its_owners_to_delete(interrupted):
     kept = (interrupted / CHECKPOINT).read_bytes()
-    with pytest.raises(InputError, match="the run now asks something else"):
+    with pytest.raises(InputError, match="the run differs"):
         begin(interrupted, resume=True, after=ask_something_else)
     assert (interrupted / CHECKPOINT).read_bytes() == kept

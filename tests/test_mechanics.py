@@ -110,7 +110,7 @@ def test_a_simulation_past_the_largest_lean_ends_and_says_so():
     assert 0 < batch.ended[0] < 400
     assert 1.2 < abs(batch.states[0, -1, 2]) < 1.22
     assert (batch.states[0, batch.ended[0]] == batch.states[0, -1]).all()
-    with pytest.raises(InputError, match=r"lean .* ends at 1\.2 rad"):
+    with pytest.raises(InputError, match=r"lean .* below 1\.2 rad"):
         model.advance(batch.states[0, -1], np.zeros(3), 0.005)
 
 

@@ -50,7 +50,7 @@ def test_a_file_without_a_column_or_value_is_refused(tmp_path):
     Log({"t": t, "ref_x": t, "ref_y": t, "ref_psi": np.array([0.0, np.nan, 0.0])}).write(tmp_path / "b.csv")
     with pytest.raises(InputError, match="no column ref_psi"):
         read_reference(tmp_path / "a.csv")
-    with pytest.raises(InputError, match="misses a value at t = 1 s"):
+    with pytest.raises(InputError, match="has no value at t = 1 s"):
         read_reference(tmp_path / "b.csv")
 
 

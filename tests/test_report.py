@@ -47,7 +47,7 @@ def test_digits_keep_what_was_asked_for(value, text):
     [
         (0.05069, 0.00293, "0.0507 ± 0.0029"),
         (4.0, np.nan, "4.00 (no standard error)"),
-        (np.nan, np.nan, "not told by these logs"),
+        (np.nan, np.nan, "not identified by these logs"),
         (123.4, 25.0, "123 ± 25"),
     ],
 )

@@ -117,7 +117,7 @@ def test_another_commands_result_is_refused(tmp_path):
 
 def test_files_of_the_users_are_not_replaced(tmp_path):
     (tmp_path / "robot.toml").write_text("mine")
-    with pytest.raises(InputError, match=r"robot\.toml is there already and belongs to no result"):
+    with pytest.raises(InputError, match=r"robot\.toml exists already and is not part of a result"):
         leave(tmp_path, NEW)
 
 
@@ -131,7 +131,7 @@ def test_a_result_that_was_edited_is_not_replaced(tmp_path):
 def test_an_input_is_not_replaced_by_what_is_made_from_it(tmp_path, monkeypatch):
     leave(tmp_path / "found", OLD | {"robot.toml": "old"})
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"robot\.toml is read by this run"):
+    with pytest.raises(InputError, match=r"robot\.toml is an input of this run"):
         leave(tmp_path / "found", NEW, inputs=(Path("found/../found/robot.toml"),))
 
 

@@ -80,7 +80,7 @@ def test_the_free_wheel_sweep_is_known_for_one(shared_data, robot):
     assert set(proposal.commands.signs) == {1}
     told = " ".join(finding.text for finding in findings_of(proposal))
     assert "drivelines only" in told
-    assert "Commands are logged 5 ms after the motors' answer; torque constant" in told
+    assert "Commands are logged 5 ms after the response of the motors; torque constant" in told
 
 
 def test_the_glitches_of_logged_speeds_are_seen(shared_data, robot):

@@ -49,7 +49,9 @@ def test_a_shell_without_cavity_is_a_solid_sphere() -> None:
 
 
 def test_impossible_shells_are_refused() -> None:
-    with pytest.raises(InputError, match=r"weighs at most 0\.00558 kg, not 3 kg; check the density's unit"):
+    with pytest.raises(
+        InputError, match=r"has a mass of at most 0\.00558 kg, not 3 kg; check the unit of the density"
+    ):
         shell_wall(mass=3.0, radius=0.11, density=1.0)
     with pytest.raises(InputError, match="does not fit"):
         thick_shell_inertia(mass=3.0, radius=0.11, wall=0.12)

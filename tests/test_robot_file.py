@@ -174,7 +174,7 @@ COULOMB = 'coulomb = { value = [0.0, 0.0, 0.0], unit = "N m"'
 
 #: what is changed in the preset's text, into what, and what the sentence must say
 MISTAKES = [
-    (RADIUS, "radius = 0.11", r"ball\.radius is 0\.11, without unit and source; write radius = \{"),
+    (RADIUS, "radius = 0.11", r"ball\.radius is 0\.11, without a unit and a source; write radius = \{"),
     (RADIUS, "", r"ball\.radius is missing; add radius = \{ value .* below \[ball\]"),
     (
         RADIUS,
@@ -184,10 +184,10 @@ MISTAKES = [
     ("[ball]", "[bal]", r"'bal' is not a parameter of a robot; did you mean 'ball'"),
     (RADIUS, RADIUS.replace("value =", "valeu ="), r"ball\.radius has (no value|the unknown key 'valeu')"),
     (RADIUS, RADIUS.replace("source =", "sourse ="), r"ball\.radius has no source"),
-    (RADIUS, RADIUS.replace("}", ', note = "x" }'), r"unknown key 'note'; it takes value, unit and source"),
-    (RADIUS, RADIUS.replace("0.11", '"0.11"'), r"has the value '0\.11'; it takes one number"),
-    (RADIUS, RADIUS.replace("0.11", "[0.11]"), r"has the value \[0\.11\]; it takes one number"),
-    (RADIUS, RADIUS.replace("0.11", "true"), r"has the value True; it takes one number"),
+    (RADIUS, RADIUS.replace("}", ', note = "x" }'), r"unknown key 'note'; it has value, unit and source"),
+    (RADIUS, RADIUS.replace("0.11", '"0.11"'), r"has the value '0\.11'; it must be one number"),
+    (RADIUS, RADIUS.replace("0.11", "[0.11]"), r"has the value \[0\.11\]; it must be one number"),
+    (RADIUS, RADIUS.replace("0.11", "true"), r"has the value True; it must be one number"),
     (RADIUS, RADIUS.replace("0.11", "nan"), r"ball\.radius is nan m; it must be finite"),
     (RADIUS, RADIUS.replace("0.11", "9" * 400), r"ball\.radius\.value is a whole number too large"),
     (
@@ -198,11 +198,11 @@ MISTAKES = [
     (RADIUS, RADIUS.replace('unit = "m", ', ""), r'ball\.radius has no unit; write unit = "m"'),
     (RADIUS, RADIUS.replace("measured:", "mesured:"), r'source .* did you mean "measured"'),
     (RADIUS, RADIUS.replace("0.11", "11"), r"is 11 m, .* did you mean 11 cm \(0\.11 m\)\?"),
-    ("rows = { value = 2,", "rows = { value = 2.5,", r"rows has the value 2\.5; it takes one whole number"),
+    ("rows = { value = 2,", "rows = { value = 2.5,", r"rows has the value 2\.5; it must be one whole number"),
     (COULOMB, COULOMB.replace("0.0, ", "", 1), r"friction\.coulomb has 2 numbers, but .* lists 3 wheels"),
     ('about = "ball_center"', 'about = "ball"', r"body\.inertia\.about is 'ball'; write \"ball_center\""),
     ('about = "ball_center"', "", r"body\.inertia\.about is missing"),
-    ('name = "alten"', "name = 3", r"name is 3; it takes a text in quotes"),
+    ('name = "alten"', "name = 3", r"name is 3; it must be a text in quotes"),
     ('name = "alten"', "", r"name is missing; add name = "),
     ('name = "alten"', "name = ", r"is not valid TOML: .*line 8"),
     ("[sensors]", "sensors = 3\n[sensor]", r".*"),

@@ -188,7 +188,7 @@ def test_the_middle_of_the_search_is_the_nominal_gain():
         (["--robots", "1"], "number of robots is 1"),
         (
             ["--q", "1,1,1,1,1,1,1,1,1,1"],
-            "--robust searches for the weights of the nominal kind; leave out --kind",
+            "--robust searches for the weights of the nominal kind; remove --kind",
         ),
     ],
 )

@@ -71,7 +71,7 @@ def mapping(**changes):
             mapping() | {"file": {"header_lines": 1.5}},
             "file.header_lines is 1.5; it must be a whole number.",
         ),
-        (MappingTable, mapping() | {"file": {"rows": [1]}}, "file.rows has one entry; it must have more."),
+        (MappingTable, mapping() | {"file": {"rows": [1]}}, "file.rows has one entry; it needs more."),
         (
             MappingTable,
             mapping() | {"file": {"rows": [1, 2, 3]}},

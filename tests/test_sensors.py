@@ -187,7 +187,7 @@ def test_cameras_lose_the_robot_for_their_share_of_the_time() -> None:
         (lambda: SensorFaults(gyro_bias=-1.0), "gyro_bias"),
         (lambda: SensorFaults(lean_error_time=0.0), "lean_error_time"),
         (lambda: FixSource(rate=0.0), "rate"),
-        (lambda: FixSource(rate=1.0, missing=1.5), "share from 0 to 1"),
+        (lambda: FixSource(rate=1.0, missing=1.5), "a fraction from 0 to 1"),
         (lambda: FixSource(rate=1.0, heading_noise=0.0), "heading_noise"),
         (lambda: replace(MotionCapture.drawn(1), gap_rate=-1.0), "gap_rate"),
         (lambda: replace(MotionCapture.drawn(1), gap_duration=0.0), "gap_duration"),

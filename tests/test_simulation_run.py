@@ -132,7 +132,7 @@ def test_wrong_durations_are_told(model, duration):
 
 def test_a_run_whose_log_fills_the_memory_is_refused(model):
     with pytest.raises(
-        InputError, match=r"A run of 32 years has 2e\+11 samples of 0.005 s, .*; it may last 93 minutes"
+        InputError, match=r"A run of 32 years has 2e\+11 samples of 0.005 s, .*\. At most 93 minutes"
     ):
         simulate(model, nominal_controller(model.robot), hold(), duration=1e9)
 

@@ -182,7 +182,7 @@ def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--circle", "20,20,60"], "is not within the picture"),
+        (["--circle", "20,20,60"], "is not inside the picture"),
         (["--circle", "100,80"], "must be x,y,radius"),
         (["--circle", "100,80,3"], "at least 8"),
         (["--circle", "nan,80,66"], "three numbers"),
@@ -191,7 +191,7 @@ def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
         (["--forward", "nan"], "an angle in degrees"),
         (["--colour", "1,2,300"], "red,green,blue"),
         (["--colour", "255,0,255"], "stands out"),
-        (["--seam", "football"], "there are thesis"),
+        (["--seam", "football"], "the seams are thesis"),
         (["--frame-rate", "0"], "positive"),
         (["--frame-rate", "inf"], "positive"),
         (["--log", "run.csv"], "needs --robot"),

@@ -59,7 +59,7 @@ def test_seams_are_closed_and_have_a_half_turn(name):
 
 
 def test_an_unknown_seam_is_refused():
-    with pytest.raises(InputError, match="there are thesis, tennis, basketball"):
+    with pytest.raises(InputError, match="the seams are thesis, tennis, basketball"):
         seam_named("football")
     with pytest.raises(InputError, match=r"between 0\.5 and 1"):
         thesis_seam(0.4)

@@ -90,11 +90,11 @@ WRONG: dict[str, tuple[Callable[[Columns], Columns], str, str]] = {
         "torque-scale",
         "the speeds are the motors', before the gear",
     ),
-    "time in ms": (times(1e3, "t"), "scale", "t looks to be in milliseconds"),
+    "time in ms": (times(1e3, "t"), "scale", "t appears to be in milliseconds"),
     "one torque ten times": (
         times(10.0, "u2"),
         "torque-scale",
-        "wheel 2 has 10 times the inertia of the others",
+        "wheel 2 has 10 times the inertia of the other wheels",
     ),
     "dead motor": (times(0.0, "wheel2_dot"), "dead-motor", "Wheel 2 hardly turns"),
     "torque not logged": (noise(1e-4, "u2"), "dead-motor", "its torque was not logged"),

@@ -204,7 +204,7 @@ def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.Captur
     [
         (np.zeros(500), "no motion"),
         (np.degrees(0.3) * np.cos(4.0 * 0.02 * np.arange(500)), "degrees"),
-        (0.3 * np.cos(0.02 * np.arange(500)), "the least"),
+        (0.3 * np.cos(0.02 * np.arange(500)), "need at least"),
         (np.random.default_rng(0).standard_normal(500) * 0.1, "samples in a swing"),
     ],
     ids=["still", "in degrees", "too short", "noise"],
@@ -225,8 +225,8 @@ def test_distance_that_no_body_has_is_refused(robot: Robot) -> None:
 
 #: a swing of so many radians, recorded wrongly, and what must be said
 MISTAKES: dict[str, tuple[float, str, str]] = {
-    "milliseconds": (0.3, "swing-inertia", "t looks to be in milliseconds"),
-    "1 degree in degrees": (np.radians(1.0), "swing-unit", "looks to be in degrees"),
+    "milliseconds": (0.3, "swing-inertia", "t appears to be in milliseconds"),
+    "1 degree in degrees": (np.radians(1.0), "swing-unit", "appears to be in degrees"),
     "clipped": (0.3, "swing-clipped", "of its rows have its (largest|least) value"),
     "frozen": (0.3, "stuck", "repeats one value for 4 s from t = 10 s on"),
 }
@@ -266,7 +266,7 @@ def test_rates_in_degrees_a_second_are_refused(degrees: float) -> None:
 def test_pivot_distance_in_another_unit_is_recognised(robot: Robot, distance: float, unit: str) -> None:
     truth = swung(duration=15.0, h=0.02)
     fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="theta"))
-    with pytest.raises(InputError, match=f"looks to be in {unit}, that is 0.393 m"):
+    with pytest.raises(InputError, match=f"appears to be in {unit}, that is 0.393 m"):
         inertia_of_swing(fit, robot, Pivot.of(robot, distance=distance))
 
 

@@ -146,7 +146,7 @@ def test_says_that_the_numbers_ran_away(tmp_path: Path, monkeypatch: pytest.Monk
     twin.reset(None, seed=1)
     twin.engine.qvel[8] = np.nan
     measurement = twin.step(np.zeros(3), 0.005)
-    assert measurement.ended == "the physics engine's numbers ran away at t = 0.005 s"
+    assert measurement.ended == "the simulation diverged at t = 0.005 s"
     assert twin.reset(None, seed=1).ended is None
 
 
@@ -243,7 +243,7 @@ def test_refuses_a_scenario_that_does_not_fit(change: dict[str, dict[str, object
 def test_refuses_what_it_cannot_do() -> None:
     twin = Twin(ALTEN)
     twin.reset(None, seed=1)
-    with pytest.raises(InputError, match=r"read every 0\.005 s"):
+    with pytest.raises(InputError, match=r"sampled every 0\.005 s"):
         twin.step(np.zeros(3), 0.004)
     with pytest.raises(InputError, match="initial state holds a value that is not finite"):
         twin.reset(np.full(10, np.nan), seed=1)

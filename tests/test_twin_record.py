@@ -148,7 +148,7 @@ def test_many_seeds_go_on_where_they_were(tmp_path: Path, capsys: pytest.Capture
     capsys.readouterr()
     assert main([*runs, "1-2"]) == 0
     assert capsys.readouterr().out.startswith(
-        f"2 runs in {tmp_path / 'runs'}, 1 of them from before; 0 ended early."
+        f"2 runs in {tmp_path / 'runs'}, 1 of them kept from before; 0 ended early."
     )
     assert (tmp_path / "runs" / "seed_0001" / "record.toml").exists()
     assert (tmp_path / "runs" / "seed_0002" / "log.csv").stat().st_mtime_ns == first
@@ -203,7 +203,7 @@ def test_one_run_is_kept_on_request_and_replaced_as_a_whole_without(
     before = (tmp_path / "log.csv").stat().st_mtime_ns
     capsys.readouterr()
     assert main([*words, "--resume"]) == 0
-    assert "The run is whole and was kept." in capsys.readouterr().out
+    assert "The run is complete and was kept." in capsys.readouterr().out
     assert (tmp_path / "log.csv").stat().st_mtime_ns == before
     assert main([*words, "--resume", "--seed", "2"]) == 2
     assert "holds a run of other settings" in capsys.readouterr().err

@@ -81,18 +81,18 @@ class TestFile:
                 '0.393, unit = "m", standard_deviation = nan',
                 "it must be finite, zero or more",
             ),
-            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "it takes one number"),
-            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = [1]', "it takes one number"),
+            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "it must be one number"),
+            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = [1]', "it must be one number"),
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviaton = 1',
                 "did you mean 'standard_deviation'",
             ),
-            ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it takes 3 of them"),
+            ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it needs 3 of them"),
             (
                 "rows = { value = 2,",
                 "rows = { value = 2, standard_deviation = 1,",
-                "whole number, which has no",
+                "whole number and cannot have",
             ),
         ],
     )
@@ -104,7 +104,7 @@ class TestFile:
             read_robot(tmp_path / "bad.toml")
 
     def test_what_is_no_parameter_has_none(self):
-        with pytest.raises(InputError, match="no parameter that could have one"):
+        with pytest.raises(InputError, match="not a parameter that can have one"):
             known_to({"ball.colour": 1.0})
 
     def test_a_value_that_changes_loses_it(self):
@@ -160,7 +160,7 @@ class TestPropagation:
     def test_draws_that_are_no_robot_are_drawn_again_or_refused(self):
         slight = known_to({"ball.inertia": 0.001})  # a third lies beyond a thin shell's, with its margin
         assert max(one.ball.inertia for one in draw_robots(slight, 200, seed=0)) <= 1.05 * 0.0242
-        with pytest.raises(InputError, match="hardly any draw is a robot"):
+        with pytest.raises(InputError, match="hardly any draw is a possible robot"):
             draw_robots(known_to({"ball.inertia": 1.0}), 20, seed=0)
         with pytest.raises(InputError, match=r"ball\.inertia cannot vary"):
             propagate(known_to({"ball.inertia": 1.0}), lambda one: np.array(one.ball.mass))
@@ -214,8 +214,8 @@ class TestCommands:
         balancing_log().between(2.0, 5.0).write(log)
         assert main(["check", str(robot), "--predict", str(log), "--out", str(tmp_path)]) == 0
         printed = capsys.readouterr().out
-        assert "it is known to 0.0" in printed
-        assert "spread by the parameters" in printed
+        assert "its standard deviation is 0.0" in printed
+        assert "spread by the standard deviations" in printed
         results = json.loads((tmp_path / "results.json").read_text())
         pole = results["unstable_pole_uncertainty"]
         assert pole["interval_95"][0] < results["unstable_pole"] < pole["interval_95"][1]
@@ -228,7 +228,7 @@ class TestCommands:
 
     def test_without_any_nothing_is_claimed(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         assert main(["check", "alten", "--out", str(tmp_path)]) == 0
-        assert "No value has a standard_deviation" in capsys.readouterr().out
+        assert "No value in the file has a standard_deviation" in capsys.readouterr().out
         assert json.loads((tmp_path / "results.json").read_text())["unstable_pole_uncertainty"] is None
         assert main(["design", "alten", "--out", str(tmp_path / "designed")]) == 0
         assert "+-" not in capsys.readouterr().out

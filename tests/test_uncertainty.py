@@ -115,8 +115,8 @@ def test_open_intervals_are_told():
     assert [sentence.split()[0] for sentence in told] == ["v_s", "delta", "s1", "c1"]
     assert "limited from below only: 0.1 or more" in told[0]
     assert "limited from above only: 0.2 or less" in told[1]
-    assert "its number means nothing" in told[2]
-    assert "any amount of it will do, none included" in told[3]
+    assert "its value means nothing" in told[2]
+    assert "any value fits, zero included" in told[3]
 
 
 @pytest.mark.parametrize(
@@ -151,8 +151,8 @@ def test_a_ridge_of_several_parameters_is_named():
     correlation = np.asarray(np.corrcoef(values, rowvar=False))
     told, *advice = ridge_remarks(("b1", "c1", "s1", "C_rr"), correlation)
     assert [words.split(", log")[0] for words in advice] == [
-        "To tell viscous from dry friction",
-        "To tell dry friction at rest from that at speed",
+        "To separate viscous from dry friction",
+        "To separate dry friction at rest from that at speed",
     ]
-    assert told.startswith("b1, c1 and s1 lie on a ridge")
+    assert told.startswith("b1, c1 and s1 are nearly collinear")
     assert ridge_remarks(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []

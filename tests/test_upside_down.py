@@ -248,7 +248,7 @@ class TestIdentification:
             ({}, {"window": 4.0}, "choose a shorter window"),
             ({}, {"window": 1e-4}, "two samples"),
             ({}, {"held_out": 1.0}, "held_out"),
-            ({}, {"bounds": Bounds(delay=(0.0, 0.01))}, "delay cannot be sought"),
+            ({}, {"bounds": Bounds(delay=(0.0, 0.01))}, "delay cannot be identified"),
         ],
     )
     def test_refusals(self, log: Log, change, options, sentence):

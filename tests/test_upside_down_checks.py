@@ -50,9 +50,9 @@ WRONG: dict[str, tuple[Change, str, str]] = {
         "u2 were that of wheel 1",
     ),
     "torques in mN m": (times(1e3, *TORQUES), "torque-scale", "the torques are in mN m"),
-    "dead motor": (noise("u2"), "dead-motor", "The ball does not answer u2"),
-    "torque not logged": (times(0.0, "u3"), "dead-motor", "u3 is next to nothing"),
-    "random torques": (noise(*TORQUES), "torque-unrelated", "noise, another log's columns"),
+    "dead motor": (noise("u2"), "dead-motor", "The ball does not respond to u2"),
+    "torque not logged": (times(0.0, "u3"), "dead-motor", "u3 is almost zero"),
+    "random torques": (noise(*TORQUES), "torque-unrelated", "noise, columns of another log"),
     "ball's x negated": (times(-1.0, BALL[0]), "ball-omega", "-ball_omega_x were ball_omega_x"),
     "ball's x and y exchanged": (
         lambda columns: {BALL[0]: columns[BALL[1]], BALL[1]: columns[BALL[0]]},
@@ -61,7 +61,7 @@ WRONG: dict[str, tuple[Change, str, str]] = {
     ),
     "ball in rpm": (times(30.0 / np.pi, *BALL), "ball-omega", "ball_omega is in rpm"),
     "camera lost the ball": (frozen, "stuck", "ball_omega repeats one value for 2 s"),
-    "time in ms": (times(1e3, "t"), "scale", "t looks to be in milliseconds"),
+    "time in ms": (times(1e3, "t"), "scale", "t appears to be in milliseconds"),
 }
 
 

@@ -88,7 +88,7 @@ def test_a_log_that_is_pushed_about_has_no_verdict_on_runs_to_a_fall():
     assert validation.open_loop is None
     assert validation.closed_loop is None
     said = " ".join(findings(validation))
-    assert "No open-loop validation: What moves the lean beside wheels and gravity" in said
+    assert "No open-loop validation: Something other than wheels and gravity moves the lean" in said
     assert "Open loop," not in said
     assert validation_results(validation)["open_loop"] is None
 
@@ -96,7 +96,7 @@ def test_a_log_that_is_pushed_about_has_no_verdict_on_runs_to_a_fall():
 def test_a_short_log_gets_no_verdict():
     validation = validate(true_robot(), noisy_log().select(slice(0, 700)))
     said = " ".join(findings(validation))
-    assert "runs are too few to tell" in said
+    assert "runs are too few to show" in said
     assert "is better than" not in said
 
 

@@ -201,7 +201,7 @@ def test_a_slower_sensor_and_a_slower_controller_are_found():
     causes = {round(peak.frequency): peak.cause for peak in found.peaks if "phi" in peak.states}
     # 200 rows a second, 25 of them new: lines at 25, 50 and 75 Hz, and at 100
     assert {25, 50, 75} <= set(causes)
-    assert set(causes.values()) == {"phi is renewed at 25 Hz only"}
+    assert set(causes.values()) == {"phi is updated at only 25 Hz"}
     assert find_updates(log) == Updates(torques=None, states={})
 
 
@@ -266,10 +266,10 @@ def test_a_robot_without_faults_shows_none():
     assert found.by_position.found == ()
     said = " ".join(residual_findings(found))
     for nothing in (
-        "does not depend on the wheels' speed",
-        "no play shows",
-        "no preferred spots",
-        "No peak stands out",
+        "does not depend on the wheel speeds",
+        "no sign of play",
+        "no torque ripple",
+        "no distinct peak",
     ):
         assert nothing in said
 
@@ -300,8 +300,8 @@ def test_preferred_spots_are_found_with_their_number_and_torque():
     assert "18 times a turn, the rollers' passing" in said
     speeds = np.quantile(np.abs(wheel_log("spots").wheel_speeds[:-1]), (0.1, 0.9))
     slow, fast = 9 * speeds / (2.0 * np.pi)
-    assert f"{slow:.1f} to {fast:.1f} times a second" in said
-    assert "no play shows" in said
+    assert f"{slow:.1f} to {fast:.1f} times per second" in said
+    assert "no sign of play" in said
 
 
 def test_play_is_found_after_reversals():
@@ -310,7 +310,7 @@ def test_play_is_found_after_reversals():
     assert found.by_travel.p_value < 1e-3
     said = " ".join(residual_findings(found))
     assert "play of the gearbox" in said
-    assert "no preferred spots" in said
+    assert "no torque ripple" in said
 
 
 def test_friction_that_is_off_shows_against_speed():
@@ -335,7 +335,7 @@ def test_a_log_without_encoders_says_so():
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
     found = _analysed(true_robot(), bare)
     assert found.by_speed is None
-    assert any("lacks the encoders' angles" in sentence for sentence in residual_findings(found))
+    assert any("lacks the encoder angles" in sentence for sentence in residual_findings(found))
 
 
 def test_wheels_that_stand_still_show_nothing():
@@ -343,7 +343,7 @@ def test_wheels_that_stand_still_show_nothing():
     still = {f"wheel{i}{end}": np.zeros(len(log)) for i in (1, 2, 3) for end in ("", "_dot")}
     found = _analysed(true_robot(), log.with_columns(still))
     said = " ".join(residual_findings(found))
-    assert "turned back too seldom" in said
+    assert "reversed too seldom" in said
     assert "covered 0.00 of a turn" in said
     assert "nan" not in said
 

@@ -99,7 +99,9 @@ WRONG_LOGS = {
     "torques 100 ms late": wrong(lambda log: late(log, 0.1, *TORQUES), "torque-delay", "100 ms too late"),
     "torques 50 ms early": wrong(lambda log: late(log, -0.05, *TORQUES), "torque-delay", "50 ms too early"),
     "lean 50 ms late": wrong(
-        lambda log: late(log, 0.05, *LEAN, *LEAN_RATES), "torque-delay", "torques' or the sensors' times"
+        lambda log: late(log, 0.05, *LEAN, *LEAN_RATES),
+        "torque-delay",
+        "times of the torques or of the sensors",
     ),
     "random torques": wrong(random_torques, "torque-unrelated", "u1, u2 and u3 are random"),
     "one random torque": wrong(
@@ -148,7 +150,10 @@ WRONG_LOGS = {
         lambda log: shifted(log, np.radians(5.0), "theta"), "lean-offset", "IMU is mounted at an angle"
     ),
     "lean in steps of 2 degrees": wrong(
-        lambda log: rounded(log, np.radians(2.0), *LEAN), "coarse", "theta comes in steps", "coarse sensor"
+        lambda log: rounded(log, np.radians(2.0), *LEAN),
+        "coarse",
+        "theta comes in steps",
+        "the sensor is coarse",
     ),
     "dead lean sensor": wrong(lambda log: constant(log, 0.0, "theta"), "constant", "theta is 0 throughout"),
     "psi negated": wrong(lambda log: scaled(log, -1.0, "psi"), "sign", "psi and psi_dot have opposite signs"),
@@ -175,13 +180,13 @@ WRONG_LOGS = {
     "x negated, its rate not": wrong(
         lambda log: scaled(log, -1.0, "x"), "sign", "x and x_dot have opposite signs"
     ),
-    "place in mm": wrong(lambda log: scaled(log, 1e3, "x", "y"), "scale", "x is in mm where m belong"),
+    "place in mm": wrong(lambda log: scaled(log, 1e3, "x", "y"), "scale", "x is in mm, not in m"),
     "place by wheels of another radius": wrong(
         lambda log: scaled(log, 1.25, *PLACE), "lean-scale", "wheel radius, ball radius, gear ratio"
     ),
     "wheels 20 % smaller": wrong(lambda log: scaled(log, 1.25, *WHEELS, *SPEEDS), "wheels", "1.25", "radius"),
     "wheel speeds in rpm": wrong(
-        lambda log: scaled(log, 60.0 / (2.0 * np.pi), *SPEEDS), "wheels", "in rpm where rad/s belong"
+        lambda log: scaled(log, 60.0 / (2.0 * np.pi), *SPEEDS), "wheels", "in rpm, not in rad/s"
     ),
     "gear ratio left out": wrong(
         lambda log: scaled(log, 27.6, *WHEELS, *SPEEDS), "wheels", "motors' speeds", "gear ratio 27.6"
@@ -205,7 +210,7 @@ WRONG_LOGS = {
         "order = [1, 3, 2]",
     ),
     # time and rows
-    "time in ms": wrong(lambda log: with_time(log, 1e3), "time-scale", "t is in ms where seconds belong"),
+    "time in ms": wrong(lambda log: with_time(log, 1e3), "time-scale", "t is in ms, not in seconds"),
     "time twice as fast": wrong(lambda log: with_time(log, 2.0), "time-scale", "t runs 2 times as fast"),
     "rows in reverse": wrong(reversed_rows, "time-scale", "reverse order of time"),
     "frozen for 1.5 s": wrong(
@@ -224,10 +229,10 @@ WRONG_LOGS = {
         lambda log: frozen(log, 3.0, 5.0, *TORQUES), "stuck", "u1 repeats", "while the robot moves"
     ),
     "joined with a jump of x": wrong(
-        lambda log: spliced(log, 5.0, 8.0, "x"), "jump", "x jumps", "joined together"
+        lambda log: spliced(log, 5.0, 8.0, "x"), "jump", "x jumps", "joined logs"
     ),
     "joined with a jump of psi": wrong(
-        lambda log: spliced(log, 5.0, 7.0, "psi"), "jump", "psi jumps", "joined together"
+        lambda log: spliced(log, 5.0, 7.0, "psi"), "jump", "psi jumps", "joined logs"
     ),
     "rows written twice": wrong(
         lambda log: copied(log, 600, 1500, 400), "copied", "Rows 1501 to 1900", "repeat rows 601 to 1000"

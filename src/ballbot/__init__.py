@@ -42,7 +42,7 @@ __all__ = ["__version__", *sorted(_HOME)]
 
 def __getattr__(name: str) -> object:
     if name not in _HOME:
-        raise AttributeError(f"module 'ballbot' has no attribute {name!r}")
+        raise AttributeError(f"Module 'ballbot' has no attribute {name!r}.")
     value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value
     return value

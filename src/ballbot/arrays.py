@@ -62,7 +62,8 @@ def real_array(value: ArrayLike, shape: Shape, what: str, *, finite: bool = True
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         shown = place[0] if len(place) == 1 else place
         raise InputError(
-            f"{what} holds a value that is not finite ({array[place]} at {shown}); every one must be a number."
+            f"{what} holds a value that is not finite ({array[place]} at {shown}); every value must be "
+            "finite."
         )
     return array
 
@@ -83,7 +84,8 @@ def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDAr
         raise InputError(f"{what} is {_kind_and_shape(array)}; it must be a row of {length} whole numbers.")
     if length and not (array.min() >= 0 and array.max() < count):
         raise InputError(
-            f"{what} has numbers from {array.min()} to {array.max()}; each must be a row, 0 to {count - 1}."
+            f"{what} has numbers from {array.min()} to {array.max()}; each must be a row number, 0 to "
+            f"{count - 1}."
         )
     return np.require(array, np.int64, ["C", "A", "W"])
 
@@ -135,7 +137,7 @@ def _converted(value: ArrayLike, what: str) -> NDArray[np.float64]:
     except (TypeError, ValueError):  # rows of different lengths
         raise InputError(f"{what} is {_short(value)}; it must be an array of numbers.") from None
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
-        raise InputError(f"{what} has values that are masked; every one must be a number.")
+        raise InputError(f"{what} has masked values; every value must be a number.")
     kind = array.dtype.kind
     if kind == "O":
         real = all(isinstance(one, Real) and not isinstance(one, bool | np.bool_) for one in array.flat)

@@ -111,7 +111,10 @@ def read_sealed(path: str | Path, *, of: str = "") -> bytes:
         raise InputError(f"{path} cannot be read: {_reason(error)}.") from None
     data = found[:-_SEAL_LENGTH]
     if found[-_SEAL_LENGTH:] != _seal(data, of):
-        raise InputError(f"{path} is damaged, was edited or is of another version; delete it to begin anew.")
+        raise InputError(
+            f"{path} is damaged, was edited or comes from another version of Ballbot; delete it to start "
+            "again."
+        )
     return data
 
 

@@ -49,8 +49,8 @@ def _acquire(path: Path, folder: Path) -> int:
             os.close(descriptor)
             by = f" (process {holder})" if holder.isdigit() else ""
             raise InputError(
-                f"Another ballbot{by} is writing into {folder}; wait until it has ended, or choose another folder with "
-                "--out."
+                f"Another ballbot{by} is writing into {folder}; wait until it has finished, or choose another "
+                "folder with --out."
             )
         if _is_at(descriptor, path):
             os.ftruncate(descriptor, 0)

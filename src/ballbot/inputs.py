@@ -45,12 +45,12 @@ def check_regular(path: str | Path) -> int:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     except ValueError:
-        raise InputError(f"{str(path)!r} holds a zero byte and is no name of a file.") from None
+        raise InputError(f"{str(path)!r} contains a zero byte and cannot be a file name.") from None
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path} cannot be read: Is a directory.")
     if not stat.S_ISREG(status.st_mode):
         kind = "a pipe" if stat.S_ISFIFO(status.st_mode) else "a device"
-        raise InputError(f"{path} is {kind}, which may have no end; write its content into a file first.")
+        raise InputError(f"{path} is {kind}, which may have no end; copy its content into a file first.")
     return status.st_size
 
 
@@ -71,7 +71,7 @@ def read_bytes(path: str | Path, *, largest: int = LARGEST_TABLE) -> bytes:
             raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
         if len(content) <= largest:
             return content
-    raise InputError(f"{path} has {size_words(size)}, and at most {size_words(largest)} are read.")
+    raise InputError(f"{path} has {size_words(size)}; at most {size_words(largest)} are read.")
 
 
 def read_text(path: str | Path, *, largest: int = LARGEST_TABLE) -> str:
@@ -117,9 +117,7 @@ def parse_toml(text: str, *, source: str) -> dict[str, object]:
     InputError
         If it is not TOML, is nested too deeply, or holds a whole number that does not fit 64 bits.
     """
-    too_deep = (
-        f"{source} is nested too deeply: at most {DEEPEST} tables or lists within one another are read."
-    )
+    too_deep = f"{source} is nested too deeply; at most {DEEPEST} levels of tables or lists are read."
     if _longest_key(text) > _LONGEST_KEY:  # the parser's time grows with the square of a dotted key's parts
         raise InputError(too_deep)
     try:
@@ -172,7 +170,7 @@ def _check_tree(tree: object, source: str) -> None:
         level = below
     if level:
         raise InputError(
-            f"{source} is nested too deeply: at most {DEEPEST} tables or lists within one another are read."
+            f"{source} is nested too deeply; at most {DEEPEST} levels of tables or lists are read."
         )
 
 

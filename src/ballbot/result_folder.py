@@ -140,7 +140,7 @@ def _prepare(
     _delete(folder / STAGED)
     if not resumes and (folder / CHECKPOINT).exists():
         raise InputError(
-            f"{folder / CHECKPOINT} holds a run that was not finished; resume that run (--resume), delete it, or "
+            f"{folder / CHECKPOINT} holds a run that was not finished. Resume it (--resume), delete it, or "
             "choose another folder with --out."
         )
     _check_replaceable(folder, read_manifest(folder), command=command, names=names, inputs=inputs)
@@ -160,8 +160,8 @@ def read_manifest(folder: Path) -> Manifest | None:
         return None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(
-            f"{path}, which lists the files of the result there, is damaged; choose another folder with --out, or "
-            "delete the result."
+            f"{path}, the list of result files, is damaged. Choose another folder with --out, or delete the "
+            "result."
         ) from None
 
 
@@ -172,26 +172,27 @@ def _check_replaceable(
     files = {} if old is None else old.files
     if old and old.command != command:
         raise InputError(
-            f"{folder} holds a result of ballbot {old.command}; choose another folder with --out, so that results are "
-            "not mixed."
+            f"{folder} holds a result of ballbot {old.command}. Choose another folder with --out, so that "
+            "results do not mix."
         )
     read = {os.path.realpath(path) for path in inputs}
     for name in sorted({*files, *names}):
         path = folder / name
         if os.path.realpath(path) in read:
             raise InputError(
-                f"{path} is read by this run, whose result would replace it; choose another folder with --out."
+                f"{path} is an input of this run, and the result would overwrite it. Choose another folder with "
+                "--out."
             )
         if name not in files and (path.exists() or path.is_symlink()):
             raise InputError(
-                f"{path} is there already and belongs to no result of ballbot {command}; move it, or choose another "
-                "folder with --out."
+                f"{path} exists already and is not part of a result of ballbot {command}. Move it, or choose "
+                "another folder with --out."
             )
     changed = old.changed_file(folder) if old else None
     if changed:
         raise InputError(
-            f"{folder / changed} was changed since ballbot {command} wrote it; move it, or choose another folder with "
-            "--out."
+            f"{folder / changed} has changed since ballbot {command} wrote it. Move it, or choose another "
+            "folder with --out."
         )
 
 

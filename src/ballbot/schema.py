@@ -135,9 +135,7 @@ def _sentence(mistakes: Sequence[_Mistake], of: str) -> str:
 def _missing(mistake: _Mistake, of: str) -> str:
     *above, last = mistake.place
     if isinstance(last, int):
-        return (
-            f"{shown_place(above)} has {'one entry' if last == 1 else f'{last} entries'}; it must have more."
-        )
+        return f"{shown_place(above)} has {('one entry' if last == 1 else f'{last} entries')}; it needs more."
     table = f"[{shown_place(above)}]" if above else of
     return f"{shown_place(mistake.place)} is missing; {table} needs it."
 

@@ -46,8 +46,8 @@ def check_table(rows: float, columns: int, *, source: str) -> None:
     most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
     if not rows <= most:
         raise InputError(
-            f"{source} has {_count(rows)} rows of {columns} columns; at most {most:,} such rows fit. "
-            "Take a part, or fewer rows a second."
+            f"{source} has {_count(rows)} rows of {columns} columns; at most {most:,} such rows fit in "
+            "memory. Use a part of it or a lower sampling rate."
         )
 
 
@@ -72,8 +72,8 @@ def rows_between(span: float, interval: float, *, columns: int = 1, source: str)
     most = min(MOST_ROWS, MOST_CELLS // max(columns, 1))
     if not 0.0 <= rows <= most:
         raise InputError(
-            f"{source} spans {length_words(span)}, which is {_count(rows)} rows at intervals of {interval:g} s; at "
-            f"most {most:,} fit. Correct the times, their unit or the interval."
+            f"{source} spans {length_words(span)}, which is {_count(rows)} rows at intervals of {interval:g} "
+            f"s; at most {most:,} rows fit in memory. Correct the times, their unit or the interval."
         )
     return math.floor(rows + 1e-6)
 

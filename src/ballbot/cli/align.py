@@ -72,9 +72,9 @@ def align(
             write_text(new / "results.json", as_json(results | {"provenance": made.to_dict()}))
             write_text(new / "report.html", page)
     if alignment.sensors is not None:
-        headings = ("", "unit", "RMS", "largest", "drift a minute", "RMS about it", "late by [ms]")
+        headings = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
         rows = error_rows(alignment.sensors)
-        console.print(table("On board less cameras", headings, rows, framed=console.is_terminal))
+        console.print(table("On board minus cameras", headings, rows, framed=console.is_terminal))
     for sentence in alignment_findings(alignment):
         console.print(sentence, markup=False, soft_wrap=True)
     console.print(str(folder.path / "report.html"), soft_wrap=True)

@@ -65,7 +65,7 @@ class CheckedSwing:
     def parts(self, *, framed: bool) -> list[RenderableType]:
         """Return what is printed."""
         headings = ("quantity", "value, 95 %", "unit")
-        title = f"Swing, by {self.fit.swing.source}"
+        title = f"Swing from {self.fit.swing.source}"
         rows = swing_rows(self.fit, self.found)
         return [
             Text(""),

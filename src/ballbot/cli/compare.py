@@ -163,5 +163,5 @@ def _show(league: League, console: Console) -> None:
         rows = standing_rows(league, course.name)
         console.print(table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows, framed=framed))
     first = league.controllers[0]
-    title = f"Over all courses, in shares of {first}'s (95 % intervals)"
+    title = f"Over all courses, relative to {first} (95 % intervals)"
     console.print(table(title, OVERALL_HEADINGS, overall_rows(league), framed=framed))

@@ -119,8 +119,8 @@ def design(
         given = (kind, q, r, compensation_gain, notch, delay, adaptive)
         if given != ("nominal", None, TORQUE_WEIGHT, 1.0, None, None, False):
             raise InputError(
-                "--robust searches for the weights of the nominal kind; leave out --kind, --q, --r, "
-                "--compensation-gain, --notch, --delay and --adaptive."
+                "--robust searches for the weights of the nominal kind; remove --kind, "
+                "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
             )
         chosen = compensation or "none"
         design_robustly(
@@ -182,8 +182,8 @@ def _with_parts(
         plain, controller = controller, with_adaptations(controller)
         if controller.parts == plain.parts:
             raise InputError(
-                "--adaptive has nothing to follow: the nominal kind without compensation carries no friction; "
-                "add --kind precise or --compensation full."
+                "--adaptive has nothing to adapt: the nominal kind without compensation "
+                "has no friction model. Add --kind precise or --compensation full."
             )
     parts = controller.parts
     if notch is not None:
@@ -215,7 +215,7 @@ def _show(console: Console, robot: Robot, found: LqrDesign | IntegralDesign, spr
     if spread.parts:
         causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
         console.print(
-            f"\nits standard deviation by those in the robot's file ({causes}):\n",
+            f"\nStandard deviation of the gain, from those in the robot file ({causes}):\n",
             markup=False,
             soft_wrap=True,
         )
@@ -235,11 +235,15 @@ def _margin(margin: Margin) -> str:
     amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
     returned = ", ".join(f"{100.0 * one.share:.0f} %" for one in margin.swings)
     told = (
-        f"compensated at most of each wheel's friction and of the rolling friction: {shares}\n"
-        f"given back at most of what friction takes from a wheel that swings by {amplitudes} rad/s: {returned}"
+        "Compensated at most, of each wheel's friction and of the rolling "
+        f"friction: {shares}\nReturned at most, of the energy that friction "
+        f"takes from a wheel that oscillates by {amplitudes} rad/s: {returned}"
     )
     if margin.adapted:
-        told += f"\nadaptation and load may scale that up to {100.0 * margin.adapted:.0f} % of each wheel's friction"
+        told += (
+            "\nAdaptation and load scaling may raise that up to "
+            f"{100.0 * margin.adapted:.0f} % of each wheel's friction"
+        )
     return (
         f"{told}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
         if margin.pumps
@@ -259,7 +263,10 @@ def _certain(found: Friction, compensated: Friction) -> str:
         f"{100.0 * less / whole:.0f} %" if whole else "none"
         for less, whole in zip(compensated.coulomb, found.coulomb, strict=True)
     ]
-    return f"\ncompensated is what is certain of each wheel's friction: {', '.join(shares)} of it"
+    return (
+        "\nOnly the friction that is certain is compensated, "
+        f"as a fraction of each wheel's: {', '.join(shares)}"
+    )
 
 
 def _results(

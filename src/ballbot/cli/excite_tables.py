@@ -23,7 +23,7 @@ def limits_table(result: Excitation, *, framed: bool) -> Table:
         (f"{name} [{_SHOWN[name][0]}]", _shown(name, value), *(_peak(name, peaks) for peaks in runs.values()))
         for name, value in result.task.limits.to_dict().items()
     ]
-    return table("limits, and the largest values of each run", ("limit", "", *runs), rows, framed=framed)
+    return table("Limits, and the largest values of each run", ("limit", "", *runs), rows, framed=framed)
 
 
 def errors_table(result: Excitation, *, framed: bool) -> Table:
@@ -41,22 +41,22 @@ def errors_table(result: Excitation, *, framed: bool) -> Table:
     ]
     rows.append(("worst, % of bounds", "", *(_worst(errors) for errors in scaled.values())))
     headings = ("parameter", "believed", *columns)
-    return table("standard errors: expected, and from the twin's logs", headings, rows, framed=framed)
+    return table("Standard errors: expected, and from the twin's logs", headings, rows, framed=framed)
 
 
 def verdict(result: Excitation) -> list[str]:
     """Return what to know of the design, in sentences."""
     sentences = [gain_words(float(result.square.errors.max() / result.design.errors.max()))]
     if not result.trials:
-        return [*sentences, "It has not been tried on the twin."]
+        return [*sentences, "The design has not been tried on the twin."]
     trial = result.trials["designed"]
     if trial.log.ended:
         return [*sentences, f"On the twin the run ended early: {trial.log.ended}. Lower the limits."]
     exceeded = result.task.limits.exceeded(trial.peaks)
     kept = (
-        f"The twin exceeded the limit on {' and '.join(exceeded)}: lower it"
+        f"The twin exceeded the limit on {' and '.join(exceeded)}; lower that limit"
         if exceeded
-        else "The twin kept all limits"
+        else "The twin stayed within all limits"
     )
     return [*sentences, f"{kept}."]
 
@@ -65,14 +65,14 @@ def gain_words(gain: float) -> str:
     """Return what a square's worst standard error over the design's says; infinite where the square tells less."""
     if not np.isfinite(gain):
         return (
-            "A square of that length leaves parameters unidentifiable; with the design all are identifiable."
+            "With a square of the same length some parameters cannot be identified; with the design all can."
         )
     if gain < 1.0:
         return (
-            f"The worst standard error expected is {1.0 / gain:.1f} times a square's, so that the square tells more; "
-            "search for longer (--generations, --population)."
+            f"The worst expected standard error is {1.0 / gain:.1f} times a square's, so the "
+            "square is more informative. Search for longer (--generations, --population)."
         )
-    return f"The worst standard error expected is {gain:.1f} times smaller than a square's."
+    return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
 
 
 def _errors_in_units(trial: Trial) -> NDArray[np.float64]:
@@ -91,6 +91,6 @@ def _worst(errors: NDArray[np.float64]) -> str:
     """Return the worst of scaled errors, and how many parameters got none where some did."""
     none = int(np.count_nonzero(~np.isfinite(errors)))
     if none == len(errors):
-        return "none told"
+        return "none identified"
     text = f"{100.0 * float(errors[np.isfinite(errors)].max()):.1f}"
-    return f"{text} ({none} untold)" if none else text
+    return f"{text} ({none} not identified)" if none else text

@@ -189,8 +189,9 @@ class _Asked:
         found = {round(back_emf_of(mapping), 12) for mapping in self.mappings}
         if len(found) > 1:
             raise InputError(
-                f"The mappings' motors brake with {', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
-                "robot have one motor, so that supply, resistance and constants must agree."
+                "The motors of the mappings have back-EMF damping of "
+                f"{', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
+                "robot must have the same supply voltage, resistance and motor constants."
             )
         return found.pop() if found else 0.0
 
@@ -251,7 +252,8 @@ def _logs(asked: _Asked, robot: Robot) -> tuple[dict[str, _Named], dict[str, _Na
     mappings, count = asked.mappings, len(named) + len(others)
     if len(mappings) not in (0, 1, count):
         raise InputError(
-            f"--mapping is given {len(mappings)} times and there are {count} logs; give one for all, or one for each."
+            f"--mapping is given {len(mappings)} times for {count} "
+            "logs; give one for all logs, or one for each."
         )
     of_each = iter(mappings if len(mappings) == count else (mappings or (None,)) * count)
 

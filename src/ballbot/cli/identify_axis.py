@@ -51,9 +51,9 @@ def identify_axis(
 ) -> None:
     """Find the mass (or inertia) and friction of one axis in a record of its force and position.
 
-    Three methods: the inverse model by least squares, output error in closed loop where the loop is known, and output
-    error in open loop. A ladder of friction laws is judged on windows held out. Writes report.html and results.json.
-    For a robot's own drivelines see `ballbot identify-driveline`.
+    Three methods: the inverse model by least squares, output error in closed loop if the loop is known, and output
+    error in open loop. The friction law is selected by its prediction of held-out windows. Writes report.html and
+    results.json. For a robot's own drivelines use `ballbot identify-driveline`.
 
     Example: ballbot identify-axis DATA_EMPS.mat --position qm --force vir --force-scale gtau --out found
 
@@ -62,40 +62,40 @@ def identify_axis(
     record
         A MATLAB file (.mat, its variables by name), CSV or Parquet.
     against
-        Other records of the same axis, with the same columns: held against what was found, never fitted.
+        Other records of the same axis, with the same columns, used only for validation.
     out
         The folder to write into.
     time
-        The variable of the time, in seconds.
+        The variable with the time, in seconds.
     position
-        The variable of the position, in metres or radians.
+        The variable with the position, in metres or radians.
     force
-        The variable of what drives the axis.
+        The variable with the force, torque, current or voltage that drives the axis.
     force_scale
-        Force over what that variable holds (newtons or newton metres): a number, or a variable of the file.
+        Factor from that variable to newtons or newton metres: a number, or a variable of the file.
     added_force
-        The variable of a force that acts beside it, already in newtons (newton metres).
+        The variable with a further force on the axis, in newtons (newton metres).
     reference
-        The variable of the position's reference; with both gains (--reference qg --position-gain kp --velocity-gain
-        kv in the example), the closed loop is simulated as well.
+        The variable with the reference of the position; with both gains (--reference qg --position-gain kp
+        --velocity-gain kv in the example), the closed loop is simulated as well.
     position_gain
-        Of the loop, 1/s: a number, or a variable of the file.
+        Position gain of the loop, in 1/s: a number, or a variable of the file.
     velocity_gain
-        From velocity to what the force's variable holds: a number, or a variable of the file.
+        Velocity gain of the loop, from velocity to the force variable: a number, or a variable of the file.
     limit
-        Of what the force's variable holds: a number, or a variable of the file.
+        Limit of the force variable: a number, or a variable of the file.
     unit
-        Of positions: m for a mass that slides, rad for an inertia that turns.
+        Unit of positions: m for a sliding mass, rad for a rotating inertia.
     law
-        The friction law to take: viscous, coulomb, stribeck, dahl, lugre or asymmetric; without it the ladder decides.
+        The friction law: viscous, coulomb, stribeck, dahl, lugre or asymmetric. Selected automatically if not given.
     bandwidth
-        Of the motion, in hertz; filters follow from it.
+        Bandwidth of the motion, in hertz, which sets the filters. Estimated if not given.
     window
-        Duration of the windows that the ladder is judged by, in seconds.
+        Length of the windows on which laws are compared, in seconds.
     horizon
-        Duration of the windows that the open-loop fit predicts, in seconds; the whole record without it.
+        Length of the windows that the open-loop fit predicts, in seconds; the whole record if not given.
     resume
-        Go on with a run into the same folder that was interrupted.
+        Continue an interrupted run in the same folder.
     """
     columns = AxisColumns(
         time=time,

@@ -59,9 +59,9 @@ def identify_driveline(
     seed: int = 0,
     accept: Accept = None,
 ) -> None:
-    """Find b, c, s, v_s and delta of each driveline from a sweep of torque with the wheels free of the ball.
+    """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
 
-    The first of the thesis's three stages (section 3.1): remakes its Figures 3.1 and 3.2. Writes report.html,
+    The first of the thesis's three stages (section 3.1), with its Figures 3.1 and 3.2. Writes report.html,
     results.json and robot.toml (with each wheel's b, c and s, and the means of v_s and delta).
 
     Example: ballbot identify-driveline alten driveline_sweep.csv --out found
@@ -69,21 +69,21 @@ def identify_driveline(
     Parameters
     ----------
     robot
-        A preset's name or a robot file; it gives the inertia.
+        A preset's name or a robot file, which gives the inertia.
     log
-        Torques and wheel speeds of a slow sweep, the wheels free of the ball; a log of the robot balancing is refused.
+        A log with torques and wheel speeds of a slow sweep with the wheels off the ball, not of the robot balancing.
     out
         The folder to write into.
     mapping
-        A TOML file that says how a foreign log becomes Ballbot's.
+        A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     speed_limit
-        Of the supply, in rad/s; the greatest speed in the log without it.
+        Speed limit of the supply, in rad/s; the greatest speed in the log if not given.
     lower
-        The least b, c, s, v_s and delta.
+        Lower bounds of b, c, s, v_s and delta.
     upper
-        The greatest b, c, s, v_s and delta.
+        Upper bounds of b, c, s, v_s and delta.
     seed
-        Of the search.
+        Random seed. The same seed gives the same result.
     """
     described = Robot.load(robot)
     read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
@@ -169,7 +169,7 @@ def _mean_of_known(fits: Sequence[DrivelineFit], place: int) -> float:
 def _show(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], console: Console) -> None:
     framed = console.is_terminal
     headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
-    console.print(table("friction of the drivelines", headings, parameter_rows(fits), framed=framed))
+    console.print(table("Friction of the drivelines", headings, parameter_rows(fits), framed=framed))
     headings = (
         "",
         "cost (3.5)",
@@ -178,6 +178,6 @@ def _show(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], console: 
         "(3.2) as printed",
         "same friction in (3.2)",
     )
-    console.print(table("speed errors", headings, error_rows(fits, printed), framed=framed))
+    console.print(table("Speed errors", headings, error_rows(fits, printed), framed=framed))
     for sentence in remarks(fits, printed):
         console.print(sentence, markup=False, soft_wrap=True)

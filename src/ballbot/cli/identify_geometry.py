@@ -46,7 +46,7 @@ def identify_geometry(
     accept: Accept = None,
     out: Path,
 ) -> None:
-    """Check a robot's tape measure: radii, tilt, azimuths and the IMU's mounting, by kinematics alone.
+    """Identify radii, tilt, azimuths and the mounting of the IMU from logs, by kinematics alone.
 
     Writes results.json and robot.toml (the geometry found, with its standard deviations).
 
@@ -61,10 +61,10 @@ def identify_geometry(
     balancing
         Logs of the robot balancing: wheel angles and gyro_x, _y, _z.
     motion_capture
-        One for each balancing log, in their order: t, x y z of the ball's centre, qw qx qy qz of the body; on any clock
-        and in any frame.
+        One file for each balancing log, in the same order: t, x y z of the ball's centre, qw qx qy qz of the body; on
+        any clock and in any frame.
     mapping
-        A TOML file that says how foreign logs become Ballbot's.
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     out
         The folder to write into.
     """
@@ -72,7 +72,8 @@ def identify_geometry(
     on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
     if len(runs) != len(films):
         raise InputError(
-            f"For {len(runs)} of --balancing there are {len(films)} of --motion-capture; give one for each, in order."
+            f"--balancing is given {len(runs)} times and --motion-capture {len(films)} "
+            "times; give one motion capture for each balancing log, in the same order."
         )
     of_ball = dict(
         zip(on_wheels, read_logs(tuple(on_wheels), mapping).values() if on_wheels else (), strict=True)
@@ -103,7 +104,8 @@ def identify_geometry(
                 write_robot(robot_with_geometry(described, found), new / "robot.toml")
             except InputError as error:
                 remarks.append(
-                    f"No robot.toml was written, for the geometry found makes no robot of this file: {error}"
+                    "No robot.toml was written, because the geometry found is not "
+                    f"possible with the other values of the robot file: {error}"
                 )
             results = found.to_dict() | {
                 "findings": finding_results(findings),

@@ -44,7 +44,7 @@ def error_table(found: Identification, judged: Sequence[Judged], *, framed: bool
         )
         for state, ratio in ours.ratios.items()
     ]
-    title = f"open-loop error (4.1) on {ours.windows} windows held out" + (
+    title = f"Open-loop error (4.1) on {ours.windows} held-out windows" + (
         "; ratio on other logs" * bool(judged)
     )
     headings = ("state", "with friction", "without", "ratio", *(one.name for one in judged))
@@ -66,17 +66,17 @@ def horizon_table(judged: Judged, *, framed: bool) -> Table:
         )
         for one in judged.horizons
     ]
-    known = "what was known by then" if judged.causal else "its rows"
+    known = "past rows" if judged.causal else "its rows"
     title = f"{judged.name}, RMSE of {judged.horizons[0].starts} predictions from {known}"
     headings = (
         "after, s",
         "wheel speed, rad/s",
         "viscous part",
         "without friction",
-        "share wanted",
+        "friction wanted",
         "lean, deg",
         "without friction",
-        "share wanted",
+        "friction wanted",
     )
     return table(title, headings, rows, framed=framed)
 
@@ -90,12 +90,14 @@ def ladder_table(ladder: Ladder, *, framed: bool) -> Table:
             f"{rung.error:.3f}",
             rung.law.within or "no friction",
             _gain(rung.gain),
-            "best" if rung is ladder.best else "taken" if rung.taken else "not taken",
+            "best" if rung is ladder.best else "taken" if rung.taken else "not selected",
         )
         for rung in ladder.rungs
     ]
-    headings = ("law", "friction", "error", "held against", "gain, 95 % interval", "")
-    return table("laws on windows held out, error over that without friction", headings, rows, framed=framed)
+    headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
+    return table(
+        "Friction laws on held-out windows: error relative to no friction", headings, rows, framed=framed
+    )
 
 
 def _flat(values: dict[str, list[float] | float]) -> list[float]:

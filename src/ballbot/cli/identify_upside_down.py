@@ -49,10 +49,10 @@ def identify_upside_down(
     accept: Accept = None,
     resume: bool = False,
 ) -> None:
-    """Find the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
+    """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
-    The second of the thesis's three stages: the ball lies on the wheels, and a camera gives its angular velocity. Where
-    the robot's file has friction already, as after `ballbot identify`, both are held against the same windows.
+    The second of the thesis's three stages: the ball lies on the wheels, and a camera gives its angular velocity. If
+    the robot file has friction already, as after `ballbot identify`, both are validated on the same windows.
 
     Writes robot.toml (the robot with the friction found), results.json, prediction.svg and movement.svg (the thesis's
     Figure 3.4).
@@ -68,15 +68,15 @@ def identify_upside_down(
     out
         The folder to write into.
     mapping
-        A TOML file that says how foreign logs become Ballbot's.
+        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     bounds
-        A TOML file of the bounds within which the friction is sought, as in: coulomb = [0.0, 0.5]
+        A TOML file with lower and upper bounds of the friction, such as: coulomb = [0.0, 0.5].
     seed
-        Of all that is random; equal seeds give equal results.
+        Random seed. The same seed gives the same result.
     window
-        Length of the windows predicted, in seconds.
+        Length of the predicted windows, in seconds.
     resume
-        Go on with a run into the same folder that was interrupted.
+        Continue an interrupted run in the same folder.
     """
     described = Robot.load(robot)
     named = read_logs(logs, mapping)
@@ -155,9 +155,10 @@ def _comparison(described: Robot) -> list[str]:
     if described.friction == Friction.none(described.wheel_count):
         return []
     return [
-        "A friction from balancing differs from this one for reasons: there the robot's weight lies on the contacts, "
-        "which adds to c and s, and what the model leaves out (play, slip, rollers) is taken up by whichever "
-        "parameter predicts best. Use each where it was found."
+        "The friction identified while balancing differs from this one for two reasons: "
+        "there the weight of the robot rests on the contacts, which adds to c and s, "
+        "and what the model neglects (play, slip, rollers) is absorbed by whichever "
+        "parameter predicts best. Use each in the situation where it was identified."
     ]
 
 
@@ -179,7 +180,7 @@ def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Ta
             name = f"{symbol}{i}" if isinstance(value, list) else symbol
             rows.append((name, digits(one), digits(its_error, 2), digits(old), _UNITS[symbol]))
     headings = ("parameter", "upside down", "standard error", "robot file", "unit")
-    return table("friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
+    return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
 
 
 def _error_table(found: UpsideDown, *, framed: bool) -> Table:
@@ -187,5 +188,5 @@ def _error_table(found: UpsideDown, *, framed: bool) -> Table:
         (f"Omega_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
         for i, axis in enumerate("xyz")
     ]
-    title = f"open-loop RMSE in rad/s on {len(found.held_out_windows)} windows of {found.window:g} s held out"
+    title = f"Open-loop RMSE in rad/s on {len(found.held_out_windows)} held-out windows of {found.window:g} s"
     return table(title, ("state", *(f"friction: {name}" for name in found.held_out)), rows, framed=framed)

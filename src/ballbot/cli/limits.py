@@ -128,15 +128,13 @@ def limits(
 def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
     """Refuse numbers that cannot be."""
     if controllers > MOST_CONTROLLERS:
-        raise InputError(
-            f"There are {controllers} controllers; the figures can show at most {MOST_CONTROLLERS}."
-        )
+        raise InputError(f"There are {controllers} controllers; at most {MOST_CONTROLLERS} can be compared.")
     if not grip > 0.0:
         raise InputError(
-            f"--grip is {grip:g}; it must be a positive friction coefficient, 1 for rubber on rubber."
+            f"--grip is {grip:g}; it must be a positive friction coefficient, such as 1 for rubber on rubber."
         )
     if not 0 <= refinements <= _MOST_REFINEMENTS:
-        raise InputError(f"--refinements is {refinements}; it must be 0 to {_MOST_REFINEMENTS}.")
+        raise InputError(f"--refinements is {refinements}; it must be from 0 to {_MOST_REFINEMENTS}.")
     check_seed(seed)
 
 
@@ -149,7 +147,9 @@ def origins(robot: str, entrants: Sequence[Entrant], scenario: str) -> list[Path
 
 def _law(name: str, controller: object) -> Controller:
     if not isinstance(controller, Controller):
-        raise InputError(f"{name} is a controller of your own; limits are found for controller files only.")
+        raise InputError(
+            f"{name} is a controller of your own; limits are computed for controller files only."
+        )
     return controller
 
 
@@ -183,11 +183,11 @@ def _write(found: _Found, robot: Robot, grip: float, made: Provenance, folder: P
 
 def _show(found: _Found, console: Console) -> None:
     framed = console.is_terminal
-    headings = ("controller", "lean at rest (degrees)", "blow (N s)")
-    title = "Survived from every direction: no wheel lets go / if the wheels always hold"
+    headings = ("controller", "tilt at rest (degrees)", "impulse (N s)")
+    title = "Recovered from in every direction: no wheel slips / if wheels never slip"
     console.print(table(title, headings, limit_rows(found.model), framed=framed))
     if found.twin:
-        headings = ("controller", "limit", "towards", "no wheel lets go", "on the twin", "wheels always hold")
+        headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
         console.print(table("On the twin", headings, twin_rows(found.twin), framed=framed))
 
 
@@ -206,7 +206,7 @@ def twin_rows(on_twin: Mapping[str, Sequence[TwinEdge]]) -> list[list[str]]:
     rows = []
     for name, edges in on_twin.items():
         for edge in edges:
-            unit, word = (180.0 / np.pi, "lean (degrees)") if edge.kind == "lean" else (1.0, "blow (N s)")
+            unit, word = (180.0 / np.pi, "tilt (degrees)") if edge.kind == "lean" else (1.0, "impulse (N s)")
             sizes = [f"{unit * size:.1f}" for size in (edge.sure, edge.twin, edge.most)]
             rows.append([name, word, f"{np.degrees(edge.direction):.0f}°", *sizes])
     return rows

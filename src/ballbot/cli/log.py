@@ -31,9 +31,9 @@ _PROPOSED = ("results.json", "mapping.toml", "log.csv")  # of a foreign file
 def check_log(
     file: Path, /, *, robot: str | None = None, mapping: Path | None = None, out: Path | None = None
 ) -> None:
-    """Show a log's columns and what is wrong with it; the exit code is 2 where that is an error.
+    """Show a log's columns and what is wrong with it. The exit code is 2 if there is an error.
 
-    Of a file that is none of Ballbot's logs, a mapping is proposed and tested against the robot's kinematics.
+    For a file that is not in Ballbot's format, propose a mapping and test it against the robot's kinematics.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
@@ -46,9 +46,9 @@ def check_log(
     robot
         A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
     mapping
-        A TOML file that says how a foreign log becomes one of Ballbot's; without it one is proposed.
+        A TOML file that describes the columns and units of a foreign log. If not given, one is proposed.
     out
-        A folder for results.json and, of a foreign file, the mapping and the log that it makes.
+        A folder for results.json and, for a foreign file, the mapping and the converted log.
     """
     described = Robot.load(robot) if robot else None
     files = [path for path in (file, mapping, Path(robot) if robot else None) if path]
@@ -73,7 +73,7 @@ def _check(file: Path, described: Robot | None, mapping: Path | None, folder: Re
             write_text(new / "results.json", as_json(_results(file, log, summaries, findings, wheels)))
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
-        more = f" (and {len(errors) - 1} more, above)" if len(errors) > 1 else ""
+        more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
@@ -93,7 +93,7 @@ def _show(
     for finding in findings:
         console.print(finding_line(finding), soft_wrap=True)
     if not findings:
-        console.print("Nothing wrong was found.")
+        console.print("No problems were found.")
 
 
 def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Table:
@@ -107,7 +107,7 @@ def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Tabl
         )
         for column in summaries
     ]
-    headings = ("column", "unit", "from", "to", "changes a second", "missing")
+    headings = ("column", "unit", "from", "to", "changes per second", "missing")
     return table("Columns", headings, rows, framed=framed)
 
 
@@ -118,7 +118,7 @@ def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> Table:
         for i, (place, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
-    return table("Wheels, by the robot's kinematics", headings, rows, framed=framed)
+    return table("Wheels, compared with the robot's kinematics", headings, rows, framed=framed)
 
 
 def _results(

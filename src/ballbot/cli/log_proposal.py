@@ -28,10 +28,10 @@ def propose_mapping(
 ) -> tuple[Finding, ...]:
     """Show the mapping proposed for a foreign file; with a folder, write it, the log it makes and results.json."""
     console = standard_output()
-    with console.status("reading the encoders' times"):
+    with console.status("reading the encoder times"):
         proposal = propose(file, robot)
     findings, text = findings_of(proposal), mapping_text(proposal, robot, file=file)
-    console.print(Text(f"{file}: not one of Ballbot's logs; a mapping is proposed"), soft_wrap=True)
+    console.print(Text(f"{file}: not in Ballbot's format; this mapping is proposed"), soft_wrap=True)
     console.print(_role_table(proposal, framed=console.is_terminal))
     if proposal.lean_test:
         console.print(_placement_table(proposal, framed=console.is_terminal))
@@ -101,14 +101,14 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
         for one in placements
     ]
     headings = (
-        "wheels' order",
+        "wheel order",
         "phase [deg]",
         "gain",
         "lean unexplained [%]",
         "wheels together [%]",
         "misfit",
     )
-    return table("Wheels, by how the lean answers them", headings, rows, framed=framed)
+    return table("Wheel orders, by the response of the lean", headings, rows, framed=framed)
 
 
 def _results(file: Path, proposal: Proposal, log: Log, findings: tuple[Finding, ...]) -> dict[str, object]:

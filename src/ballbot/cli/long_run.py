@@ -60,7 +60,7 @@ def long_run(
     except KeyboardInterrupt:
         on_cluster = ["--cluster", cluster] if cluster else []
         command = shell_line([*words, *on_cluster, "--resume"])
-        raise KeyboardInterrupt(f"interrupted; go on where it stopped with: {command}") from None
+        raise KeyboardInterrupt(f"interrupted; continue with: {command}") from None
     except InputError as refusal:
         if not _may_go_on(refusal):
             checkpoint.remove()

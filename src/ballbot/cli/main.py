@@ -171,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.name not in _EXTRAS:
             raise
         return _refuse(
-            f"this needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
+            f"This needs {error.name}; install it with: pip install 'ballbot[{_EXTRAS[error.name]}]'"
         )
     except KeyboardInterrupt as interrupt:
         _say(str(interrupt) or "interrupted; files written so far are complete.")
@@ -219,10 +219,10 @@ def _close_standard_output() -> None:
 def _unknown_command(tokens: list[str]) -> str:
     word, names = tokens[0], [command.name for command in COMMANDS]
     if word in names:  # a group
-        return f"there is no command {' '.join(tokens[:2])!r}. Try: {_help_of(tokens)}"
+        return f"There is no command {' '.join(tokens[:2])!r}. Try: {_help_of(tokens)}"
     near = get_close_matches(word, names, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"the commands are {', '.join(names)}."
-    return f"there is no command {word!r}; {hint}"
+    return f"There is no command {word!r}; {hint}"
 
 
 def _help_of(tokens: list[str]) -> str:

@@ -122,7 +122,7 @@ def _one(job: Job, seed: int, out: Path, console: Console, *, resume: bool) -> N
         with progress_bar(console, f"recording {job.duration:g} s") as bar:
             outcome = record_run(job, seed, out, progress=bar.show)
     else:
-        console.print("The run is whole and was kept.")
+        console.print("The run is complete and was kept.")
     for path in sorted(out.iterdir()):
         if not path.name.startswith("."):
             console.print(str(path), soft_wrap=True)
@@ -142,5 +142,5 @@ def _many(job: Job, seeds: list[int], out: Path, console: Console) -> None:
 def _summary(outcomes: list[Outcome], out: Path) -> str:
     before = sum(outcome.was_there for outcome in outcomes)
     early = sum(outcome.ended is not None for outcome in outcomes)
-    kept = f", {before} of them from before" if before else ""
+    kept = f", {before} of them kept from before" if before else ""
     return f"{len(outcomes)} runs in {out}{kept}; {early} ended early."

@@ -15,10 +15,10 @@ _MEASURED = 0.9
 
 
 def reproduce(*, out: Path, seed: int = 0) -> None:
-    """Remake every figure and table of the thesis from the twin and the models, and show its mistakes.
+    """Reproduce every figure and table of the thesis from the twin and the models, and show its mistakes.
 
-    Writes index.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/: a command that
-    was stopped goes on where it was when it is given again. Equal seeds give equal results.
+    Writes index.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Give the
+    command again to continue an interrupted run. The same seed gives the same result.
 
     Example: ballbot reproduce --out thesis
 
@@ -27,7 +27,7 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
     out
         The folder to write into.
     seed
-        Of all that is random.
+        Random seed. The same seed gives the same result.
     """
     check_seed(seed)
     # imported late: the twin and the vision are extras
@@ -56,5 +56,5 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
     rows = [[item.name, item.title, item.verdict] for item in found.items]
     console.print(table("The thesis remade", ("", "shows", "ours"), rows, framed=console.is_terminal))
     proven = sum(mistake.proven for mistake in found.mistakes)
-    console.print(f"Of {len(found.mistakes)} misprints and mistakes, {proven} are shown by their numbers.")
+    console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
     console.print(str(folder.path / "index.html"), soft_wrap=True)

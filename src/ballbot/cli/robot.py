@@ -63,7 +63,7 @@ def new(
     out: Path | None = None,
     force: bool = False,
 ) -> None:
-    """Write a robot file to start from: a copy of a preset, commented, under a name of your own.
+    """Write a robot file to start from: a commented copy of a preset under a new name.
 
     Example: `ballbot new myrobot --from alten`
 
@@ -72,21 +72,21 @@ def new(
     name : str
         The new robot's name.
     from_ : str
-        Preset, or robot file, to copy.
+        Preset or robot file to copy.
     out : Path
-        File to write; NAME.toml unless given.
+        File to write; NAME.toml if not given.
     force : bool
-        Replace a file that is there already.
+        Replace an existing file.
     """
     path = out or Path(f"{name}.toml")
     if printable_line(name) != name:
-        raise InputError(f"{name!r} cannot be a robot's name; leave out what cannot be shown.")
+        raise InputError(f"{name!r} cannot be a robot's name; remove the characters that cannot be printed.")
     robot = Robot.load(from_).replace(name=name)
     if out is None and Path(name).name != name:
-        raise InputError(f"{name!r} cannot be both a robot's name and a file's; give the file with --out.")
+        raise InputError(f"{name!r} cannot be both a robot's name and a file name; give the file with --out.")
     check_file(path)
     if path.exists() and not force:
-        raise InputError(f"{path} is there already; choose another name, or replace it with --force.")
+        raise InputError(f"{path} exists already; choose another name, or replace it with --force.")
     write_robot(robot, path)
     hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
     standard_output().print(hint, soft_wrap=True)
@@ -107,10 +107,10 @@ def check(
     accept: Accept = None,
     out: Path | None = None,
 ) -> None:
-    """Check a robot: refuse nonsense, print what follows from its parameters, and draw it.
+    """Check that a robot is plausible, print quantities that follow from its parameters, and draw it.
 
     Prints derived quantities, the thesis's transformation matrices, A, B and the poles of the exact model about
-    upright, and a drawing to scale. Standard deviations in the file are carried through to the unstable pole.
+    upright, and a drawing to scale. Standard deviations in the file are propagated to the unstable pole.
 
     Example: `ballbot check alten --figure alten.svg`
 
@@ -123,25 +123,25 @@ def check(
     Parameters
     ----------
     robot : str
-        Robot file, or name of a preset.
+        A preset's name or a robot file.
     figure : Path
-        File for a drawing to print: .svg, .pdf or .png.
+        File for a drawing: .svg, .pdf or .png.
     predict : Path
-        A log; says how far the standard deviations in the file spread predictions of it over 0.25 s.
+        A log: shows how far the standard deviations in the file spread predictions of it over 0.25 s.
     reference : str
-        A reference's name, or a file with t, ref_x, ref_y and ref_psi; says whether the robot can follow it, and why.
+        A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it, and why.
     controller : Path
-        The controller file that follows it; the nominal one where not given.
+        The controller file that follows the reference; the nominal controller if not given.
     swing : Path
-        A log (gyro or angle) or a video of the body swinging freely; gives its inertia, as the thesis's Appendix III.
+        A log (gyro or angle) or a video of the body swinging freely: gives its inertia as in the thesis's Appendix III.
     swing_column : str
-        The log's column that swings, where it is another than gyro_x .. gyro_z or theta, phi, psi.
+        The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi.
     pivot_distance : float
-        From where it hangs to its centre of mass, in m; without it, the body hangs where the ball's centre would be.
+        Distance from the pivot to the centre of mass, in m. If not given, the pivot is at the ball's centre.
     pivot_deviation : float
         Standard deviation of that distance, in m.
     out : Path
-        Folder for results.json and check.txt; with a swing, swing.svg too.
+        Folder for results.json and check.txt, with a swing also swing.svg.
     """
     hung, console = Robot.load(robot), standard_output()
     findings = _robot_findings(hung, accept)
@@ -211,7 +211,8 @@ def _followed(robot: Robot, reference: str | None, controller: Path | None) -> C
     if reference is None:
         if controller is not None:
             raise InputError(
-                "--controller says what follows a reference; give it with --reference NAME or FILE."
+                "--controller is the controller that follows a reference; "
+                "give the reference with --reference NAME or FILE."
             )
         return None
     from ballbot.cli.reference_check import checked_reference
@@ -230,7 +231,8 @@ def _swung(
     if file is None:
         if (column, distance, deviation) != (None, None, None):
             raise InputError(
-                "--swing-column, --pivot-distance and --pivot-deviation describe a swing; give it with --swing FILE."
+                "--swing-column, --pivot-distance and --pivot-deviation "
+                "describe a swing; give the swing with --swing FILE."
             )
         return None
     from ballbot.cli.check_swing import SwingOptions, examine_swing
@@ -321,7 +323,7 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
     parts: list[RenderableType] = [
-        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels; of its parameters, {counts}."),
+        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}."),
         *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
         table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
@@ -369,11 +371,15 @@ def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
 
 def _uncertainty_line(spread: PoleSpread | None) -> str:
     if spread is None:
-        return "No value has a standard_deviation in the file; with some, the pole would have one here."
+        return (
+            "No value in the file has a standard_deviation; with some, "
+            "the standard deviation of the pole would be shown here."
+        )
     causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.causes[:3])
     return (
-        f"by the standard deviations in the file it is known to {spread.deviation:.2g} rad/s and lies between "
-        f"{spread.lower:.3g} and {spread.upper:.3g} in 95 % of {spread.draws} draws ({causes})."
+        "From the standard deviations in the file, its standard deviation is "
+        f"{spread.deviation:.2g} rad/s, and it lies between {spread.lower:.3g} "
+        f"and {spread.upper:.3g} in 95 % of {spread.draws} draws ({causes})."
     )
 
 
@@ -382,7 +388,7 @@ def _band_table(band: PredictionBand, *, framed: bool) -> Table:
         [state, f"{spread:.2g}", f"{band.error_at_end[state]:.2g}"] for state, spread in band.at_end.items()
     ]
     title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
-    return table(title, ("state", "spread by the parameters", "error"), rows, framed=framed)
+    return table(title, ("state", "spread by the standard deviations", "error"), rows, framed=framed)
 
 
 def _save_figure(robot: Robot, path: Path) -> None:

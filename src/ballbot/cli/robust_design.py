@@ -142,7 +142,9 @@ def spread_of(text: str) -> Spread:
     for part in filter(None, text.split(",")):
         name, _, number = part.partition("=")
         if name not in names:
-            raise InputError(f"--perturb has no {name!r}; it has {', '.join(names)}, as in mass=0.2,delay=2.")
+            raise InputError(
+                f"--perturb has no {name!r}; it has {', '.join(names)}, such as mass=0.2,delay=2."
+            )
         try:
             given[name] = int(number) if name == "delay" else float(number)
         except ValueError:
@@ -188,7 +190,7 @@ def _show(found: RobustDesign, console: Console) -> None:
         ]
         for name, one in found.rivals.items()
     ]
-    title = f"On {found.fresh} perturbed robots that the search had not seen"
+    title = f"On {found.fresh} perturbed robots that the search did not use"
     console.print(table(title, headings, rows, framed=console.is_terminal))
     weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
     console.print(f"Q = diag({weights}), R = {found.torque_weight:g} I", soft_wrap=True)

@@ -83,7 +83,10 @@ def spin(
         A TOML file that describes the columns and units of a foreign log, as `ballbot check-log` writes it.
     """
     if log is not None and robot is None:
-        raise InputError("--log needs --robot, whose geometry turns wheel speeds into the ball's velocity.")
+        raise InputError(
+            "--log needs --robot, because the ball's velocity is "
+            "computed from the wheel speeds with the robot's geometry."
+        )
     turn = _turn(forward)
     setup = Setup(
         seam=seam_named(seam),
@@ -150,14 +153,16 @@ def _turn(forward: float | None) -> Rotation | None:
 def _circle(text: str) -> tuple[float, float, float]:
     values = _numbers(text)
     if len(values) != 3:
-        raise InputError(f"--circle is {text!r}; it must be x,y,radius in pixels, as in 320,240,150.")
+        raise InputError(f"--circle is {text!r}; it must be x,y,radius in pixels, such as 320,240,150.")
     return values[0], values[1], values[2]
 
 
 def _colour(text: str) -> tuple[int, int, int]:
     values = _numbers(text)
     if len(values) != 3 or not all(0.0 <= value <= 255.0 for value in values):
-        raise InputError(f"--colour is {text!r}; it must be red,green,blue from 0 to 255, as in 225,190,40.")
+        raise InputError(
+            f"--colour is {text!r}; it must be red,green,blue from 0 to 255, such as 225,190,40."
+        )
     return round(values[0]), round(values[1]), round(values[2])
 
 

@@ -18,7 +18,7 @@ from ballbot.twin import Scenario, twin_mjcf
 from ballbot.twin.mjcf import Mounting
 from ballbot.twin.scenario_text import write_scenario
 
-_ABOUT = """The twin itself: its MuJoCo model, scenarios, what the thesis recommends for it.
+_ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
 
 Example: ballbot twin export alten --out twin.xml
 """
@@ -35,12 +35,12 @@ def export(
     mounting: Mounting = "floor",
     out: Path,
 ) -> None:
-    """Write the twin as MJCF, for MuJoCo's own viewer and for others.
+    """Write the twin as MJCF, for MuJoCo's viewer and other tools.
 
     Example: ballbot twin export alten --scenario nominal --out twin.xml
 
-    What follows the speed or the time is not in it: dry friction is what it is at rest, and motors, supply and
-    pushes are left out.
+    Everything that depends on speed or time is left out: dry friction has its value at rest, and motors, supply and
+    pushes are missing.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def export(
 
 @twin.command
 def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> None:
-    """Write a scenario file to start from: all that is on, and an example of each fault that is off.
+    """Write a scenario file to start from, with all faults that are on and an example of each fault that is off.
 
     Example: ballbot twin scenario nominal --out mine.toml
 
@@ -94,9 +94,9 @@ def recommendations(
     robot
         A preset's name or a robot file.
     seeds
-        As 1-10 or 1,4,7-9.
+        Random seeds, such as 1-10 or 1,4,7-9.
     duration
-        Of a run around a square of 0.5 m [s].
+        Length of a run around a square of 0.5 m [s].
     out
         The folder to write into.
     """
@@ -119,6 +119,6 @@ def recommendations(
         }
         with folder.replaced() as new:
             write_text(new / "results.json", as_json(scores))
-    title = "Position error once settled, and torque noise"
+    title = "Position error after settling, and torque noise"
     console.print(table(title, HEADINGS, rows(found), framed=console.is_terminal))
     console.print(str(folder.path / "results.json"), soft_wrap=True)

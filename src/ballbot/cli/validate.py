@@ -130,7 +130,8 @@ def _models(robot: str, against: str | None, formulation: Formulation) -> ModelP
     if against in get_args(Formulation):
         if against == formulation:
             raise InputError(
-                f"--against {against} compares the {formulation} formulation with itself. Give --formulation the other."
+                f"--against {against} compares the {formulation} formulation with "
+                "itself. Choose the other one with --formulation or --against."
             )
         return ModelPair.by_formulation(model)
     other = Model(Robot.load(against), formulation=formulation)

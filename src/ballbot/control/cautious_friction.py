@@ -56,7 +56,7 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
             f"The covariance of the friction has the shape {P.shape}; {n} wheels have {3 * n + 3} parameters."
         )
     if not 0.5 <= confidence < 1.0:
-        raise InputError(f"The confidence is {confidence:g}; it must be from 0.5 to below 1.")
+        raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
     z = float(norm.ppf(confidence))
     shares = np.array([_share(_curve_parameters(friction, i), P[np.ix_(places, places)], z)
                        for i, places in enumerate(_places(n))])  # fmt: skip

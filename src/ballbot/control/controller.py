@@ -111,7 +111,7 @@ class Controller:
         scales_it = {"driveline adaptation": parts.driveline_adaptation, "load scaling": parts.load_scaling}
         for name, part in scales_it.items():
             if part is not None and compensation == "none":
-                raise InputError(f"A {name} needs a compensation, 'full' or 'partial', that it can scale.")
+                raise InputError(f"A {name} adjusts a compensation; choose compensation 'full' or 'partial'.")
         self.parts = parts
         self.estimator = checked_name(estimator)
         self._memory = np.zeros(MEMORY)
@@ -212,8 +212,9 @@ class Controller:
 def refusal(place: int, value: float) -> str:
     """Return why a reference with that value at that place of the state is refused."""
     return (
-        f"The reference asks for {STATE_NAMES[place]} = {value:.6g}; it must be zero, because A r is then not 0 and "
-        "the closed loop e_dot = r_dot - A r + (A - B K) e cannot settle on it (only x, y and psi may be asked for)."
+        f"The reference asks for {STATE_NAMES[place]} = {value:.6g}; it must be zero: only x, y and psi "
+        "can be asked for. With it A r is not 0, and the closed loop e_dot = r_dot - A r + (A - B K) e "
+        "does not settle on the reference."
     )
 
 
@@ -222,11 +223,12 @@ def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
         matrix = real_array(gain, ("...", "columns"), "The gain").copy()
     else:
         raise InputError(
-            f"The gain is a {type(gain).__name__}; it must be {wheel_count} rows of 10 numbers, such as `lqr(..).gain`."
+            f"The gain is a {type(gain).__name__}; it must be {wheel_count} rows of 10 numbers, such as "
+            "`lqr(...).gain`."
         )
     if matrix.shape != (wheel_count, 10):
         raise InputError(
-            f"The gain has the shape {matrix.shape}; this robot's is {wheel_count} x 10, wheels by states."
+            f"The gain has the shape {matrix.shape}; this robot needs {wheel_count} x 10, wheels by states."
         )
     matrix.setflags(write=False)
     return matrix

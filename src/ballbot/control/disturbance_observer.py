@@ -33,7 +33,7 @@ class DisturbanceObserver:
         for name in ("frequency", "limit"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of a disturbance observer is {value:g}; it must be positive.")
+                raise InputError(f"{name} of the disturbance observer is {value:g}; it must be positive.")
 
 
 def pack_observer(observer: DisturbanceObserver | None, sample_time: float) -> list[float]:

@@ -57,10 +57,10 @@ class DrivelineAdaptation:
         for name in ("time", "spread", "floor_time", "noise", "least_speed"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of a driveline adaptation is {value:g}; it must be positive.")
+                raise InputError(f"{name} of the driveline adaptation is {value:g}; it must be positive.")
         if not 0.0 <= self.lowest <= 1.0 <= self.highest < math.inf:
             raise InputError(
-                f"The bounds of a driveline adaptation are {self.lowest:g} and {self.highest:g}; 1 must lie "
+                f"The bounds of the driveline adaptation are {self.lowest:g} and {self.highest:g}; 1 must lie "
                 "between them."
             )
 

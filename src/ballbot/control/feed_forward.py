@@ -75,7 +75,8 @@ class FeedForward:
         C = -B[5:7] @ np.linalg.pinv(B[7:])
         if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
             raise InputError(
-                f"The robot {robot.name!r} has no feed-forward: its wheels cannot turn it freely."
+                f"The robot {robot.name!r} cannot have feed-forward: its wheels cannot turn it in every "
+                "direction."
             )
         G = (A[5:7] + C @ A[7:])[:, 2:4]
         lean = np.asarray(np.linalg.inv(G), dtype=np.float64)

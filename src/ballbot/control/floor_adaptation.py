@@ -48,7 +48,7 @@ class FloorAdaptation:
         for field in fields(self):
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{field.name} of a floor adaptation is {value:g}; it must be positive.")
+                raise InputError(f"{field.name} of the floor adaptation is {value:g}; it must be positive.")
 
 
 #: |d|^2 below which nothing is asked to move: a shaped motion never ends altogether

@@ -44,15 +44,15 @@ class IntegralAction:
             object.__setattr__(self, "gain", real_array(self.gain, ("wheels", 3), "The gain"))
         except InputError:
             raise InputError(
-                "The gain of an integral action must be three finite numbers for each wheel."
+                "The gain of the integral action must be three finite numbers for each wheel."
             ) from None
         for name in ("limit", "yaw_limit", "memory"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of an integral action is {value:g}; it must be positive.")
+                raise InputError(f"{name} of the integral action is {value:g}; it must be positive.")
         if not 0.0 <= self.dead_band < math.inf:
             raise InputError(
-                f"dead_band of an integral action is {self.dead_band:g}; it must be zero or more."
+                f"dead_band of the integral action is {self.dead_band:g}; it must be zero or more."
             )
 
 

@@ -44,7 +44,7 @@ class LeanBound:
         for field in fields(self):
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{field.name} of a lean bound is {value:g}; it must be positive.")
+                raise InputError(f"{field.name} of the lean limit is {value:g}; it must be positive.")
 
 
 def lean_asked(gain: NDArray[np.float64]) -> NDArray[np.float64]:

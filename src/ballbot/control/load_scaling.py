@@ -45,7 +45,7 @@ class LoadScaling:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.share) and 0.0 <= self.share <= 1.0):
-            raise InputError(f"share of a load scaling is {self.share:g}; it must be from 0 to 1.")
+            raise InputError(f"share of the load scaling is {self.share:g}; it must be from 0 to 1.")
 
 
 #: numbers that `pack_load` returns for all wheels together, and for each

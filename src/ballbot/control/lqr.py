@@ -128,14 +128,14 @@ def held(
         both = np.asarray(expm(np.block([[A, B], [np.zeros((n, m + n))]]) * sample_time), dtype=np.float64)
     if not np.isfinite(both).all():
         raise InputError(
-            f"The sample time is {sample_time:g} s, in which the state grows beyond all numbers."
+            f"The sample time is {sample_time:g} s; it is so long that the state overflows within one sample."
         )
     return both[:m, :m], both[:m, m:]
 
 
 _NO_SOLUTION = (
-    "No gain is both optimal and stabilising for these weights: a state that does not settle by itself costs "
-    "nothing; give x, y and psi a positive weight in Q."
+    "No gain is both optimal and stabilising for these weights, because a state that does not "
+    "settle by itself has no weight. Give x, y and psi positive weights in Q."
 )
 
 
@@ -162,7 +162,7 @@ def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
             f"{size} x {size} matrix."
         )
     if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
-        raise InputError(f"{name} is not symmetric; a weight must be.")
+        raise InputError(f"{name} is not symmetric; a weight matrix must be symmetric.")
     return 0.5 * (matrix + matrix.T)
 
 
@@ -179,7 +179,7 @@ def _numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         raise InputError(f"{name} is not an array of numbers.") from None
     if not np.isfinite(matrix).all():
-        raise InputError(f"{name} holds a value that is not finite; every weight must be a number.")
+        raise InputError(f"{name} holds a value that is not finite; every weight must be finite.")
     return matrix
 
 
@@ -187,16 +187,20 @@ def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[n
     lowest_R, highest_R = np.linalg.eigvalsh(R)[[0, -1]]
     if not lowest_R > _ROUNDING * highest_R:
         raise InputError(
-            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input must cost something."
+            f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input needs a positive "
+            "weight."
         )
     lowest_Q, highest_Q = np.linalg.eigvalsh(Q)[[0, -1]]
     if lowest_Q < -_ROUNDING * abs(highest_Q):
-        raise InputError(f"Q is not positive semidefinite: an eigenvalue is {lowest_Q:.3g}, below zero.")
+        raise InputError(
+            f"Q is not positive semidefinite (an eigenvalue is {lowest_Q:.3g}); no eigenvalue may be "
+            "negative."
+        )
     whole = np.linalg.eigvalsh(np.block([[Q, N], [N.T, R]]))
     if whole[0] < -_ROUNDING * whole[-1]:
         raise InputError(
-            f"Q, R and N together are not positive semidefinite (an eigenvalue of [Q N; N' R] is {whole[0]:.3g}); "
-            "a smaller N would be."
+            "Q, R and N together are not positive semidefinite (an eigenvalue of [Q N; N' R] is "
+            f"{whole[0]:.3g}). Make N smaller."
         )
 
 
@@ -208,5 +212,5 @@ def _check_stabilisable(A: NDArray[np.float64], B: NDArray[np.float64]) -> None:
         singular = np.linalg.svd(np.hstack([A - pole * np.eye(len(A)), B]), compute_uv=False)
         if singular[-1] < _REACHED * singular[0]:
             raise InputError(
-                f"The robot cannot be stabilised: its pole at {pole.real:.3g} rad/s is out of the wheels' reach."
+                f"The robot cannot be stabilised: the wheels cannot influence its pole at {pole.real:.3g} rad/s."
             )

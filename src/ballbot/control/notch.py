@@ -37,9 +37,9 @@ class Notch:
         for name in ("frequency", "width"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of a notch is {value:g}; it must be positive.")
+                raise InputError(f"{name} of the notch is {value:g}; it must be positive.")
         if not 0.0 <= self.depth < 1.0:
-            raise InputError(f"depth of a notch is {self.depth:g}; it must be a share from 0 to below 1.")
+            raise InputError(f"depth of the notch is {self.depth:g}; it must be at least 0 and below 1.")
 
     def response(self, frequencies: ArrayLike, sample_time: float) -> NDArray[np.complex128]:
         """Return the sampled notch's response at frequencies [Hz]: its size, and its phase.
@@ -58,7 +58,7 @@ class Notch:
         if not self.frequency < 0.45 / sample_time:
             raise InputError(
                 f"A notch at {self.frequency:g} Hz needs a sample time below {0.45 / self.frequency:.2g} s; the "
-                f"controller's is {sample_time:g} s."
+                f"controller's sample time is {sample_time:g} s."
             )
 
 

@@ -54,8 +54,8 @@ class Parts:
 
         if self.floor_adaptation is not None and (self.integral is None or self.shaping is None):
             raise InputError(
-                "A floor adaptation needs an integral action, from which it learns what the floor takes, and a "
-                "shaping: only a smooth reference says where its motion goes."
+                "A floor adaptation needs integral action, from which it learns the friction of the floor, and "
+                "reference shaping, because only a smooth reference has a direction of motion at all times."
             )
 
     def check(self, wheel_count: int, sample_time: float) -> None:
@@ -70,11 +70,11 @@ class Parts:
         }
         for part, size in sizes.items():
             if size not in (None, wheel_count):
-                raise InputError(f"The {part} is for {size} wheels; this robot has {wheel_count}.")
+                raise InputError(f"The {part} is for {size} wheels; this robot has {wheel_count} wheels.")
         if self.notch is not None:
             self.notch.check(sample_time)
         if self.prediction is not None and self.prediction.sample_time != sample_time:
             raise InputError(
-                f"The prediction is for a sample time of {self.prediction.sample_time:g} s; the controller's is "
-                f"{sample_time:g} s."
+                f"The prediction is for a sample time of {self.prediction.sample_time:g} s; the controller's "
+                f"sample time is {sample_time:g} s."
             )

@@ -160,8 +160,9 @@ def refuse_pumping(controller: Controller, friction: Friction) -> None:
     margin = compensation_margin(controller, friction)
     if margin.pumps:
         raise InputError(
-            f"{margin.sentence[0].upper()}{margin.sentence[1:]}; the excess injects energy and can destabilise the "
-            f"robot. Use {1.0 / margin.largest:.2g} times as much compensation, or go on with --allow-pumping."
+            f"{margin.sentence[0].upper()}{margin.sentence[1:]}; the excess injects energy and can "
+            f"destabilise the robot. Multiply the compensation by {1.0 / margin.largest:.2g} or less, or "
+            "continue with --allow-pumping."
         )
 
 
@@ -179,7 +180,11 @@ def pumping_warning(controller: Controller, robot: Robot) -> str | None:
     if not any((*known.viscous, *known.coulomb, *known.stribeck, known.rolling)):
         return None
     margin = compensation_margin(controller, certain_friction(robot))
-    return f"{margin.sentence} that is certain; it may feed the motion energy" if margin.pumps else None
+    return (
+        f"{margin.sentence} that is certain; the excess injects energy and can destabilise the robot"
+        if margin.pumps
+        else None
+    )
 
 
 def _swing(controller: Controller, friction: Friction, amplitude: float) -> Swing:

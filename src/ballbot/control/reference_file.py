@@ -106,5 +106,7 @@ def _read(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     poses = np.column_stack([log[name] for name in _COLUMNS])
     if not np.isfinite(poses).all():
         row = int(np.flatnonzero(~np.isfinite(poses).all(axis=1))[0])
-        raise InputError(f"{path} misses a value at t = {log.t[row]:g} s; a reference needs all of them.")
+        raise InputError(
+            f"{path} has no value at t = {log.t[row]:g} s; a reference needs a value in every cell."
+        )
     return log.t, poses

@@ -59,7 +59,7 @@ class ReferenceShaping:
             value = getattr(self, field.name)
             if not _LEAST <= value <= _MOST:
                 raise InputError(
-                    f"{field.name} of a reference shaping is {value:g}; it must be from {_LEAST:g} to {_MOST:g}."
+                    f"{field.name} of the reference shaping is {value:g}; it must be from {_LEAST:g} to {_MOST:g}."
                 )
 
 

@@ -47,8 +47,8 @@ class SelfTest:
         stuck = float(np.add(robot.friction.coulomb, robot.friction.stribeck).max())
         if not stuck < torque <= robot.drive.torque_limit:
             raise InputError(
-                f"The self-test's torque is {torque:g} N m; it must be above the largest break-away torque, {stuck:g} "
-                f"N m, and at most the drive's {robot.drive.torque_limit:g} N m."
+                f"The self-test's torque is {torque:g} N m; it must be above the largest break-away torque, "
+                f"{stuck:g} N m, and at most the torque limit of the drive, {robot.drive.torque_limit:g} N m."
             )
         self.robot = robot
         self.torque = torque
@@ -121,9 +121,18 @@ def judge_self_test(robot: Robot, log: Log) -> SelfTestResult:
 def _finding(wheel: int, turns: NDArray[np.float64], least: float) -> str | None:
     most = int(np.argmax(np.abs(turns)))
     if abs(turns[most]) < least:
-        return f"Motor {wheel + 1} was pushed and no encoder turned; it has no power, or its wheel is stuck."
+        return (
+            f"Motor {wheel + 1} was driven and no encoder turned: the motor has no power, or its wheel is "
+            "stuck."
+        )
     if most != wheel:
-        return f"Motor {wheel + 1} was pushed and encoder {most + 1} turned the most; cables are in the wrong order."
+        return (
+            f"Motor {wheel + 1} was driven and encoder {most + 1} turned the most: cables are in the wrong "
+            "order."
+        )
     if turns[wheel] < 0.0:
-        return f"Motor {wheel + 1} was pushed forward and its encoder turned back; one of the two has the wrong sign."
+        return (
+            f"Motor {wheel + 1} was driven forward and its encoder turned backward: one of the two has the "
+            "wrong sign."
+        )
     return None

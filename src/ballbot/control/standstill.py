@@ -36,9 +36,11 @@ class Standstill:
         for name in ("ahead", "feed"):
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
-                raise InputError(f"{name} of a standstill is {value:g}; it must be a share from 0 to 1.")
+                raise InputError(f"{name} of the standstill is {value:g}; it must be from 0 to 1.")
         if not (math.isfinite(self.feed_torque) and self.feed_torque > 0.0):
-            raise InputError(f"feed_torque of a standstill is {self.feed_torque:g} N m; it must be positive.")
+            raise InputError(
+                f"feed_torque of the standstill is {self.feed_torque:g} N m; it must be positive."
+            )
 
 
 #: numbers that `pack_standstill` returns

@@ -39,7 +39,8 @@ def state_errors(
     """
     if not (states.shape == truth.shape == (len(t), 10) and len(t) > 1):
         raise InputError(
-            f"errors of states need t (N,) and twice (N, 10), not {t.shape}, {states.shape} and {truth.shape}."
+            f"Errors of states need t (N,) and two arrays of states (N, 10), not {t.shape}, {states.shape} "
+            f"and {truth.shape}."
         )
     error = states - truth
     rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))

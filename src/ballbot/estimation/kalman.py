@@ -66,7 +66,7 @@ class KalmanFilter:
 
     def __init__(self, robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> None:
         if not (math.isfinite(sample_time) and sample_time > 0):
-            raise InputError(f"the sample time of a Kalman filter must be above 0 s, not {sample_time}.")
+            raise InputError(f"The sample time of a Kalman filter must be above 0 s, not {sample_time}.")
         self.robot = robot
         self.sample_time = sample_time
         self.noise = noise if noise is not None else FilterNoise.of(robot)

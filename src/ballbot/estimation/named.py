@@ -18,7 +18,9 @@ def checked_name(name: str) -> EstimatorName:
     for known in get_args(EstimatorName):
         if name == known:
             return known
-    raise InputError(f"there is no estimator {name!r}; there are {', '.join(get_args(EstimatorName))}.")
+    raise InputError(
+        f"There is no estimator {name!r}; the estimators are {', '.join(get_args(EstimatorName))}."
+    )
 
 
 def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:

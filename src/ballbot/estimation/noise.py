@@ -43,11 +43,13 @@ class FilterNoise:
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value >= 0):
                 raise InputError(
-                    f"{field.name} of a filter's noise must be a finite number, not negative; it is {value}."
+                    f"{field.name} of the filter's noise is {value}; it must be a finite number, zero or more."
                 )
         for name in ("rolling", "pivoting", "pivoting_time", "attitude", "lean_error_time"):
             if getattr(self, name) == 0:
-                raise InputError(f"{name} of a filter's noise must be above 0: no measurement is perfect.")
+                raise InputError(
+                    f"{name} of the filter's noise is zero; it must be above zero, as no measurement is perfect."
+                )
 
     @staticmethod
     def of(robot: Robot) -> FilterNoise:

@@ -40,7 +40,7 @@ class OnboardState:
 
     def __init__(self, robot: Robot, *, sample_time: float) -> None:
         if not sample_time > 0:
-            raise InputError(f"the sample time of an on-board state must be above 0 s, not {sample_time}.")
+            raise InputError(f"The sample time of an on-board state must be above 0 s, not {sample_time}.")
         self.robot = robot
         self.sample_time = sample_time
         self._ball_from_wheels = transforms(robot).T_obw

@@ -29,7 +29,8 @@ def cycle_amplitude(log: Log, *, settle: float = 6.0) -> float:
     late = log.t - log.t[0] >= settle
     if np.count_nonzero(late) * log.sample_time < _SHORTEST:
         raise InputError(
-            f"The run has less than {_SHORTEST:g} s after the first {settle:g} s; a cycle needs that to be told."
+            f"The run has less than {_SHORTEST:g} s after the first {settle:g} s; that is too short to find "
+            "a limit cycle."
         )
     high = butter(2, _SLOWEST, "high", fs=1.0 / log.sample_time, output="sos")
     window = np.hanning(np.count_nonzero(late))

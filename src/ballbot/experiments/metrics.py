@@ -115,8 +115,8 @@ def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
     rate = 1.0 / log.sample_time
     if above >= 0.5 * rate:
         raise InputError(
-            f"The torques are sampled at {rate:.4g} Hz, which holds nothing above {0.5 * rate:.4g} Hz; torque above "
-            f"{above:g} Hz cannot be told from them."
+            f"The torques are sampled at {rate:.4g} Hz, which shows nothing above {0.5 * rate:.4g} Hz; "
+            f"torque above {above:g} Hz cannot be computed."
         )
     sections = butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
     rows_beyond = min(round(rate / above), len(log) - 1)  # a period of the slowest that passes

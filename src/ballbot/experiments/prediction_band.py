@@ -88,12 +88,17 @@ def prediction_band(
         Where no parameter has a standard deviation, fewer than two robots are asked for, or the log has no window.
     """
     if not any(np.any(np.asarray(one) > 0.0) for one in robot.standard_deviations.values()):
-        raise InputError(f"No value of {robot.name} has a standard deviation; give some in its file.")
+        raise InputError(
+            f"No value of {robot.name} has a standard deviation; add standard_deviation to some values in "
+            "its file."
+        )
     if draws < 2:
         raise InputError(f"The number of draws is {draws}; it must be 2 or more, such as 200.")
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
     if not len(windows):
-        raise InputError(f"The log has no {window:g} s without a gap, a missing value or a fall.")
+        raise InputError(
+            f"The log has no {window:g} s without a gap, a missing value or a fall; give a longer log."
+        )
     count = min(MOST_WINDOWS, len(windows))
     windows = windows.take(np.linspace(0, len(windows) - 1, count).astype(np.int64))
     rows = [pack(one, "exact") for one in (robot, *draw_robots(robot, draws, seed=seed))]

@@ -49,9 +49,9 @@ _FILES = (
     *_SETTINGS,
 )
 
-_HEADER = """\
-# How this run of the twin was made. The command, run in this folder, makes an equal run, bit for bit.
-"""
+_HEADER = (
+    "# How this run of the twin was made. The command, run in this folder, repeats the run bit for bit.\n"
+)
 _CAMERAS = """\
 # motion_capture: t_camera = (1 + clock_rate) t + clock_offset; p_camera = R_camera_world p + origin;
 # rotation_wxyz is the quaternion of R_camera_world.

@@ -87,8 +87,8 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
     counted = settled(log, settle)
     if not counted.any() and log.ended is None:
         raise InputError(
-            f"No moment of the run is {settle:g} s after the start and every jump of the reference; a longer run or a "
-            "shorter settling time would have one."
+            f"No sample of the run is {settle:g} s after the start and after every jump of the reference. "
+            "Use a longer run or a shorter settling time."
         )
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, band=band, disturbed=disturbed)

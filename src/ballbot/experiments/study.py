@@ -207,7 +207,7 @@ def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
             more = torque_names(robot.wheel_count + 1)[-1]
             if more in studied.log:
                 raise InputError(
-                    f"The log has a torque {more}, where the robot {robot.name} has {robot.wheel_count} wheels."
+                    f"The log has a torque {more}, but the robot {robot.name} has {robot.wheel_count} wheels."
                 )
         except InputError as error:
             raise InputError(f"{studied.name}: {error}") from None

@@ -37,7 +37,7 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
         Where b_e is no number from zero up.
     """
     if not (math.isfinite(back_emf) and back_emf >= 0.0):
-        raise InputError(f"back_emf is {back_emf!r}; it is n^2 k_t k_e / R in N m s/rad, zero or above.")
+        raise InputError(f"back_emf is {back_emf!r}; it must be n^2 k_t k_e / R in N m s/rad, zero or more.")
     speeds = measured_wheel_speeds(log, robot)
     names = torque_names(robot.wheel_count)
     return log.with_columns({name: log[name] + back_emf * speeds[:, i] for i, name in enumerate(names)})

@@ -61,14 +61,17 @@ class Bounds:
         for name in self.given:
             lower, upper = self.interval(name) or (math.nan, math.nan)
             if not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper):
-                raise InputError(f"The bounds of {name} are [{lower}, {upper}]; write the lower one first.")
+                raise InputError(
+                    f"The bounds of {name} are [{lower}, {upper}]; the lower one must come first."
+                )
             scale = BY_NAME[name].scale
             if (lower < 0.0 and scale != "signed") or (lower <= 0.0 and scale == "ratio"):
-                least = "above zero" if scale == "ratio" else "zero or above"
+                least = "above zero" if scale == "ratio" else "zero or more"
                 raise InputError(f"The lower bound of {name} is {lower:g}; it must be {least}.")
         if self.delay is not None and self.delay[0] < 0.0:
             raise InputError(
-                f"The lower bound of delay is {self.delay[0]:g}; an effect cannot precede its cause."
+                f"The lower bound of delay is {self.delay[0]:g}; it must be "
+                "zero or more, because an effect cannot precede its cause."
             )
 
     @property

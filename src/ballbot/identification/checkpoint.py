@@ -114,12 +114,12 @@ class Checkpoint:
             answered = tuple(_array(one) for one in entry["answer"])
         except (ValueError, KeyError, TypeError):
             raise CheckpointError(
-                f"{self._path} is damaged at line {self._next + 1}; delete it to begin anew."
+                f"{self._path} is damaged at line {self._next + 1}; delete it to start again."
             ) from None
         if not same:
             raise CheckpointError(
-                f"{self._path} cannot be resumed: at line {self._next + 1} the run now asks something else than"
-                " when it was begun; delete it to begin anew."
+                f"{self._path} cannot be resumed: from line {self._next + 1} on the "
+                "run differs from the one that wrote it. Delete it to start again."
             )
         return answered
 
@@ -147,7 +147,7 @@ def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: 
         return Checkpoint(path, [_sealed({"format": _FORMAT, "belongs_to": dict(belongs_to)}, after=b"")])
     if not resume:
         raise InputError(
-            f"{path} holds a run that was not finished; resume it (--resume), or delete it to begin anew."
+            f"{path} holds a run that was not finished; resume it (--resume), or delete it to start again."
         )
     lines = _read(path)
     begun = _header(path, lines)  # first, so that a file of another kind is named as such
@@ -199,7 +199,7 @@ def _header(path: Path, lines: Sequence[bytes]) -> dict[str, str]:
         whole, belongs_to = False, {}
     if not whole:
         raise InputError(
-            f"{path} is not a whole checkpoint of this version of Ballbot; delete it to begin anew."
+            f"{path} is not a complete checkpoint of this version of Ballbot; delete it to start again."
         )
     return belongs_to
 
@@ -210,7 +210,7 @@ def _check_seals(path: Path, lines: Sequence[bytes]) -> None:
         text, seal, rest = line.rpartition(_SEAL)
         if not seal or rest != _seal(text, before) + _END:
             raise CheckpointError(
-                f"{path} is damaged or was edited at line {number}; delete it to begin anew."
+                f"{path} is damaged or was edited at line {number}; delete it to start again."
             )
 
 
@@ -219,8 +219,8 @@ def _check_same(path: Path, begun: Mapping[str, str], now: Mapping[str, str]) ->
     names = ", ".join(dict.fromkeys(differing))
     if names:
         raise InputError(
-            f"{path} belongs to another run, which differs in: {names}; resume with the same,"
-            " or delete it to begin anew."
+            f"{path} belongs to another run, which differs in: {names}; "
+            "resume with the same inputs, or delete it to start again."
         )
 
 

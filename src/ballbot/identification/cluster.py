@@ -90,7 +90,9 @@ class Cluster:
             ]
             done = cast("list[list[Result]]", self._client.gather(futures))
         except (KilledWorker, FutureCancelledError, OSError, TimeoutError) as error:
-            raise SpreadError(f"The Dask cluster at {self._address!r} was lost: {error}.") from None
+            raise SpreadError(
+                f"The connection to the Dask cluster at {self._address!r} was lost: {error}."
+            ) from None
         return [result for lot in done for result in lot]
 
     def _lots(self, pieces: Sequence[Piece]) -> list[Sequence[Piece]]:
@@ -129,8 +131,8 @@ def check_address(address: str) -> None:
         or not (port.isascii() and port.isdigit() and 0 < int(port[:6]) < 2**16)
     ):
         raise InputError(
-            f"--cluster is {address!r}; it takes the address of a Dask scheduler with its port, as in "
-            "tcp://10.0.0.5:8786."
+            f"--cluster is {address!r}; it must be the address of a "
+            "Dask scheduler with its port, such as tcp://10.0.0.5:8786."
         )
 
 
@@ -146,7 +148,7 @@ def _do(
     if differing:
         name = differing[0]
         raise SpreadError(
-            f"A worker of the cluster has {name} {here[name]} where this process has {asked_from[name]}; results would"
-            " depend on which did what, so use workers that are alike."
+            f"A worker of the cluster has {name} {here[name]} and this process has {asked_from[name]}; "
+            "use the same versions and processors everywhere, or results would depend on the worker."
         )
     return [function(shared, piece) for piece in pieces]

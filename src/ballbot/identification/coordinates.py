@@ -119,6 +119,7 @@ def _interval(quantity: Quantity, robot: Robot, sought: Sequence[str], bounds: B
     default = quantity.default_bounds(robot)
     if not np.all(default[:, 1] > default[:, 0]):
         raise InputError(
-            f"{quantity.name} is zero in the robot's description, which gives no scale to seek it on; give it bounds."
+            f"{quantity.name} is zero in the robot's description, "
+            "so the search has no scale for it; give it bounds."
         )
     return default

@@ -61,8 +61,9 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
     if fitted < least:
         length = windows.samples * windows.sample_time
         raise InputError(
-            f"Of the logs' {len(windows)} windows of {length:g} s without gaps or missing values, {fitted} are to "
-            f"fit {parameters} parameters, which takes {least}; log the robot balancing for longer."
+            f"The logs have {len(windows)} windows of {length:g} s without gaps or "
+            f"missing values, of which {fitted} are used to fit {parameters} parameters; "
+            f"this needs at least {least}. Log the robot balancing for longer."
         )
 
 
@@ -78,8 +79,8 @@ def check_torques(windows: Windows) -> None:
     if np.any(torques) and np.all(np.ptp(torques, axis=0) == 0.0):
         values = ", ".join(f"{u:g}" for u in torques[0])
         raise InputError(
-            f"The torques u are {values} N m in every row of the logs' windows; no robot balances so, and the columns "
-            "are not what its motors did."
+            f"The torques u are {values} N m in every row of the windows, which no "
+            "balancing robot's are: the columns are not the torques of its motors."
         )
 
 
@@ -99,8 +100,9 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     turning = np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED
     if np.all(turning.mean(axis=0) < LEAST_SHARE):
         raise InputError(
-            f"The robot stands still: in {turning.any(axis=1).sum()} of {len(windows)} windows a wheel turns faster "
-            f"than {LEAST_SPEED:g} rad/s; log it while it moves about, as around a square."
+            f"The robot stands still: a wheel turns faster than {LEAST_SPEED:g} "
+            f"rad/s in only {turning.any(axis=1).sum()} of {len(windows)} "
+            "windows. Log it while it moves, such as around a square."
         )
     found = [*_still_wheels(turning), *_steady_wheels(speeds), *_motors(windows), *_motions(windows)]
     refused, remarks = np.zeros(len(coordinates.labels), dtype=bool), []
@@ -108,10 +110,10 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
         rows = _rows(coordinates, names, wheel) & coordinates.free & ~refused
         if rows.any():
             labels = [label for label, row in zip(coordinates.labels, rows, strict=True) if row]
-            remarks.append(f"{reason}: no number is given for {', '.join(labels)}.")
+            remarks.append(f"{reason}: {', '.join(labels)} cannot be estimated.")
             refused |= rows
     if np.all(refused[coordinates.free]):
-        raise InputError(f"These logs do not determine what is to be estimated: {' '.join(remarks)}")
+        raise InputError(f"These logs do not determine the parameters to be estimated: {' '.join(remarks)}")
     return Excitation(refused=refused, remarks=tuple(remarks))
 
 
@@ -124,8 +126,8 @@ def _still_wheels(turning: NDArray[np.bool_]) -> list[_Reason]:
         (
             names,
             int(i),
-            f"Wheel {i + 1} turns in {turning[:, i].sum()} of {len(turning)} windows only; "
-            "drive in another direction too",
+            f"Wheel {i + 1} turns in only {turning[:, i].sum()} of "
+            f"{len(turning)} windows; drive in another direction too",
         )
         for i in np.flatnonzero(turning.mean(axis=0) < LEAST_SHARE)
     ]
@@ -138,7 +140,7 @@ def _steady_wheels(speeds: NDArray[np.float64]) -> list[_Reason]:
         (
             ("viscous",),
             int(i),
-            f"Wheel {i + 1} turns at one speed, {size[:, i].mean():.2g} rad/s; drive at others too",
+            f"Wheel {i + 1} turns at one speed, {size[:, i].mean():.2g} rad/s; drive at other speeds too",
         )
         for i in np.flatnonzero(steady)
     ]
@@ -150,13 +152,19 @@ def _motors(windows: Windows) -> list[_Reason]:
         (
             ("torque_gain", "load"),
             int(i),
-            f"Motor {i + 1} works with {size[i]:.2g} N m only; make it work harder",
+            f"Motor {i + 1} gives only {size[i]:.2g} N m; make it work harder",
         )
         for i in np.flatnonzero(size < LEAST_TORQUE)
     ]
     change = float(np.sqrt((np.diff(windows.torques, axis=1) ** 2).mean()))
     if change < LEAST_TORQUE:
-        weak.append((("delay",), None, f"The torques change by {change:.2g} N m a row only; a step would do"))
+        weak.append(
+            (
+                ("delay",),
+                None,
+                f"The torques change by only {change:.2g} N m per row; a step of the reference would help",
+            )
+        )
     return weak
 
 
@@ -166,7 +174,10 @@ def _motions(windows: Windows) -> list[_Reason]:
         columns = [STATE_NAMES.index(state) for state in states]
         size = float(np.sqrt((windows.measured[..., columns] ** 2).mean()))
         if size < least:
-            reason = f"For {' and '.join(names)}, {words} ({size:.2g} {unit} root mean square, {least:g} are needed)"
+            reason = (
+                f"For {' and '.join(names)}, {words} ({size:.2g} "
+                f"{unit} root mean square; {least:g} are needed)"
+            )
             found.append((names, None, reason))
     return found
 

@@ -61,17 +61,21 @@ def heading_remarks(
     if not few:
         return []
     if "pivoting" in sought:
-        done = "; its friction against that, T_p, was among what was sought."
+        done = "; the friction against that, T_p, was among the estimated parameters."
     elif set(HEADING) <= set(left_out):
-        done = "; the heading was left out of the cost."
+        done = "; the heading was excluded from the cost."
     else:
         done = (
-            ", which this model does not, so that other friction stands in for it: seek the floor's against pivoting "
-            "(--free friction,pivoting), or leave the heading out of the cost (--leave-out psi,psi_dot)."
+            ", which this model does not, so other friction parameters compensate for it. "
+            "Estimate the floor's friction against pivoting (--free friction,pivoting), "
+            "or exclude the heading from the cost (--leave-out psi,psi_dot)."
         )
     least = f"{100 * min(few):.0f} %"
     most = f" to {100 * max(few):.0f} %" if len(few) > 1 else ""
-    return [f"The wheels show {least}{most} of the heading's turning: the ball pivots on the floor{done}"]
+    return [
+        f"The wheels show only {least}{most} of the turning "
+        f"of the heading: the ball pivots on the floor{done}"
+    ]
 
 
 def _means(values: NDArray[np.float64], rows: int) -> NDArray[np.float64]:

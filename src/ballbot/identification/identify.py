@@ -148,7 +148,7 @@ def identify(
         no sense.
     """
     if not 0.0 < held_out < 1.0:
-        raise InputError(f"held_out is {held_out!r}; it must be a share between 0 and 1, such as 0.25.")
+        raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
     check_seed(seed)
     effort = Effort(
         generations=generations,
@@ -303,8 +303,8 @@ def _spoilt(log: Log, robot: Robot, name: str) -> str:
         return ""
     count = "one row is" if rows.size == 1 else f"{rows.size} rows are"
     return (
-        f"In {name} {count} spoilt, the first at t = {log.t[rows[0]]:.6g} s: windows with it are left out; "
-        "`ballbot check-log` says which columns."
+        f"In {name} {count} corrupted, the first at t = {log.t[rows[0]]:.6g} s. "
+        "Windows with them are not used; `ballbot check-log` names the columns."
     )
 
 

@@ -104,8 +104,8 @@ def _share_remarks(name: str, horizons: Sequence[HorizonErrors]) -> list[str]:
         return []
     word = "less" if speed.share < 1.0 else "more"
     return [
-        f"{name} asks for {word} friction than was found: over {horizons[0].horizon:.2g} s its wheels for "
-        f"{speed.share:.2f} +- {speed.share_error:.2f} of what it does to them, its lean for {lean.share:.2f} +- "
-        f"{lean.share_error:.2f}. The robot rubbed differently when the logs were made, or times in one of them are "
-        "off; fit both together for a mean, or each for itself."
+        f"{name} needs {word} friction than was identified: over {horizons[0].horizon:.2g} s its wheels "
+        f"need {speed.share:.2f} +- {speed.share_error:.2f} times as much, its lean {lean.share:.2f} +- "
+        f"{lean.share_error:.2f} times. The friction was different when the logs were made, or times in "
+        "one of them are wrong. Fit both together for a mean, or each by itself."
     ]

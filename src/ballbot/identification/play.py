@@ -59,11 +59,10 @@ def chatter(log: Log, robot: Robot) -> Chatter:
 def chatter_remark(found: Chatter, robot: Robot, name: str) -> str:
     """Return what to say of a log that chatters."""
     return (
-        f"In {name} the wheels swing to and fro by {math.degrees(found.swing):.1f} deg for "
-        f"{100 * found.share:.0f} % of the time, within the gearbox's play of "
-        f"{math.degrees(robot.drive.backlash):.1f} deg: the motors strike the "
-        "stops while ball and body hardly follow, which a model without play does not show, and friction there makes "
-        "its predictions worse, the lean's first; judge friction on logs of a softer gain."
+        f"In {name} the wheels oscillate by {math.degrees(found.swing):.1f} deg for {100 * found.share:.0f} % "
+        f"of the time, within the gearbox's play of {math.degrees(robot.drive.backlash):.1f} deg: the motors "
+        "strike the stops while ball and body hardly follow. The model has no play, so friction there makes "
+        "its predictions worse, first those of the lean. Validate friction on logs of a softer gain."
     )
 
 

@@ -26,37 +26,37 @@ _WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r", "late_imu", "late_v")
 _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
     (
         frozenset({"c", "s", "v_s", "delta"}),
-        "To tell dry friction at rest from that at speed, log slow motion through standstill: a free wheel swept "
-        "from zero to several times v_s and back.",
+        "To separate dry friction at rest from that at speed, log slow motion through "
+        "standstill: a free wheel swept from zero to several times v_s and back.",
     ),
     (
         frozenset({"b", "c", "s", "v_s", "delta"}),
-        "To tell viscous from dry friction, log high and low speeds: runs to and fro at several steady speeds, or "
-        "a free-wheel sweep up to the speed limit.",
+        "To separate viscous from dry friction, log high and low speeds: runs back and "
+        "forth at several steady speeds, or a free-wheel sweep up to the speed limit.",
     ),
     (
         frozenset({"b", "c", "s", "C_rr", "T_p"}),
-        "To tell the floor's friction from the wheels', log the robot upside down or its wheels free, where the "
-        "floor takes no part.",
+        "To separate the friction of the floor from that of the wheels, log the "
+        "robot upside down or with its wheels free, where the floor has no effect.",
     ),
     (
         frozenset({"gain", "l", "S", "j_w", "j_r", "j_b"}),
-        "Torque gain, inertia and height of the centre of mass are nearly interchangeable: hold one at a data "
-        "sheet's value, or fit a free-wheel sweep first.",
+        "Torque gain, inertia and height of the centre of mass are nearly interchangeable: "
+        "fix one at a data sheet's value, or fit a free-wheel sweep first.",
     ),
     (
         frozenset({"b", "c", "s", "gain", "l", "S", "j_w", "j_r", "j_b"}),
-        "To tell friction from a motor's torque gain or an inertia, hold the gain at the data sheet's torque constant "
-        "(--bounds), or fit a sweep of the free wheels beside the logs (--sweep).",
+        "To separate friction from a motor's torque gain or an inertia, fix the gain at the data sheet's "
+        "torque constant (--bounds), or fit a sweep of the free wheels together with the logs (--sweep).",
     ),
     (
         frozenset({"offset", "lean", "gyro"}),
-        "To tell a torque's offset from a tilted sensor, log the robot at two headings, half a turn apart.",
+        "To separate a torque offset from a tilted sensor, log the robot at two headings, half a turn apart.",
     ),
     (
         frozenset({"delay", "late_imu", "late_v"}),
-        "To tell a command's delay from a sensor's, log quick changes of torque: pushes, steps of the reference, or a "
-        "dither of some Hz.",
+        "To separate the delay of a command from that of a sensor, log quick "
+        "changes of torque: pushes, steps of the reference, or a dither of some Hz.",
     ),
 )
 
@@ -70,9 +70,9 @@ def bound_remarks(
         lowest = values[i] <= coordinates.lower[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
         none = "zero friction of this kind" if coordinates.names[i] in FRICTION else "none of it"
-        advice = f"{none} fits best" if bound == 0.0 else "widen it, or hold the parameter"
+        advice = f"{none} fits best" if bound == 0.0 else "widen it, or fix the parameter"
         remarks.append(
-            f"{coordinates.labels[i]} stands at its {side} bound {bound:g} and has no standard error: {advice}."
+            f"{coordinates.labels[i]} is at its {side} bound {bound:g} and has no standard error: {advice}."
         )
     return remarks
 
@@ -82,8 +82,8 @@ def influence_remarks(
 ) -> list[str]:
     """Return a sentence for each parameter that the logs say nothing of; `values` (p,) in SI units."""
     return [
-        f"{coordinates.labels[i]} has no influence on what these logs show and was not estimated; the robot carries "
-        f"{values[i]:g}."
+        f"{coordinates.labels[i]} has no influence on these logs "
+        f"and was not estimated; robot.toml keeps {values[i]:g}."
         for i in np.flatnonzero(no_influence)
     ]
 
@@ -91,8 +91,8 @@ def influence_remarks(
 def error_remarks(coordinates: Coordinates, scaled_errors: NDArray[np.float64]) -> list[str]:
     """Return a sentence for each parameter whose standard error (p,), scaled, leaves it all but open."""
     return [
-        f"{coordinates.labels[i]} is hardly determined: its standard error is {100 * scaled_errors[i]:.0f} % of the "
-        "width of its bounds."
+        f"{coordinates.labels[i]} is poorly determined: its standard error "
+        f"is {100 * scaled_errors[i]:.0f} % of the width of its bounds."
         for i in np.flatnonzero(scaled_errors > LARGEST_ERROR)
     ]
 
@@ -102,9 +102,9 @@ def interval_remarks(intervals: Mapping[str, Interval]) -> list[str]:
     remarks = []
     for label, one in intervals.items():
         if np.isinf(one.lower) and np.isinf(one.upper):
-            remarks.append(f"{label} is not limited by these logs on either side: its number means nothing.")
+            remarks.append(f"{label} is not limited by these logs on either side: its value means nothing.")
         elif one.lower == 0.0 and np.isinf(one.upper):
-            remarks.append(f"{label} is not limited by these logs: any amount of it will do, none included.")
+            remarks.append(f"{label} is not limited by these logs: any value fits, zero included.")
         elif np.isinf(one.upper):
             remarks.append(
                 f"{label} is limited from below only: {one.lower:.3g} or more, with 95 % confidence."
@@ -127,8 +127,8 @@ def correlation_remarks(labels: tuple[str, ...], correlation: NDArray[np.float64
     more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
     advice = dict.fromkeys(text for one, other, _ in named if (text := _experiment(one, other)))
     return [
-        f"Hard to tell apart in these logs, by their correlation: {', '.join(pairs)}{more}; trust the "
-        "common effect of such a pair, not each number.",
+        f"Poorly separated by these logs, by their correlation: {', '.join(pairs)}{more}; "
+        "trust the combined effect of such a pair, not each value.",
         *advice,
     ]
 
@@ -149,8 +149,9 @@ def ridge_remarks(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> 
     least = inflation[inflation > LEAST_INFLATION].min()
     advice = (_experiment(one, other) for one, other in combinations(together, 2))
     return [
-        f"{', '.join(together[:-1])} and {together[-1]} lie on a ridge and stand in for one another: each would be "
-        f"known {least:.0f} times better or more if the others were; hold some of them at values measured otherwise.",
+        f"{', '.join(together[:-1])} and {together[-1]} are nearly collinear and can "
+        f"replace one another: each would be known at least {least:.0f} times better "
+        "if the others were known. Fix some of them at values measured otherwise.",
         *dict.fromkeys(text for text in advice if text),
     ]
 
@@ -168,7 +169,8 @@ def _symbol(label: str) -> str:
 def prediction_remarks(ratios: Mapping[str, float]) -> list[str]:
     """Return a sentence for each state that friction does not help to predict; error ratios by state."""
     return [
-        f"{state} is not predicted better with friction than without (error ratio {ratio:.2f} on windows held out)."
+        f"{state} is not predicted better with friction than "
+        f"without (error ratio {ratio:.2f} on held-out windows)."
         for state, ratio in ratios.items()
         if not ratio < 1.0
     ]

@@ -309,5 +309,5 @@ def states_counted(left_out: Sequence[str]) -> NDArray[np.bool_]:
             raise InputError(f"{name!r} is not a state; the states are {', '.join(STATE_NAMES)}.")
     counted = np.array([name not in left_out for name in STATE_NAMES])
     if not counted.any():
-        raise InputError("Every state is left out of the cost; at least one must count.")
+        raise InputError("Every state is excluded from the cost; at least one must remain.")
     return counted

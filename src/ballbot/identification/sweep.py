@@ -92,7 +92,7 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
             f"{path} is not a results.json of `ballbot identify-driveline`. Give that file with --sweep."
         ) from None
     if values.shape != (wheel_count, 2) or correlations.shape != (wheel_count, 2, 2):
-        raise InputError(f"{path} is of {len(values)} wheels, where the robot has {wheel_count}.")
+        raise InputError(f"{path} has {len(values)} wheels, but the robot has {wheel_count}.")
     with np.errstate(over="ignore", invalid="ignore"):
         covariances = correlations * errors[:, :, None] * errors[:, None, :]
     if not np.isfinite(values).all() or np.isinf(covariances).any():
@@ -152,8 +152,9 @@ def combine(
     apart = np.abs(asked.r) / np.sqrt((asked.H @ C @ asked.H.T + asked.covariance).diagonal())
     agrees = apart <= CONTRADICTS
     remarks = [
-        f"The sweep's {label}, {theirs:.3g}, is not the balancing logs', {theirs + r:.3g}: they differ by {z:.1f} of "
-        "their standard errors, so that the sweep's is left out. A wheel under the robot's weight may rub otherwise."
+        f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, "
+        f"{theirs + r:.3g}, differ by {z:.1f} of their standard errors, so the value of "
+        "the sweep is not used. A wheel under the robot's weight may have other friction."
         for label, theirs, r, z in zip(asked.labels, asked.theirs, asked.r, apart, strict=True)
         if z > CONTRADICTS
     ]
@@ -162,7 +163,7 @@ def combine(
             values=values,
             covariance=covariance,
             used=(),
-            remarks=(*remarks, "Nothing of the sweep could be used beside these logs."),
+            remarks=(*remarks, "Nothing of the sweep could be combined with these logs."),
         )
     H, S, r = asked.H[agrees], asked.covariance[np.ix_(agrees, agrees)], asked.r[agrees]
     K = np.linalg.solve(H @ C @ H.T + S, H @ C).T

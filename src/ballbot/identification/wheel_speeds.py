@@ -36,8 +36,8 @@ def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
     names = wheel_speed_names(robot.wheel_count)
     if not all(name in log for name in names):
         raise InputError(
-            f"A ball that pivots takes the wheel speeds {names[0]} .. {names[-1]}, which the log does not have; leave "
-            "the heading out of the cost instead."
+            f"A pivoting ball needs the wheel speeds {names[0]} .. {names[-1]}, "
+            "which the log does not have; exclude the heading from the cost instead."
         )
     angles, rates = _states(log)[:, 2:5], _states(log)[:, 7:10]
     w = (body_rates_matrix(*angles.T) @ rates[..., None])[..., 0]

@@ -160,12 +160,13 @@ def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
         raise InputError("Identification needs at least one log.")
     for number, log in enumerate(logs, start=1):
         if len(log) < 2:
-            raise InputError(f"{_named(number, logs)} has one row; a prediction takes two at least.")
+            raise InputError(f"{_named(number, logs)} has one row; a prediction needs at least two.")
     sample_time = logs[0].sample_time
     for log in logs[1:]:
         if abs(log.sample_time - sample_time) > 0.01 * sample_time:
             raise InputError(
-                f"The logs have sample times of {sample_time:g} and {log.sample_time:g} s; they must have the same one."
+                f"The logs have sample times of {sample_time:g} and "
+                f"{log.sample_time:g} s; they must have the same sample time."
             )
     if not 2.0 * sample_time <= duration < np.inf:
         raise InputError(

@@ -25,9 +25,9 @@ def check_lean(log: Log) -> list[Finding]:
     time = float(log.t[first])
     if len(excursions) >= 3 or peak > np.pi / 2:
         sentence = (
-            f"The lean passes {LOST_LEAN:g} {len(excursions)} times and reaches {peak:.3g}, which no "
-            f"balancing robot does in radians: theta and phi are in degrees, or the log goes on after a fall "
-            f"(t = {time:.6g} s)."
+            f"The lean exceeds {LOST_LEAN:g} {len(excursions)} times and reaches "
+            f"{peak:.3g}, which no balancing robot does in radians: theta and phi "
+            f"are in degrees, or the log continues after a fall (t = {time:.6g} s)."
         )
         return [
             Finding(
@@ -38,8 +38,8 @@ def check_lean(log: Log) -> list[Finding]:
             )
         ]
     sentence = (
-        f"The robot falls or is caught: its lean passes {LOST_LEAN:g} rad at t = {time:.6g} s (row "
-        f"{first + 1}); only what is before that is balancing."
+        f"The robot falls or is caught: its lean exceeds {LOST_LEAN:g} rad at t "
+        f"= {time:.6g} s (row {first + 1}); only the rows before show balancing."
     )
     return [
         Finding(
@@ -59,8 +59,8 @@ def check_wrap(log: Log) -> list[Finding]:
         if wraps.size:
             k = int(wraps[0]) + 1
             sentence = (
-                f"{name} jumps by a turn {wraps.size} times, first at row {k + 1} (t = {log.t[k]:.6g} s): it "
-                f"is wrapped, and must be unwrapped (numpy.unwrap) before it is used."
+                f"{name} jumps by a full turn {wraps.size} times, first at row {k + 1} (t "
+                f"= {log.t[k]:.6g} s): it is wrapped. Unwrap it (numpy.unwrap) before use."
             )
             findings.append(
                 Finding(

@@ -85,7 +85,7 @@ def _applied(
     columns = _cut(columns, t, *_delays(mapping))
     for name, origin in mapping.derivatives.items():
         if origin not in columns:
-            raise InputError(f"The mapping differentiates {origin}, which it does not make.")
+            raise InputError(f"The mapping differentiates {origin}, which it does not provide.")
         columns[name] = _derivative(columns["t"], columns[origin], origin)
     if mapping.motors is not None:
         columns |= _torques(mapping.motors, columns)
@@ -128,7 +128,8 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
     wrong = np.flatnonzero(~(np.diff(t) > 0.0))
     if wrong.size:
         raise InputError(
-            f"Time does not increase at row {wrong[0] + 2} (t = {t[wrong[0] + 1]:.9g} s); it must."
+            f"Time does not increase at row {wrong[0] + 2} (t = "
+            f"{t[wrong[0] + 1]:.9g} s). Sort the rows or split the log."
         )
     return t
 
@@ -155,7 +156,7 @@ def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]])
         near = difflib.get_close_matches(source.column, table, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else f"; it has {', '.join(table)}."
         raise InputError(
-            f"The mapping takes {name} from the column {source.column!r}, which is not there{hint}"
+            f"The mapping takes {name} from the column {source.column!r}, which does not exist{hint}"
         )
     return measured(source.factor * table[source.column] + source.offset)
 
@@ -170,7 +171,7 @@ def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArr
         return t
     names = _wheel_angles(raw)
     if len(names) < 2:
-        raise InputError("[time] repair needs the angles of two wheels or more.")
+        raise InputError("[time] repair needs the angles of at least two wheels.")
     angles = np.column_stack([raw[name] for name in names])
     if not np.isfinite(angles).all():
         raise InputError("[time] repair needs wheel angles without missing values.")
@@ -258,7 +259,7 @@ def _cut(columns: Columns, t: NDArray[np.float64], measured: list[float], comman
     ahead = [*measured, *(-delay for delay in commanded)]
     kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
-        raise InputError("The mapping's delays are longer than the log; delays are in seconds.")
+        raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
     return {name: values[kept] for name, values in columns.items()}
 
 
@@ -273,7 +274,9 @@ def _torques(motors: MotorInput, columns: Columns) -> Columns:
     for i in range(1, len(motors.sources) + 1):
         speed = columns.get(f"wheel{i}_dot")
         if speed is None and isinstance(motors.drive, DutyInput):
-            raise InputError(f"Torque from PWM duty needs the wheel's speed: map the column wheel{i}_dot.")
+            raise InputError(
+                f"Torque from a PWM duty needs the speed of the wheel: map the column wheel{i}_dot."
+            )
         command = columns[f"u{i}"]
         torques[f"u{i}"] = motors.drive.torque(command, np.zeros_like(command) if speed is None else speed)
     return torques
@@ -287,5 +290,5 @@ def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Co
     for start, end in spans:
         kept |= (t >= start) & (t < end)
     if not kept.any():
-        raise InputError(f"[time] keep holds no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
+        raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     return {name: values[kept] for name, values in columns.items()}

@@ -133,7 +133,7 @@ def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
         missing = tuple(name for name in names if name not in log)
         if missing:
             plural = "columns" if len(missing) > 1 else "column"
-            sentence = f"Not enough for {use}: it lacks the {plural} {', '.join(missing)}."
+            sentence = f"Not enough for {use}: the log lacks the {plural} {', '.join(missing)}."
             findings.append(Finding(severity="note", code="use", text=sentence, where=Place(columns=missing)))
     return findings
 

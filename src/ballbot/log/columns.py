@@ -75,7 +75,8 @@ def check_column_names(names: Iterable[str], *, source: str) -> None:
     for place, name in enumerate(names, start=1):
         if not name.isprintable():
             raise InputError(
-                f"{source}: the name of column {place}, {name[:40]!r}, has marks that cannot be printed."
+                f"{source}: the name of column {place}, {name[:40]!r}, "
+                "contains characters that cannot be printed."
             )
 
 
@@ -107,5 +108,5 @@ def numbered(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[st
     while f"{prefix}{len(found) + 1}{suffix}" in present:
         found.append(f"{prefix}{len(found) + 1}{suffix}")
     if not found:
-        raise InputError(f"The log has no column {prefix}1{suffix}, which is needed here.")
+        raise InputError(f"The log has no column {prefix}1{suffix}, which this use needs.")
     return tuple(found)

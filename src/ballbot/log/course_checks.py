@@ -43,9 +43,9 @@ def check_jumps(log: Log) -> list[Finding]:
         time, unit = float(log.t[k + 1]), unit_of(name)
         times = "" if rows.size == 1 else f" ({rows.size} jumps in all)"
         sentence = (
-            f"{name} jumps by {log[name][k + 1] - log[name][k]:.3g} {unit} from row {k + 1} to row {k + 2} "
-            f"(t = {time:.6g} s), which its rate does not explain{times}: logs joined together, a restart, or a sensor "
-            "that was reset. Split the log there."
+            f"{name} jumps by {log[name][k + 1] - log[name][k]:.3g} {unit} from row {k + 1} "
+            f"to row {k + 2} (t = {time:.6g} s), which its rate does not explain{times}: "
+            "joined logs, a restart, or a sensor that was reset. Split the log there."
         )
         findings.append(
             Finding(severity="error", code="jump", text=sentence, where=Place(columns=(name,), time=time))
@@ -89,9 +89,9 @@ def _offset(log: Log, rows: NDArray[np.bool_]) -> list[Finding]:
     if abs(mean) < TILTED:
         return []
     sentence = (
-        f"theta and phi are ({np.degrees(mean.real):.2g}, {np.degrees(mean.imag):.2g}) degrees on average, where a "
-        "balancing robot's are near zero: the IMU is mounted at an angle or has a bias, the centre of mass lies off "
-        "the axis, or the floor slopes. Subtract the mean, or put it right."
+        f"theta and phi are ({np.degrees(mean.real):.2g}, {np.degrees(mean.imag):.2g}) degrees on average, "
+        "and a balancing robot's are near zero: the IMU is mounted at an angle or has a bias, the centre "
+        "of mass lies off the axis, or the floor slopes. Subtract the mean, or correct the cause."
     )
     severity = "error" if abs(mean) >= OFFSET else "warning"
     return [Finding(severity=severity, code="lean-offset", text=sentence, where=Place(columns=_LEAN))]
@@ -138,8 +138,9 @@ def _coarse(log: Log, rows: NDArray[np.bool_]) -> list[Finding]:
         if size < COARSE or levels.size > 200:
             continue
         sentence = (
-            f"{name} comes in steps of {step:.3g} {unit_of(name)}, where all it does has a standard deviation of "
-            f"{values.std():.3g}: rounded when it was written, or a coarse sensor. Log it with more digits."
+            f"{name} comes in steps of {step:.3g} {unit_of(name)}, and its "
+            f"standard deviation is only {values.std():.3g}: it was rounded "
+            "when written, or the sensor is coarse. Log it with more digits."
         )
         severity = "error" if size >= USELESS else "warning"
         findings.append(

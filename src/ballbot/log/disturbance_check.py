@@ -49,7 +49,8 @@ def disturbance_findings(disturbance: float) -> list[Finding]:
     if disturbance < DWARFED:
         return []
     sentence = (
-        f"What moves the lean beside wheels and gravity is {disturbance:.1f} times gravity's part: the log serves for "
-        "predictions of a fraction of a second, and cannot support a closed-loop or long open-loop verdict."
+        f"Something other than wheels and gravity moves the lean, {disturbance:.1f} "
+        "times as strongly as gravity: the log is good for predictions of a "
+        "fraction of a second, but not for closed-loop or long open-loop validation."
     )
     return [Finding(severity="warning", code="disturbance", text=sentence)]

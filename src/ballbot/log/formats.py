@@ -64,7 +64,7 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> dict[str
     if not Path(path).exists():
         raise InputError(f"{path} cannot be read: No such file or directory.")
     raise InputError(
-        f"{path} is not a log that Ballbot reads. Give a file that ends in .csv, .parquet or .txt."
+        f"{path} is not a log that Ballbot reads; give a file that ends in .csv, .parquet or .txt."
     )
 
 
@@ -82,4 +82,4 @@ def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) 
     elif suffix == ".parquet":
         write_parquet_table(path, columns)
     else:
-        raise InputError(f"{path} cannot be written: a log's file ends in .csv or .parquet.")
+        raise InputError(f"{path} cannot be written: the name of a log file must end in .csv or .parquet.")

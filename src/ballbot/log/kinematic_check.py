@@ -206,22 +206,22 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     found = wheel_agreement(log, robot)
     if found is None:
         sentence = (
-            "The wheels' order and signs cannot be checked: "
-            "that takes the ten states, every wheel's speed, and motion."
+            "The order and signs of the wheels cannot be checked: that "
+            "needs the ten states, the speed of every wheel, and motion."
         )
         return [Finding(severity="note", code="wheels", text=sentence)]
     evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
     if min(found.correlations) < CLEAR_CORRELATION:
         sentence = (
-            f"The wheels' speeds hardly follow the states (correlations {evidence}): "
-            "another robot, much slip, or a delay."
+            "The wheel speeds hardly follow the states (correlations "
+            f"{evidence}): another robot, much slip, or a delay."
         )
         return [Finding(severity="warning", code="wheels", text=sentence, where=Place(columns=columns))]
     if found.order != tuple(range(1, robot.wheel_count + 1)) or min(found.signs) < 0:
         signs = [found.signs[found.order.index(i)] for i in range(1, robot.wheel_count + 1)]
         sentence = (
-            f"The wheels' columns are not this robot's: a mapping with [wheels] order = {list(found.order)} "
-            f"and sign = {signs} would fit (correlations {evidence})."
+            "The wheel columns do not fit this robot; a mapping with [wheels] order = "
+            f"{list(found.order)} and sign = {signs} would fit (correlations {evidence})."
         )
         return [Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))]
     low, high = GAIN_RANGE
@@ -231,7 +231,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
 def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
     """Return the finding on gains that are not one: an error if no slip makes them."""
     listed = ", ".join(f"{gain:.4g}" for gain in gains)
-    seen = f"The wheels turn {listed} times what the states make of this robot"
+    seen = f"The wheels turn {listed} times as fast as the states imply for this robot"
     columns = wheel_speed_names(len(gains))
     common, alike = float(np.median(gains)), max(gains) < ALIKE * min(gains)
     unit = _unit_of_wheels(common, robot) if alike else None
@@ -241,8 +241,8 @@ def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
     scaled = alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN
     far = any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
     cause = (
-        "the wheels' or the ball's radius, the tilt, the gear ratio or the encoder's counts are not the robot file's, "
-        "or another radius made x and y"
+        "the radius of the wheels or the ball, the tilt, the gear ratio or the encoder "
+        "counts differ from the robot file, or x and y were computed with another radius"
         if scaled
         else "a radius, the tilt or a unit is wrong, or the ball slips or pivots"
     )
@@ -255,11 +255,11 @@ def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
     ratio = robot.drive.gear_ratio
     counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
     causes = {
-        60.0 / (2.0 * np.pi): "their speeds are in rpm where rad/s belong",
-        float(np.degrees(1.0)): "their speeds are in degrees a second where rad/s belong",
-        1.0 / (2.0 * np.pi): "their speeds are in turns a second where rad/s belong",
+        60.0 / (2.0 * np.pi): "their speeds are in rpm, not in rad/s",
+        float(np.degrees(1.0)): "their speeds are in degrees per second, not in rad/s",
+        1.0 / (2.0 * np.pi): "their speeds are in turns per second, not in rad/s",
         ratio: f"they are the motors' speeds; divide by the gear ratio {ratio:g}",
-        1.0 / ratio: f"they were divided by the gear ratio {ratio:g} once too often",
+        1.0 / ratio: f"they were divided once too often by the gear ratio {ratio:g}",
         counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
     }
     return next((cause for size, cause in causes.items() if 1.0 / ALIKE < gain / size < ALIKE), None)

@@ -187,9 +187,9 @@ class Log:
             bad = np.flatnonzero(~np.isfinite(self.columns[name]))
             if bad.size:
                 raise InputError(
-                    f"The log's column {name} has {bad.size} of {len(self)} values missing or not finite, "
-                    f"the first at row {bad[0] + 1} (t = {self.t[bad[0]]:g} s); fill them, or take "
-                    f"a part of the log without them."
+                    f"The log's column {name} has {bad.size} of {len(self)} values missing "
+                    f"or not finite, the first at row {bad[0] + 1} (t = {self.t[bad[0]]:g} "
+                    "s); fill them, or use a part of the log without them."
                 )
 
     def between(self, start: float, end: float) -> Log:
@@ -230,7 +230,9 @@ class Log:
         true_names = [TRUE_PREFIX + name for name in STATE_NAMES]
         missing = [name for name in true_names if name not in self.columns]
         if missing:
-            raise InputError(f"The log carries no truth (no column {missing[0]}): only simulated runs do.")
+            raise InputError(
+                f"The log has no truth (no column {missing[0]}): only logs of simulated runs do."
+            )
         kept = dict(self.without_truth().columns)
         return Log(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended)
 
@@ -251,7 +253,7 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
             raise TypeError
         column = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"The log's column {name} is not one of numbers.") from None
+        raise InputError(f"The log's column {name} does not contain numbers.") from None
     column = column if name == "t" else measured(column)
     column.flags.writeable = False
     return column
@@ -260,15 +262,15 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
 def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     if "t" not in columns:
         raise InputError(
-            "A log needs the column t, the time in seconds; a foreign file comes in through a mapping file, which "
-            "check-log --robot proposes."
+            "A log needs the column t, the time in seconds. For a foreign "
+            "file, `ballbot check-log FILE --robot ROBOT` proposes a mapping."
         )
     rows = columns["t"].shape
     if len(rows) != 1 or rows[0] == 0:
         raise InputError("The log has no rows; at least one is needed.")
     for name, column in columns.items():
         if column.shape != rows:
-            raise InputError(f"The log's column {name} has shape {column.shape}, where t has {rows}.")
+            raise InputError(f"The log's column {name} has the shape {column.shape}, but t has {rows}.")
 
 
 def _check_time(t: NDArray[np.float64]) -> None:
@@ -282,15 +284,15 @@ def _check_time(t: NDArray[np.float64]) -> None:
         k = int(wrong[0]) + 1
         what = "stands still" if t[k] == t[k - 1] else "runs backwards"
         raise InputError(
-            f"Time {what} at row {k + 1}: t = {t[k]:.9g} s after {t[k - 1]:.9g} s; it must increase row by "
-            f"row."
+            f"Time {what} at row {k + 1}: t = {t[k]:.9g} s after "
+            f"{t[k - 1]:.9g} s. Sort the rows or split the log."
         )
     close = np.flatnonzero(np.diff(t) < SHORTEST)
     if close.size:
         k = int(close[0]) + 1
         raise InputError(
-            f"Time moves by {t[k] - t[k - 1]:.3g} s at row {k + 1}, and rows are {SHORTEST:g} s apart or more; t is in "
-            "seconds."
+            f"Time increases by {t[k] - t[k - 1]:.3g} s at row {k + 1}; "
+            f"rows must be at least {SHORTEST:g} s apart. t is in seconds."
         )
     span = float(t[-1] - t[0])
     if span > LONGEST:
@@ -304,14 +306,14 @@ def _why_long(t: NDArray[np.float64]) -> str:
     usual = float(np.median(intervals))
     if intervals[k] > 0.5 * (t[-1] - t[0]):
         return (
-            f": t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. Correct that time, or leave out the rows "
-            "on one side of it."
+            f": t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. "
+            "Correct that time, or remove the rows on one side of it."
         )
     units = [word for word, least in _CLOCKS if usual >= least]
     perhaps = f" and is perhaps in {units[0]}" if units else ""
     return (
-        f", rows every {length_words(usual)}: t is in seconds{perhaps}. A mapping file converts it; at most "
-        f"{length_words(LONGEST)} are read."
+        f", with rows every {length_words(usual)}: t is in seconds{perhaps}. "
+        f"Convert it with a mapping file; at most {length_words(LONGEST)} are read."
     )
 
 

@@ -128,9 +128,7 @@ def _mapping(table: MappingTable) -> LogMapping:
     made = {*columns, *(("theta", "phi", "psi") if attitude else ())}
     for name, origin in derivatives.items():
         if origin not in made:
-            raise InputError(
-                f"{name} is to be the derivative of {origin!r}, which the mapping does not take from the file"
-            )
+            raise InputError(f"{name} is the derivative of {origin!r}, which the mapping does not provide")
     motors = None if table.input is None else _motors(table.input, table.wheels)
     return LogMapping(
         layout=_layout(table.file),
@@ -146,14 +144,16 @@ def _mapping(table: MappingTable) -> LogMapping:
 def _timing(table: TimeTable) -> Timing:
     for start, end in table.keep or ():
         if not end > start:
-            raise InputError(f"[time] keep has the span [{start:g}, {end:g}]; write the earlier time first")
+            raise InputError(
+                f"[time] keep has the interval [{start:g}, {end:g}]; write the earlier time first"
+            )
     return Timing(repair=table.repair, sample_time=table.sample_time, keep=table.keep)
 
 
 def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
     both = [name for name in ("theta", "phi", "psi") if name in columns]
     if both:
-        raise InputError(f"[columns] has {both[0]}, which [attitude] makes; leave out one of them")
+        raise InputError(f"[columns] has {both[0]}, which [attitude] provides; remove one of them")
     factor = _unit_factor("[attitude]", "theta", table.unit, None)
     signs = _signs("[attitude]", table.sign, len(table.sources), "angles")
     sources = tuple(
@@ -177,7 +177,7 @@ def _wheel_derivatives(wheels: WheelsTable) -> dict[str, str]:
         return {}
     _check_alone("[wheels] speed", wheels.speed)
     if not (wheels.angle and wheels.angle.sources):
-        raise InputError("[wheels] speed is to be the derivative of angle, which [wheels] lacks")
+        raise InputError("[wheels] speed is the derivative of angle, which [wheels] lacks")
     return {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(wheels.angle.sources) + 1)}
 
 
@@ -185,19 +185,17 @@ def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable) -> None:
     others = sorted(entry.model_fields_set - {"derivative_of"})
     if others:
         words = ", ".join("from" if name in ("source", "sources") else name for name in others)
-        raise InputError(f"{where} has derivative_of and takes nothing beside it, but has {words}")
+        raise InputError(f"{where} has derivative_of, which allows no other key, but also has {words}")
 
 
 def _check_name(name: str) -> None:
     if name in KNOWN_NAMES and not (name.startswith("u") and name[1:].isdigit()):
         return
     if name in KNOWN_NAMES:
-        raise InputError(
-            f"[columns] has {name}; torques are mapped in [input], which says what kind they are"
-        )
+        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
     near = difflib.get_close_matches(name, KNOWN_NAMES, n=1)
     hint = f"; did you mean {near[0]}?" if near else f"; the names are {', '.join(KNOWN_NAMES)}"
-    raise InputError(f"[columns] has {name}, which is no column of a log{hint}")
+    raise InputError(f"[columns] has {name}, which is not a column of a log{hint}")
 
 
 def _source(name: str, entry: ColumnTable) -> Source:
@@ -206,7 +204,7 @@ def _source(name: str, entry: ColumnTable) -> Source:
             f'[columns] {name} needs from = "..", the column of the file, or derivative_of = ".."'
         )
     if name == "t" and entry.delay:
-        raise InputError("[columns] t cannot have a delay; give the delay to the columns that are late")
+        raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
     factor = (
         entry.sign * entry.scale * _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
     )
@@ -240,14 +238,16 @@ def _order(wheels: WheelsTable, count: int) -> list[int]:
     """Return, for Ballbot's wheels in turn, the place (from 0) in the file's lists."""
     order = wheels.order or tuple(range(1, count + 1))
     if sorted(order) != list(range(1, count + 1)):
-        raise InputError(f"[wheels] order is {list(order)}; it must hold each of 1 to {count} once")
+        raise InputError(
+            f"[wheels] order is {list(order)}; it must contain each number from 1 to {count} once"
+        )
     return [place - 1 for place in order]
 
 
 def _signs(where: str, sign: int | Sequence[int], count: int, what: str = "wheels") -> list[int]:
     signs = [sign] * count if isinstance(sign, int) else list(sign)
     if len(signs) != count:
-        raise InputError(f"{where} sign has {len(signs)} values for {count} {what}")
+        raise InputError(f"{where} sign has {len(signs)} values; it needs one for each of the {count} {what}")
     return signs
 
 
@@ -282,9 +282,11 @@ def _drive(table: TorqueTable | CurrentTable | DutyTable) -> DriveInput:
 
 def _layout(table: FileTable) -> TextLayout:
     if table.header_lines == 0 and table.names is None:
-        raise InputError("[file] has header_lines = 0 and so needs names = [..], the columns' names")
+        raise InputError(
+            "[file] has header_lines = 0 and therefore needs names = [..], the names of the columns"
+        )
     if table.names is not None and len(set(table.names)) < len(table.names):
-        raise InputError("[file] names holds a name twice")
+        raise InputError("[file] names contains a name twice")
     check_column_names(table.names or (), source="[file] names")
     return TextLayout(
         separator=_SEPARATORS[table.separator],

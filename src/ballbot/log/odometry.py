@@ -60,7 +60,7 @@ def with_position(log: Log, robot: Robot) -> Log:
         return log
     missing = [name for name in (*_NEEDED, *wheel_speed_names(robot.wheel_count)) if name not in log]
     if missing:
-        raise InputError(f"The log has no x, and no {', '.join(missing)} to compute it from.")
+        raise InputError(f"The log has no x, and lacks {', '.join(missing)}, from which x could be computed.")
     return with_odometry(log, robot)
 
 

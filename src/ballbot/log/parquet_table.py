@@ -13,7 +13,7 @@ from ballbot.inputs import LARGEST_TABLE, read_bytes
 from ballbot.log.columns import check_column_names, measured
 from ballbot.sizes import check_table, size_words
 
-_NO_PYARROW = "Parquet files need pyarrow: pip install 'ballbot[formats]', or use CSV."
+_NO_PYARROW = "Parquet files need pyarrow: pip install 'ballbot[formats]'. Or use CSV."
 
 
 def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
@@ -37,7 +37,7 @@ def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     except (OSError, ValueError, pyarrow.ArrowException, MemoryError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path} cannot be read: it is not a whole Parquet file.") from None
+        raise InputError(f"{path} cannot be read: it is not a complete Parquet file.") from None
     if not len(table):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     return {name: _numbers(table.column(name)) for name in table.column_names}
@@ -56,12 +56,14 @@ def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMe
     check_column_names(names, source=str(path))
     for field in schema:
         if not (pyarrow.types.is_floating(field.type) or pyarrow.types.is_integer(field.type)):
-            raise InputError(f"{path}: the column {field.name} holds {field.type}, where numbers belong.")
+            raise InputError(
+                f"{path}: the column {field.name} contains {field.type}; it must contain numbers."
+            )
     # not by columns, whose damaged statistics would end the interpreter
     unpacked = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
     if unpacked > LARGEST_TABLE:
         raise InputError(
-            f"{path} unpacks to {size_words(unpacked)}, and at most {size_words(LARGEST_TABLE)} are read."
+            f"{path} unpacks to {size_words(unpacked)}; at most {size_words(LARGEST_TABLE)} are read."
         )
 
 

@@ -48,7 +48,7 @@ def read_poses(film: Log) -> Poses:
     wxyz = np.column_stack([film[name] for name in QUATERNION_NAMES])
     seen = np.isfinite(wxyz).all(axis=1) & (np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < _NORM_TOLERANCE)
     if seen.sum() < _LEAST_POSES:
-        raise InputError("The motion capture has no poses: unit quaternions in qw, qx, qy, qz.")
+        raise InputError("The motion capture has no poses; it needs unit quaternions in qw, qx, qy, qz.")
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
     placed = all(name in film for name in PLACE_NAMES)
     places = np.column_stack([film[n] for n in PLACE_NAMES]) if placed else np.full((len(seen), 3), np.nan)

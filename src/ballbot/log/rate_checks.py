@@ -70,8 +70,8 @@ def check_rates(log: Log) -> list[Finding]:
     found = {name: one for name in names if (one := _change_against_rate(log, name, f"{name}_dot"))}
     if _runs_backwards(found):
         sentence = (
-            "All positions and angles change against their rates: the rows are in reverse order of time. Sort them, or "
-            "flip the signs of all rates."
+            "All positions and angles change in the opposite direction to their rates: "
+            "the rows are in reverse order of time. Sort them, or negate all rates."
         )
         return [_error("time-scale", sentence, "t")]
     factor = _time_factor(found)
@@ -105,7 +105,7 @@ def check_gyro(log: Log) -> list[Finding]:
     for i, k in ((0, 1), (0, 2), (1, 2)):
         crossed = [agreement(log[_GYRO[i]], body[:, k]), agreement(log[_GYRO[k]], body[:, i])]
         if _is_swapped(crossed, (own[i], own[k])):
-            sentence = f"{_GYRO[i]} and {_GYRO[k]} are swapped: each varies as the states say of the other."
+            sentence = f"{_GYRO[i]} and {_GYRO[k]} are swapped: each follows the states of the other."
             findings.append(_error("swapped", sentence, _GYRO[i], _GYRO[k]))
     return findings
 
@@ -148,21 +148,24 @@ def _time_factor(found: Mapping[str, Agreement]) -> float | None:
 
 def _time_finding(log: Log, factor: float) -> Finding:
     unit = _unit(factor, _TIMES)
-    seen = f"Positions and angles all change {factor:.3g} times as much as their rates integrate to over t"
+    seen = (
+        f"Positions and angles all change {factor:.3g} times as much as the integrals of their rates over t"
+    )
     if unit:
-        sentence = f"{seen}: t is in {unit} where seconds belong (rows come every {log.sample_time:.4g})."
+        sentence = f"{seen}: t is in {unit}, not in seconds (rows come every {log.sample_time:.4g})."
     else:
         sentence = (
-            f"{seen}: t runs {1.0 / factor:.3g} times as fast as it should (a wrong sample time or unit), or all rates "
-            f"were made with another sample time. By the rates, rows come every {factor * log.sample_time:.3g} s."
+            f"{seen}: t runs {1.0 / factor:.3g} times as fast as it should (wrong "
+            "sample time or unit), or all rates were computed with another sample "
+            f"time. By the rates, rows come every {factor * log.sample_time:.3g} s."
         )
     return _error("time-scale", sentence, "t")
 
 
 def _slow_finding(log: Log) -> Finding:
     sentence = (
-        f"Rows come every {log.sample_time:.4g} s and nothing in them goes on from row to row: t is in ms or another "
-        "unit where seconds belong, or the log was thinned out. No robot balances at such a rate."
+        f"Rows come every {log.sample_time:.4g} s and no value continues from row to row: t is in ms or "
+        "another unit, not in seconds, or the log was thinned out. No robot balances at such a rate."
     )
     return _error("time-scale", sentence, "t")
 
@@ -175,7 +178,8 @@ def _verdict(name: str, other: str, found: Agreement, *, what: str, reference: s
     findings = []
     if found.ratio < 0.0:
         sentence = (
-            f"{name} and {other} have opposite signs (correlation {found.correlation:.2f}): flip one of them."
+            f"{name} and {other} have opposite signs (correlation "
+            f"{found.correlation:.2f}); negate one of them."
         )
         findings.append(_error("sign", sentence, *columns))
     length, rate = name in ("x", "y"), name.startswith("gyro")
@@ -187,13 +191,13 @@ def _verdict(name: str, other: str, found: Agreement, *, what: str, reference: s
         (_unit(1.0 / size, rate_units), rates, True),
     ):
         if unit:
-            where = f"{right} a second belong" if per_second and unit != "degrees" else f"{right} belong"
-            of = f"{unit} a second" if per_second and unit not in ("degrees", "rpm") else unit
+            wanted = f"{right} per second" if per_second else right
+            of = f"{unit} per second" if per_second and unit != "rpm" else unit
             code = "degrees" if unit == "degrees" else "scale"
-            findings.append(_error(code, f"{seen}: {column} is in {of} where {where}.", *columns))
+            findings.append(_error(code, f"{seen}: {column} is in {of}, not in {wanted}.", *columns))
             return findings
     if not 1.0 / 1.5 < size < 1.5:
-        sentence = f"{seen}: one of the two has a wrong scale, delay or much noise."
+        sentence = f"{seen}: one of the two has a wrong scale, a delay or much noise."
         wrong = not 1.0 / WRONG_SCALE < size < WRONG_SCALE
         severity = "error" if wrong else "warning"
         findings.append(Finding(severity=severity, code="scale", text=sentence, where=Place(columns=columns)))
@@ -212,8 +216,8 @@ def _swapped(log: Log, found: Mapping[str, Agreement]) -> list[Finding]:
         ]
         if _is_swapped(crossed, tuple(abs(found[name].correlation) for name in (first, second))):
             sentence = (
-                f"{first} and {second} are swapped, or {first}_dot and {second}_dot are: {first} changes as "
-                f"{second}_dot integrates, and {second} as {first}_dot."
+                f"{first} and {second} are swapped, or {first}_dot and {second}_dot are: {first} "
+                f"changes like the integral of {second}_dot, and {second} like that of {first}_dot."
             )
             findings.append(_error("swapped", sentence, first, second))
     return findings

@@ -90,8 +90,8 @@ def check_held(log: Log) -> list[Finding]:
     columns = tuple(held)
     if repeats_all:
         sentence = (
-            f"Every row appears {rows} times: the log was written {rows} times as fast as it was measured, "
-            f"or rows were duplicated. Keep every {_ordinal(rows)} row."
+            f"Every row appears {rows} times: the log was written {rows} times as fast as it "
+            f"was measured, or rows were duplicated. Keep only every {_ordinal(rows)} row."
         )
         return [Finding(severity="error", code="held", text=sentence, where=Place(columns=columns))]
     if not states and delay < 2.0 * HELD_TIME:
@@ -100,9 +100,10 @@ def check_held(log: Log) -> list[Finding]:
     what = "The columns" if len(columns) > 1 else "The column"
     verb = "change" if len(columns) > 1 else "changes"
     sentence = (
-        f"{what} {', '.join(columns)} {verb} only every {_ordinal(rows)} row, every {delay:.3g} s, and "
-        f"{'hold' if len(columns) > 1 else 'holds'} the last value in between: a slower sensor, or resampling without "
-        "interpolation. Its values are late by up to that; interpolate them, or log at their rate."
+        f"{what} {', '.join(columns)} {verb} only every {_ordinal(rows)} row, every "
+        f"{delay:.3g} s, and {('hold' if len(columns) > 1 else 'holds')} the last value "
+        "in between: a slower sensor, or resampling without interpolation. Its values "
+        "are delayed by up to that time; interpolate them, or log at their rate."
     )
     severity = "error" if wrong else "warning"
     return [Finding(severity=severity, code="held", text=sentence, where=Place(columns=columns))]
@@ -127,8 +128,9 @@ def check_copied(log: Log) -> list[Finding]:
     source = start - int(offset[start])
     time = float(log.t[start])
     sentence = (
-        f"Rows {start + 1} to {start + length} (from t = {time:.6g} s) repeat rows {source + 1} to {source + length} "
-        "to the last bit, which no measurement does: a part of the log was copied or written twice. Cut one of the two."
+        f"Rows {start + 1} to {start + length} (from t = {time:.6g} s) repeat rows "
+        f"{source + 1} to {source + length} exactly, which no measurement does: a "
+        "part of the log was copied or written twice. Remove one of the two."
     )
     return [
         Finding(severity="error", code="copied", text=sentence, where=Place(columns=tuple(names), time=time))
@@ -163,11 +165,11 @@ def _frozen_log(log: Log, names: list[str], one: Standstill) -> Finding:
     # rates of zero to the last bit are a rest's
     others = any(log[name][start] for name in names) and _others_move(log, rows, names)
     severity = "error" if (moved or others) and lasting >= FROZEN_TIME else "warning"
-    end = "" if severity == "error" else ", or all was at rest"
+    end = "" if severity == "error" else ", or everything was at rest"
     sentence = (
-        f"The log is frozen for {lasting:.3g} s from row {start + 1} (t = {time:.6g} s): {_short(names)} repeat one "
-        f"value, though they change at nearly all other rows. Messages were lost, or the logger hung{end}; cut this "
-        "stretch out."
+        f"The log is frozen for {lasting:.3g} s from row {start + 1} (t = {time:.6g} "
+        f"s): {_short(names)} repeat one value, though they change at nearly all other "
+        f"rows. Messages were lost, or the logger hung{end}; remove this interval."
     )
     return Finding(
         severity=severity, code="stuck", text=sentence, where=Place(columns=tuple(names), time=time)
@@ -182,7 +184,7 @@ def _stuck_column(log: Log, name: str, one: Standstill) -> Finding:
     cause = (
         "the sensor froze or messages were lost"
         if moved
-        else "the sensor froze, messages were lost, or all was at rest"
+        else "the sensor froze, messages were lost, or everything was at rest"
     )
     sentence = (
         f"{name} repeats {log[name][one.start]:.6g} for {one.rows} rows ({lasting:.3g} s) from row {one.start + 1} "

@@ -127,7 +127,7 @@ def _rows(t: NDArray[np.float64]) -> int:
     usual = float(np.median(np.diff(t))) if len(t) > 1 else REACH
     if usual < SHORTEST:
         raise InputError(
-            f"Rows come every {usual:.3g} s, and repair needs {SHORTEST:g} s or more between rows: correct the "
-            "unit of t, which is in seconds."
+            f"Rows come every {usual:.3g} s, and repair needs at least {SHORTEST:g} "
+            "s between rows; correct the unit of t, which must be in seconds."
         )
     return max(4, round(REACH / usual))

@@ -67,9 +67,9 @@ def check_spikes(log: Log) -> list[Finding]:
         time = float(log.t[rows[0]])
         number = "one row" if rows.size == 1 else f"each of {rows.size} rows"
         sentence = (
-            f"{name} jumps away and back at {number}, to {log[name][rows[0]]:.6g} at row {rows[0] + 1} "
-            f"(t = {time:.6g} s), further than anything else in it moves: a spoilt message, or a marker of a missing "
-            "value, which a mapping file can name."
+            f"{name} jumps away and back at {number}, to {log[name][rows[0]]:.6g} at row "
+            f"{rows[0] + 1} (t = {time:.6g} s), further than it moves otherwise: a corrupted "
+            "message, or a marker of missing values, which a mapping file can name."
         )
         findings.append(
             Finding(severity="warning", code="spike", text=sentence, where=Place(columns=(name,), time=time))

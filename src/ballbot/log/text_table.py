@@ -67,7 +67,7 @@ def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[n
         table = table[layout.rows[0] - 1 : layout.rows[1]]
     if not len(table):
         raise InputError(
-            f"{path} has a header and no rows{'' if layout.rows is None else ' of those to take'}."
+            f"{path} has a header and no rows{('' if layout.rows is None else ' of those to take')}."
         )
     table = measured(table)
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
@@ -83,7 +83,9 @@ def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]
     """
     for name in columns:
         if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
-            raise InputError(f"The column name {name!r} cannot be written to CSV; use a plain word.")
+            raise InputError(
+                f"The column name {name!r} cannot be written to CSV; use letters, digits and underscores."
+            )
     rows = np.column_stack(list(columns.values())).tolist()
     text = io.StringIO()
     text.write(",".join(columns) + "\n")
@@ -108,17 +110,17 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
     check_column_names(names, source=f"{path}, line {number}")
     if all(_is_number(name) for name in names):
         raise InputError(
-            f"{path}, line {number}: numbers stand where the header with the column names belongs."
+            f"{path}, line {number}: this line has numbers; it must be the header with the column names."
         )
     if "" in names:
         raise InputError(f"{path}, line {number}: column {names.index('') + 1} of the header has no name.")
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"{path}, line {number}: the column name {twice[0]} stands there twice.")
+        raise InputError(f"{path}, line {number}: the column name {twice[0]} appears twice.")
     if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
         raise InputError(
-            f"{path}, line {number}: the header is not separated by {_word(layout.separator)}; "
-            f"a mapping file can name another separator."
+            f"{path}, line {number}: the header is not separated by "
+            f"{_word(layout.separator)}; name another separator in a mapping file."
         )
     return names
 
@@ -149,7 +151,7 @@ def _parse_by_line(
             continue
         if len(cells) != len(names):
             raise InputError(
-                f"{path}, line {number}: the row has {len(cells)} cells, the header {len(names)}."
+                f"{path}, line {number}: the row has {len(cells)} cells, but the header has {len(names)}."
             )
         rows.append([_number(path, number, names[i], cell, missing) for i, cell in enumerate(cells)])
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
@@ -169,8 +171,8 @@ def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str]
     if _is_number(cell):
         return float(cell)
     raise InputError(
-        f"{path}, line {line}: {cell!r} in column {name} is not a number; "
-        f"a marker of missing values can be named in a mapping file."
+        f"{path}, line {line}: {cell!r} in column {name} is not a "
+        "number; name a marker of missing values in a mapping file."
     )
 
 

@@ -15,7 +15,7 @@ def check_rows(log: Log) -> list[Finding]:
     """Return an error for a log of one row."""
     if len(log) > 1:
         return []
-    sentence = "The log has one row, and nothing moves in one row; every use takes many."
+    sentence = "The log has one row, which shows no motion; every use needs many rows."
     return [Finding(severity="error", code="rows", text=sentence)]
 
 
@@ -32,9 +32,9 @@ def check_gaps(log: Log) -> list[Finding]:
     first, longest = int(gaps[0]), float(intervals[gaps].max())
     number = "One gap" if gaps.size == 1 else f"{gaps.size} gaps"
     sentence = (
-        f"{number} in time, the first of {intervals[first]:.4g} s after row {first + 1} (t = "
-        f"{log.t[first]:.6g} s), the longest {longest:.4g} s, where rows come every {log.sample_time:.4g} s; "
-        f"windows must not span them."
+        f"{number} in time, the first of {intervals[first]:.4g} s after row "
+        f"{first + 1} (t = {log.t[first]:.6g} s), the longest {longest:.4g} s, "
+        f"while rows come every {log.sample_time:.4g} s; windows must not span them."
     )
     return [
         Finding(
@@ -56,7 +56,7 @@ def check_jitter(log: Log) -> list[Finding]:
     if scatter <= JITTER_RATIO:
         return []
     sentence = (
-        f"The intervals between rows scatter by {100 * scatter:.0f} % about {log.sample_time:.4g} s "
+        f"The intervals between rows vary by {100 * scatter:.0f} % about {log.sample_time:.4g} s "
         f"(from {typical.min():.4g} to {typical.max():.4g} s); rates from differences will be noisy."
     )
     return [Finding(severity="warning", code="jitter", text=sentence, where=Place(columns=("t",)))]
@@ -71,9 +71,8 @@ def check_missing_values(log: Log) -> list[Finding]:
             continue
         time = float(log.t[bad[0]])
         sentence = (
-            f"{name} has {bad.size} of {len(log)} values missing or not finite, the first at row "
-            f"{bad[0] + 1} (t = {time:.6g} s); what needs this column will refuse it until they are filled "
-            f"or cut off."
+            f"{name} has {bad.size} of {len(log)} values missing or not finite, the first at row {bad[0] + 1} "
+            f"(t = {time:.6g} s); uses that need this column stop until they are filled or removed."
         )
         findings.append(
             Finding(

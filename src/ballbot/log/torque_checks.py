@@ -132,8 +132,9 @@ def _dead_finding(names: tuple[str, ...], dead: NDArray[np.bool_], torques: NDAr
         )
     elif zero:
         sentence = (
-            f"{subject} zero throughout though its wheel moves and the other motors work: a dead motor, or a torque "
-            "that was not recorded. Identification and validation take it for the torque that acted."
+            f"{subject} zero throughout though its wheel moves and the other "
+            "motors work: a dead motor, or a torque that was not recorded. "
+            "Identification and validation would use it as the torque that acted."
         )
     else:
         values = ", ".join(f"{value:.3g}" for value in level)
@@ -157,14 +158,15 @@ def _unrelated_findings(
     listed = _listed(columns)
     if (memory[alien] < RANDOM).all():
         sentence = (
-            f"{listed} {_verb(columns)} random: unrelated from row to row (correlation {memory[alien].max():.2f}) and "
-            f"to the motion, which explains {most:.0f} % of it. No balancing robot's feedback does that: the column "
-            "is noise or another quantity."
+            f"{listed} {_verb(columns)} random: unrelated from row to row (correlation "
+            f"{memory[alien].max():.2f}) and to the motion, which explains {most:.0f} % of it. No "
+            "balancing robot's feedback is like that: the column is noise or another quantity."
         )
     else:
         sentence = (
-            f"{listed} {_verb(columns)} unrelated to the motion, which explains {most:.0f} % of it, where feedback "
-            "gives more than half: torques of another log, shifted in time by much, or of a robot that is held."
+            f"{listed} {_verb(columns)} unrelated to the motion, which explains "
+            f"{most:.0f} % of it; feedback would give more than half: torques "
+            "of another log, much shifted in time, or of a robot that is held."
         )
     return [Finding(severity="error", code="torque-unrelated", text=sentence, where=Place(columns=columns))]
 

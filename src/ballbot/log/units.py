@@ -39,7 +39,9 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
     counted = {"rad": "counts", "rad/s": "counts/s"}.get(unit)
     if given != counted:
         choices = [*units, *([counted] if counted else [])]
-        raise InputError(f"the unit {given!r} cannot become {unit}; those that can are {', '.join(choices)}")
+        raise InputError(
+            f"the unit {given!r} cannot be converted to {unit}; the units that can are {', '.join(choices)}"
+        )
     if not counts_per_turn:
         raise InputError(f"the unit {given!r} needs counts_per_turn, the encoder counts in one turn")
     return 2.0 * math.pi / counts_per_turn

@@ -26,7 +26,7 @@ def check_names(log: Log) -> list[Finding]:
     for name in unknown:
         near = difflib.get_close_matches(name, KNOWN_NAMES, n=1, cutoff=0.8)
         words.append(f"{name} (did you mean {near[0]}?)" if near else name)
-    sentence = f"Columns that Ballbot gives no meaning and leaves alone: {', '.join(words)}."
+    sentence = f"Columns that Ballbot does not know and does not use: {', '.join(words)}."
     return [Finding(severity="note", code="unknown", text=sentence, where=Place(columns=tuple(unknown)))]
 
 
@@ -38,7 +38,7 @@ def check_constant(log: Log) -> list[Finding]:
         if name == "t" or len(log) < 2 or not np.all(values == values[0]):
             continue
         if name.startswith("ref_"):
-            sentence = f"{name} is {values[0]:g} throughout: the reference holds still."
+            sentence = f"{name} is {values[0]:g} throughout: the reference is constant."
             findings.append(
                 Finding(severity="note", code="constant", text=sentence, where=Place(columns=(name,)))
             )
@@ -79,13 +79,12 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
         if peak > 0.0 and length >= SATURATED_ROWS and length < len(log):
             share = float(np.mean(size == peak))
             sentence = (
-                f"{name} stands at {peak:.4g} N m in {100 * share:.2g} % of the rows, first for long at row "
-                f"{start + 1} (t = {log.t[start]:.6g} s): it is saturated there, and a controller's law does "
-                f"not hold."
+                f"{name} is at {peak:.4g} N m in {100 * share:.2g} % of the rows, first for long at row "
+                f"{start + 1} (t = {log.t[start]:.6g} s): it is saturated there, and no control law holds."
             )
             if torque_limit is not None and peak < 0.9 * torque_limit:
                 limit = f"The robot's limit is {torque_limit:.4g} N m"
-                sentence += f" {limit}: the driver has a lower one, or the recording clips."
+                sentence += f" {limit}: the driver has a lower limit, or the recording clips."
             findings.append(
                 Finding(
                     severity="warning",
@@ -97,8 +96,8 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
         # 1 %: rounding in the file
         if torque_limit is not None and peak > 1.01 * torque_limit:
             sentence = (
-                f"{name} reaches {peak:.4g} N m, where the robot's limit is {torque_limit:.4g} N m: "
-                f"the input is perhaps not a torque, or the robot file's limit is too low."
+                f"{name} reaches {peak:.4g} N m, above the robot's limit of {torque_limit:.4g} "
+                "N m: the input may not be a torque, or the limit in the robot file is too low."
             )
             findings.append(
                 Finding(severity="warning", code="torque-limit", text=sentence, where=Place(columns=(name,)))
@@ -118,9 +117,9 @@ def check_speed_limit(log: Log, robot: Robot) -> list[Finding]:
         if beyond.size:
             time = float(log.t[beyond[0]])
             sentence = (
-                f"{name} passes {limit:.4g} rad/s, the limit of the robot's supply and motors, "
-                f"in {beyond.size} rows from row {beyond[0] + 1} (t = {time:.6g} s): "
-                "the torque commanded is not what was there."
+                f"{name} exceeds {limit:.4g} rad/s, the limit of the robot's supply "
+                f"and motors, in {beyond.size} rows from row {beyond[0] + 1} (t = "
+                f"{time:.6g} s): the commanded torque is not the torque that acted."
             )
             findings.append(
                 Finding(

@@ -110,7 +110,8 @@ def simulate_on_gpu(
     parameters = real_array(parameters, ("robots", RIGID_SIZE + WHEEL_SIZE * n), "The array of parameters")
     if len(parameters) not in (1, len(initial)):
         raise InputError(
-            f"There are {len(parameters)} rows of parameters for {len(initial)} robots; give one, or one for each."
+            f"There are {len(parameters)} rows of parameters for {len(initial)} robots; give one row, or one "
+            "for each robot."
         )
     h = positive_number(sample_time, "The sample time") / whole_number(steps, "The number of steps", least=1)
     if not cuda.is_available():

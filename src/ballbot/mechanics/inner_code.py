@@ -71,8 +71,8 @@ class ForgivingCache(FunctionCache):
 def warn_that_code_is_not_kept() -> None:
     """Warn, once."""
     warnings.warn(
-        "Compiled code cannot be kept on disk, so that every start compiles it anew. Set NUMBA_CACHE_DIR to a folder "
-        "that can be written and has no damaged files.",
+        "Compiled code cannot be cached on disk, so every start compiles it again. Set NUMBA_CACHE_DIR "
+        "to a writable folder without damaged files.",
         CompiledCodeNotKept,
         stacklevel=2,
     )

@@ -38,6 +38,6 @@ class LinearModel:
             from control import StateSpace
         except ImportError:
             raise InputError(
-                "python-control is not installed; pip install 'ballbot[interop]' brings it."
+                "python-control is not installed; install it with: pip install 'ballbot[interop]'."
             ) from None
         return StateSpace(self.A, self.B, np.eye(len(self.A)), np.zeros_like(self.B))

@@ -148,7 +148,8 @@ class Model:
         """
         if self.pivots:
             raise InputError(
-                "A ball that pivots sticks at rest; linearise the model without pivoting instead."
+                "A pivoting ball sticks at rest, so the model has no linearisation there; linearise the model "
+                "without pivoting friction."
             )
         robot, origin = self.robot, np.zeros(5)
         M, W = self.mass_matrix(origin), self.wheel_jacobian(origin)
@@ -205,8 +206,8 @@ class Model:
         duration = positive_number(duration, "The duration")
         if not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN:
             raise InputError(
-                f"The lean is {state[2]:.3g}, {state[3]:.3g} rad; the simulation ends at {LARGEST_LEAN} rad, "
-                "where no wheel holds the ball any more."
+                f"The lean is {state[2]:.3g}, {state[3]:.3g} rad; it must be below {LARGEST_LEAN} rad, where no "
+                "wheel holds the ball any more."
             )
         steps = self.steps_in(duration)
         return simulate_one(self.selected, self.packed, state, torques, sample_time=duration, steps=steps)
@@ -222,7 +223,8 @@ class Model:
         wanted = np.ceil(duration / self.step - 1e-9)
         if not wanted <= _MOST_STEPS:
             raise InputError(
-                f"{duration:g} s are {wanted:.3g} inner steps of {self.step:g} s; at most {_MOST_STEPS:.0e} are taken."
+                f"{duration:g} s take {wanted:.3g} inner steps of {self.step:g} s; at most {_MOST_STEPS:.0e} are "
+                "possible. Use a longer step or a shorter duration."
             )
         return max(1, int(wanted))
 
@@ -236,7 +238,7 @@ def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.
         shapes = ", ".join(
             f"{name} {array.shape}" for (*_, name), array in zip(arguments, arrays, strict=True)
         )
-        raise InputError(f"The shapes do not go together: {shapes}.") from None
+        raise InputError(f"The shapes do not match: {shapes}.") from None
     rows = [
         # broadcast views can be read-only, which would be compiled for anew
         np.require(np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]), None, ["C", "W"])

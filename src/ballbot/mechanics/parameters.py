@@ -95,7 +95,7 @@ def selector(
     """
     wheels = tuple(range(wheel_count))
     if pivoting and formulation == "thesis":
-        raise InputError("The thesis's equations have no pivoting ball; take the formulation 'exact' for it.")
+        raise InputError("The thesis's equations have no pivoting ball; use the formulation 'exact'.")
     if pivoting:
         return Pivoting(wheels)
     return Exact(wheels) if formulation == "exact" else Thesis(wheels)

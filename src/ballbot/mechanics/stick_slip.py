@@ -356,7 +356,9 @@ def minimise(
     first, end = real_array(start, (m,), "The start"), real_array(free, (m,), "The array of free velocities")
     rolls, step = real_number(rolling, "The rolling friction"), real_number(h, "The step")
     if min(sizes.min(), rolls, step) < 0.0:
-        raise InputError("A friction limit, the rolling friction or the step is negative; none can be.")
+        raise InputError(
+            "A friction limit, the rolling friction or the step is negative; each must be zero or more."
+        )
     return _minimise(mass, end, rows, sizes, rolls, step, first)
 
 

@@ -90,7 +90,7 @@ def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
             fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
         ):
             if value == 0.0:
-                rows.append((form, PARAMETERS[name].symbol, "0", "held at zero", "", ""))
+                rows.append((form, PARAMETERS[name].symbol, "0", "fixed at zero", "", ""))
                 continue
             share = f"{digits(100.0 * abs(deviation / value))} %"
             rows.append(

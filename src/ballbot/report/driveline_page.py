@@ -104,26 +104,28 @@ def remarks(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list
             for j in range(i + 1, 5)
             if abs(fit.correlation[i, j]) > _CLOSE and not (fit.unknown[i] or fit.unknown[j])
         ]
-        close = f" Hard to tell apart: {', '.join(pairs)}." if pairs else ""
+        close = f" Poorly separated: {', '.join(pairs)}." if pairs else ""
         bound = [NAMES[i] for i in range(5) if not (np.isfinite(fit.standard_errors[i]) or fit.unknown[i])]
         held = f" At a bound, without a standard error: {', '.join(bound)}." if bound else ""
         open_ones = [NAMES[i] for i in np.flatnonzero(fit.unknown)]
         unknown = (
-            f" The sweep cannot tell {', '.join(open_ones)}: any value within the bounds fits about as well."
+            f" The sweep does not identify {', '.join(open_ones)}: "
+            "any value within the bounds fits about as well."
             if open_ones
             else ""
         )
         sentences.append(f"Wheel {fit.wheel}: {_sureness(fit)}.{close}{held}{unknown}")
     ratio = max(clamp.rmse / fit.rmse for fit, clamp in zip(fits, printed, strict=True))
     sentences.append(
-        "A slow sweep dwells at high speeds and passes the low ones, where s, v_s and delta act, in a few tenths of a "
-        "second each time: these, and c, are known better together than each. The inertia is the robot file's."
+        "A slow sweep stays long at high speeds and passes the low ones, where s, v_s "
+        "and delta act, in a few tenths of a second each time, so these and c are "
+        "known better together than each by itself. The inertia is from the robot file."
     )
     if ratio > _WINDS_UP:
         sentences.append(
-            f"With the clamp (3.2) as printed, the best five parameters leave up to {ratio:.1f} times the error: the "
-            "integrated speed winds up at the limit and comes back late, and a search makes up for it by friction that "
-            "is not there."
+            "With the clamp (3.2) as printed, the best five parameters leave up to "
+            f"{ratio:.1f} times the error: the integrated speed winds up at the limit and "
+            "leaves it late, and the search compensates with friction that does not exist."
         )
     return sentences
 

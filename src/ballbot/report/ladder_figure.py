@@ -23,7 +23,7 @@ def ladder_figure(ladder: Ladder) -> Figure:
     errors.set_yticks(range(len(ladder.rungs)), [rung.law.name for rung in ladder.rungs])
     errors.invert_yaxis()
     errors.set_xlim(0.0, 1.25 * max(rung.error for rung in ladder.rungs))
-    errors.set_title("error over that without friction")
+    errors.set_title("error relative to no friction")
     gains.axvline(0.0, color=INK, linewidth=0.8)
     gains.set_xscale("symlog", linthresh=1.0)
     lowest = min(0.0, *(100 * rung.gain.lower for rung in ladder.rungs))

@@ -63,12 +63,13 @@ def _title(name: str) -> str:
 def _sentence(found: Overall, league: League) -> str:
     """Return a controller over all courses in a sentence or two."""
     falls = (
-        f"No fall in {found.runs} runs, so that their probability is below {100 * found.fall_interval[1]:.2g} %."
+        f"No fall in {found.runs} runs: the probability of a "
+        f"fall is below {100 * found.fall_interval[1]:.2g} %."
         if not found.falls
         else f"{found.falls} of {found.runs} runs ended in a fall."
     )
     if not found.ratios:
-        return f"What the others are held against. {falls}"
+        return f"The reference for the others. {falls}"
     known = [key for key in (_PEAK, _ROUGH) if not math.isnan(found.ratios[key].mean)]
     if not known:
         return falls

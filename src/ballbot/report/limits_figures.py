@@ -48,14 +48,14 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
         axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane_direction):.0f}°")
-        axes.set_xlabel("lean [degrees]")
+        axes.set_xlabel("tilt [degrees]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
-        axes.set_ylabel("lean rate [degrees/s]")
+        axes.set_ylabel("tilt rate [degrees/s]")
     figure.legend(
         handles=[
-            Patch(facecolor=_SURE, edgecolor=INK, label="survived, and no wheel lets go of the ball"),
-            Patch(facecolor=_MOST, edgecolor=INK, linestyle="--", label="survived if the wheels always hold"),
+            Patch(facecolor=_SURE, edgecolor=INK, label="recovers, and no wheel slips"),
+            Patch(facecolor=_MOST, edgecolor=INK, linestyle="--", label="recovers if wheels never slip"),
         ],
         loc="outside lower center",
         ncols=2,
@@ -73,15 +73,15 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
         for name, one in found.items()
     }
     directions = {name: one.directions for name, one in found.items()}
-    _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "lean at rest [degrees]")
-    _draw_polar(right, directions, blows, _marks(on_twin, "blow", 1.0), "blow [N s]")
+    _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "tilt at rest [degrees]")
+    _draw_polar(right, directions, blows, _marks(on_twin, "blow", 1.0), "impulse [N s]")
     handles = [
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
     ]
     handles += [
-        Line2D([], [], color=INK, linewidth=1.6, label="no wheel lets go"),
-        Line2D([], [], color=INK, linewidth=1.0, linestyle="--", label="wheels always hold"),
+        Line2D([], [], color=INK, linewidth=1.6, label="no wheel slips"),
+        Line2D([], [], color=INK, linewidth=1.0, linestyle="--", label="wheels never slip"),
     ]
     if on_twin:
         handles.append(Line2D([], [], color=INK, marker="o", linestyle="none", label="marks: on the twin"))
@@ -100,7 +100,7 @@ def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
         axes.plot(one.blow.most.sizes.min(axis=1), one.heights, color=color, linewidth=width, linestyle="--")
     axes.set_xlim(left=0.0)
     axes.set_xlabel(
-        "blow survived from every direction [N s] (solid: no wheel lets go; dashed: wheels always hold)"
+        "largest impulse from every direction [N s] (solid: no wheel slips; dashed: wheels never slip)"
     )
     axes.set_ylabel("height above the\nball's centre [m]")
     axes.legend(loc="upper right")

@@ -26,7 +26,7 @@ _CONTENTS = (
     ("robot", "Robot"),
     ("logs", "Logs"),
     ("friction", "Friction"),
-    ("doubts", "What the data cannot tell"),
+    ("doubts", "What the data do not determine"),
     ("validation", "Validation"),
     ("controller", "Controller"),
     ("compensation", "Compensation"),
@@ -108,17 +108,17 @@ def _log_words(study: Study) -> str:
     held = sum(end - start for one in study.logs for start, end in one.held_out)
     seconds = sum(float(one.log.t[-1] - one.log.t[0]) for one in study.logs)
     return (
-        f"{_count(len(study.logs), 'log').capitalize()} of {seconds:.0f} s in all at {rate:.0f} Hz. The friction was "
-        f"fitted to {seconds - held:.0f} s of them; the {held:.0f} s that are shaded were kept from the fit and judge "
-        "it below."
+        f"{_count(len(study.logs), 'log').capitalize()} of {seconds:.0f} s in "
+        f"all at {rate:.0f} Hz. The friction was fitted to {seconds - held:.0f} "
+        f"s of them; the shaded {held:.0f} s were held out and validate it below."
     )
 
 
 def _validation_words(study: Study) -> str:
     return (
-        f"The model is held against the {study.validation.duration:.0f} s that it was not fitted to, with the friction "
-        "found and without any, so that every difference between the two is the friction's. In closed loop without "
-        "restarts the whole logs are compared."
+        f"The model is compared with the {study.validation.duration:.0f} s that it was not fitted "
+        "to, with the identified friction and without any, so every difference between the two "
+        "is due to friction. In closed loop without restarts the whole logs are compared."
     )
 
 
@@ -135,7 +135,7 @@ def _controller_words(study: Study) -> str:
         same = (
             "the same"
             if far < 0.01
-            else f"another: entries differ by up to {100 * far:.0f} % of this one's largest"
+            else f"different: entries differ by up to {100 * far:.0f} % of the largest entry of this gain"
         )
         words += f" The gain that {study.logs[0].name} was recorded with is {same}."
     return words
@@ -151,8 +151,8 @@ def _poles_words(study: Study) -> str:
 
 def _comparison_words(study: Study) -> str:
     where = (
-        "the model with the friction found, which the compensation therefore knows exactly, with perfect sensors: what "
-        "compensation can gain at best"
+        "the model with the identified friction, which the compensation therefore knows "
+        "exactly, and perfect sensors: an upper bound of what compensation can gain"
         if study.plant == "model"
         else "the physics-engine twin of the nominal scenario, with its own friction, rollers, play and sensors"
     )

@@ -74,12 +74,14 @@ def doubts_sentence(study: Study) -> str:
     warnings = study.found.warnings
     if warnings:
         more = len(warnings) - 1
-        return warnings[0] + (f" {more} more under what the data cannot tell." if more else "")
+        return warnings[0] + (
+            f" {more} more are listed under what the data do not determine." if more else ""
+        )
     correlation = np.nan_to_num(np.triu(study.found.correlation, 1))
     first, second = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
     labels = study.found.labels
     return (
-        "No parameter stands at a bound or is left open. The two that the logs tell apart least are "
+        "No parameter is at a bound or undetermined. The two that the logs separate least are "
         f"{labels[first]} and {labels[second]} (correlation {correlation[first, second]:+.2f})."
     )
 

@@ -148,7 +148,7 @@ def digits(value: float, count: int = 3) -> str:
 def with_error(value: float, error: float) -> str:
     """Return a value and its standard error, both to the error's second digit."""
     if not np.isfinite(value):
-        return "not told by these logs"
+        return "not identified by these logs"
     if not (np.isfinite(error) and error > 0.0):
         return f"{digits(value)} (no standard error)"
     places = max(0, 1 - int(np.floor(np.log10(error))))

@@ -52,7 +52,7 @@ def prediction_figure(found: UpsideDown, log: Log) -> Figure:
         panel.set_ylim(-largest, largest)  # without friction it leaves the panel
         panel.margins(x=0.01)
     panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderpad=0.0)
-    panels[-1].set_xlabel(f"time of the log [s]; each prediction starts anew every {found.window:g} s")
+    panels[-1].set_xlabel(f"time of the log [s]; each prediction restarts every {found.window:g} s")
     return figure
 
 

@@ -120,7 +120,7 @@ def check_source(name: str, source: str) -> None:
     if kind not in SOURCES or not source.isprintable():
         near = get_close_matches(kind, SOURCES, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"write one of: {', '.join(SOURCES)}."
-        raise InputError(f"{name} has the source {source!r}, which is no kind of source; {hint}")
+        raise InputError(f"{name} has the unknown source {source!r}; {hint}")
 
 
 def _check_texts(robot: Robot) -> None:
@@ -132,7 +132,7 @@ def _check_texts(robot: Robot) -> None:
         )
     for name, source in robot.sources.items():
         if name not in BY_NAME:
-            raise InputError(f"sources names {name!r}, which is no parameter{_did_you_mean(name)}.")
+            raise InputError(f"sources names {name!r}, which is not a parameter{_did_you_mean(name)}.")
         check_source(name, source)
 
 
@@ -145,16 +145,16 @@ def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]
     """Yield label and value of each number of a parameter; refuse a list that does not fit the wheels."""
     if parameter.name == "body.inertia.xx" and len(robot.body.inertia) != 6:
         raise InputError(
-            f"body.inertia has {len(robot.body.inertia)} numbers; it takes six: xx, yy, zz, xy, xz, yz."
+            f"body.inertia has {len(robot.body.inertia)} numbers; it needs six: xx, yy, zz, xy, xz, yz."
         )
     value = value_of(robot, parameter)
     if parameter.shape != "list":
         yield parameter.name, value
         return
     if not isinstance(value, tuple):
-        raise InputError(f"{parameter.name} is {value!r}; it takes a tuple with a number for each wheel.")
+        raise InputError(f"{parameter.name} is {value!r}; it must be a tuple with a number for each wheel.")
     if parameter.name == "wheels.azimuths" and len(value) not in (3, 4):
-        raise InputError(f"wheels.azimuths lists {len(value)} wheels; a robot has three or four.")
+        raise InputError(f"wheels.azimuths lists {len(value)} wheels; a robot must have three or four.")
     if len(value) != robot.wheel_count:
         raise InputError(
             f"{parameter.name} has {len(value)} numbers, but wheels.azimuths lists "
@@ -166,9 +166,9 @@ def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]
 def _check_number(parameter: Parameter, label: str, value: object) -> None:
     """Refuse what is no finite number, has the wrong sign or is larger than any robot's."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise InputError(f"{label} is {value!r}; it takes a number.")
+        raise InputError(f"{label} is {value!r}; it must be a number.")
     if parameter.shape == "whole number" and not isinstance(value, Integral):
-        raise InputError(f"{label} is {value!r}; it takes a whole number.")
+        raise InputError(f"{label} is {value!r}; it must be a whole number.")
     number = float(value)
     said = f"{label} is {_with_unit(number, parameter.unit)}"
     if not math.isfinite(number):
@@ -179,13 +179,11 @@ def _check_number(parameter: Parameter, label: str, value: object) -> None:
         raise InputError(f"{said}; it must be above zero.")
     smallest = _SMALLEST.get(parameter.name, -math.inf)
     if number < smallest:
-        raise InputError(
-            f"{said}, less than any ball-balancing robot has; at least {smallest:g} is believed."
-        )
+        raise InputError(f"{said}, less than any ball-balancing robot has; it must be at least {smallest:g}.")
     largest = _LARGEST.get(parameter.name, math.inf)
     if abs(number) > largest:
         meant = _meant(number, parameter.unit, largest)
-        hint = f"did you mean {meant}?" if meant else f"at most {largest:g} is believed."
+        hint = f"did you mean {meant}?" if meant else f"it must be at most {largest:g}."
         raise InputError(f"{said}, more than any ball-balancing robot has; {hint}")
 
 
@@ -207,8 +205,8 @@ def _check_ball(ball: Ball) -> None:
     solid, shell = 0.4 * m_r2, 2.0 / 3.0 * m_r2
     if not (1.0 - _BALL_MARGIN) * solid <= ball.inertia <= (1.0 + _BALL_MARGIN) * shell:
         raise InputError(
-            f"ball.inertia is {ball.inertia:g} kg m^2; with this mass and radius it lies between "
-            f"{solid:.3g} (solid) and {shell:.3g} kg m^2 (thin shell)."
+            f"ball.inertia is {ball.inertia:g} kg m^2; with this mass and radius it "
+            f"must lie between {solid:.3g} (solid) and {shell:.3g} kg m^2 (thin shell)."
         )
 
 
@@ -223,9 +221,10 @@ def _check_body(body: Body) -> None:
     central = _principal_moments(body.inertia_about_center_of_mass())
     if body.inertia_about == "ball_center" and _fault_of(central):
         raise InputError(
-            f"body.inertia less m l^2 = {body.mass * body.center_of_mass**2:.3g} kg m^2 leaves the principal "
-            f"moments {_listed(central)} kg m^2 about the centre of mass, which no body has; it looks as if the "
-            'inertia were about the centre of mass (about = "center_of_mass"), or the mass or height too large.'
+            f"body.inertia less m l^2 = {body.mass * body.center_of_mass**2:.3g} kg m^2 "
+            f"leaves the principal moments {_listed(central)} kg m^2 about the centre of "
+            "mass, which no body has. The inertia may be about the centre of mass "
+            'already (about = "center_of_mass"), or the mass or the height is too large.'
         )
 
 
@@ -253,14 +252,14 @@ def _check_wheels(wheels: Wheels) -> None:
     if not 0.0 < wheels.tilt < math.pi / 2.0:
         meant = f"; did you mean {wheels.tilt:g} deg?" if wheels.tilt < 90.0 else "."
         raise InputError(
-            f"wheels.tilt is {wheels.tilt:g} rad; it lies between 0 and 90 deg (1.571 rad){meant}"
+            f"wheels.tilt is {wheels.tilt:g} rad; it must lie between 0 and 90 deg (1.571 rad){meant}"
         )
     for (i, first), (j, second) in combinations(enumerate(wheels.azimuths), 2):
         # two wheels less than a degree apart would be one inside the other
         if abs(math.remainder(second - first, 2.0 * math.pi)) < math.radians(1.0):
             raise InputError(
-                f"wheels.azimuths[{i}] and [{j}] are both {math.degrees(first):g} deg; "
-                "the wheels need places of their own to give three independent torques."
+                f"wheels.azimuths[{i}] and [{j}] are both {math.degrees(first):g} deg; the "
+                "wheels must be at different places to give three independent torques."
             )
     strengths = np.linalg.svd(_axles(wheels), compute_uv=False)
     if strengths[-1] < _WEAKEST_AXIS:
@@ -278,8 +277,8 @@ def _check_wheels(wheels: Wheels) -> None:
         )
     if wheels.rollers.radius >= wheels.radius:
         raise InputError(
-            f"wheels.rollers.radius is {wheels.rollers.radius:g} m; it must be below the wheel's radius, "
-            f"{wheels.radius:g} m."
+            f"wheels.rollers.radius is {wheels.rollers.radius:g} m; it "
+            f"must be below the radius of the wheel, {wheels.radius:g} m."
         )
 
 
@@ -305,5 +304,5 @@ def _check_drive(drive: Drive) -> None:
         )
         raise InputError(
             f"drive.torque_constant {drive.torque_constant:g} N m/A times drive.speed_constant "
-            f"{drive.speed_constant:g} rad/s/V is {product:.3g}, where every motor's is near 1; {hint}"
+            f"{drive.speed_constant:g} rad/s/V is {product:.3g}; for every motor it is near 1; {hint}"
         )

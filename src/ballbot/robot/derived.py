@@ -35,8 +35,8 @@ def shell_wall(*, mass: float, radius: float, density: float) -> float:
     if cavity < 0.0:
         heaviest = 4.0 / 3.0 * math.pi * radius**3 * density
         raise InputError(
-            f"a sphere of radius {radius:g} m and density {density:g} kg/m^3 weighs at most "
-            f"{heaviest:.3g} kg, not {mass:g} kg; check the density's unit (kg/m^3)."
+            f"A sphere of radius {radius:g} m and density {density:g} kg/m^3 has a mass of at "
+            f"most {heaviest:.3g} kg, not {mass:g} kg; check the unit of the density (kg/m^3)."
         )
     return radius - math.cbrt(cavity)
 
@@ -69,7 +69,7 @@ def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
         Where the wall is not between zero and the radius.
     """
     if not 0.0 < wall <= radius:
-        raise InputError(f"a wall of {wall:g} m does not fit a sphere of radius {radius:g} m.")
+        raise InputError(f"A wall of {wall:g} m does not fit in a sphere of radius {radius:g} m.")
     # both differences divided by R - r, which would cancel digits where the wall is thin
     ratio = 1.0 - wall / radius
     fifth = sum(ratio**power for power in range(5))

@@ -38,11 +38,11 @@ def check_deviations(robot: Robot) -> None:
     """
     for name, deviation in robot.standard_deviations.items():
         if name not in BY_NAME or BY_NAME[name].shape == "whole number":
-            raise InputError(f"{name} has a standard deviation, but is no parameter that could have one.")
+            raise InputError(f"{name} has a standard deviation but is not a parameter that can have one.")
         value, numbers = value_of(robot, BY_NAME[name]), _numbers(deviation)
         count = len(_numbers(value))
         if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
-            raise InputError(f"{name} has the standard deviation {deviation!r}; it takes {count} of them.")
+            raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
         for one in numbers:
             if not isinstance(one, Real) or not math.isfinite(one) or one < 0.0:
                 raise InputError(
@@ -116,8 +116,8 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
             continue
     if len(robots) < count:
         raise InputError(
-            f"{robot.name}'s standard deviations are so large that hardly any draw is a robot; "
-            "make them smaller, or see which value sits at a limit with ballbot check."
+            f"The standard deviations of {robot.name} are so large that hardly any draw is a possible "
+            "robot. Make them smaller, or use `ballbot check` to see which value is at a limit."
         )
     return robots
 

@@ -47,7 +47,9 @@ def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
         Where a key is missing, unknown or of the wrong type, or the unit or the source is not understood.
     """
     if not isinstance(raw, dict):
-        raise InputError(f"{parameter.name} is {raw!r}, without unit and source; write {example(parameter)}.")
+        raise InputError(
+            f"{parameter.name} is {raw!r}, without a unit and a source; write {example(parameter)}."
+        )
     try:
         entry = Entry.model_validate(raw)
     except ValidationError as error:
@@ -79,13 +81,11 @@ def _sentence(parameter: Parameter, raw: Mapping[str, object], error: Validation
     if first["type"] == "extra_forbidden":
         near = get_close_matches(key, Entry.model_fields, n=1)
         hint = (
-            f"did you mean {near[0]!r}?"
-            if near
-            else "it takes value, unit and source, and standard_deviation."
+            f"did you mean {near[0]!r}?" if near else "it has value, unit and source, and standard_deviation."
         )
         return f"{parameter.name} has the unknown key {key!r}; {hint}"
     takes = _takes(parameter) if key in ("value", "standard_deviation") else "a text in quotes"
-    return f"{parameter.name} has the {key} {raw[key]!r}; it takes {takes}."
+    return f"{parameter.name} has the {key} {raw[key]!r}; it must be {takes}."
 
 
 def _takes(parameter: Parameter) -> str:
@@ -95,7 +95,7 @@ def _takes(parameter: Parameter) -> str:
 def _deviation_in_si(parameter: Parameter, entry: Entry, deviation: float | list[float]) -> Value:
     """Return a standard deviation in SI units; one number stands for every wheel's."""
     if parameter.shape == "whole number":
-        raise InputError(f"{parameter.name} is a whole number, which has no standard deviation.")
+        raise InputError(f"{parameter.name} is a whole number and cannot have a standard deviation.")
     if isinstance(entry.value, list) and not isinstance(deviation, list):
         deviation = [float(deviation)] * len(entry.value)
     return _in_si(parameter, deviation, entry.unit)
@@ -104,7 +104,7 @@ def _deviation_in_si(parameter: Parameter, entry: Entry, deviation: float | list
 def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value:
     fits = isinstance(value, list) == (parameter.shape == "list")
     if not fits or (parameter.shape == "whole number" and not isinstance(value, int)):
-        raise InputError(f"{parameter.name} has the value {value!r}; it takes {_takes(parameter)}.")
+        raise InputError(f"{parameter.name} has the value {value!r}; it must be {_takes(parameter)}.")
     try:
         if isinstance(value, list):
             return tuple(to_si(float(one), unit, parameter.unit) for one in value)

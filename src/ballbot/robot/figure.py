@@ -65,7 +65,7 @@ def save_robot_figure(robot: Robot, path: str | Path) -> None:
     path = Path(path)
     kind = path.suffix.removeprefix(".").lower()
     if kind not in ("svg", "pdf", "png"):
-        raise InputError(f"{path} has no ending that a figure can be written in; use .svg, .pdf or .png.")
+        raise InputError(f"{path} does not end in a figure format; use .svg, .pdf or .png.")
     picture = io.BytesIO()
     robot_figure(robot).savefig(picture, format=kind, dpi=200)
     write_bytes(path, picture.getvalue())

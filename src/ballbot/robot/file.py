@@ -120,7 +120,7 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
         name = f"{table}.{key}" if table else key
         if name in _HEADINGS:
             if not isinstance(content, dict):
-                raise InputError(f"{name} must be a table: write its keys below a line [{name}].")
+                raise InputError(f"{name} must be a table: write its keys under a line [{name}].")
             yield from _leaves(content, table=name)
         elif name in BY_NAME or name in _TEXTS:
             yield name, content
@@ -136,7 +136,7 @@ def _nearest(key: str, table: str) -> str:
     if near:
         return f"did you mean {near[0]!r}?"
     place = f"[{table}]" if table else "the top"
-    return f"{place} holds {', '.join(siblings)}."
+    return f"{place} has {', '.join(siblings)}."
 
 
 def _robot(leaves: Mapping[str, object]) -> Robot:
@@ -163,13 +163,13 @@ def _text(leaves: Mapping[str, object], name: str) -> str:
     if text is None:
         raise InputError(f"{name} is missing; add {_TEXTS[name]} {_place(name)}.")
     if not isinstance(text, str):
-        raise InputError(f"{name} is {text!r}; it takes a text in quotes, as in {_TEXTS[name]}.")
+        raise InputError(f"{name} is {text!r}; it must be a text in quotes, such as {_TEXTS[name]}.")
     return text
 
 
 def _place(name: str) -> str:
     table = name.rpartition(".")[0]
-    return f"below [{table}]" if table else "at the top of the file"
+    return f"under [{table}]" if table else "at the top of the file"
 
 
 def _inertia_point(about: str) -> InertiaPoint:

@@ -230,7 +230,7 @@ class Robot:
             hint = (
                 f"did you mean the preset {near[0]!r}?" if near else f"the presets are {', '.join(presets)}."
             )
-            raise InputError(f"there is no robot file or preset {str(source)!r}; {hint}")
+            raise InputError(f"There is no robot file or preset {str(source)!r}; {hint}")
         return read_robot(source)
 
     @staticmethod

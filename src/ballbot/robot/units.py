@@ -89,7 +89,7 @@ def _scale(unit: str, si_unit: str) -> Scale:
     known = UNITS[si_unit]
     spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
     if spelled not in known:
-        raise InputError(f"the unit {unit!r} is not understood here; write {_either(list(known))}")
+        raise InputError(f"the unit {unit!r} is not known here; write {_either(list(known))}")
     return known[spelled]
 
 

@@ -329,7 +329,7 @@ def _lanes(*counts: int) -> int:
         starts, robots, controllers, conditions = counts
         raise InputError(
             f"There are {starts} initial states, {robots} robots, {controllers} controllers and {conditions} "
-            "conditions; each must be one, or as many as there are lanes."
+            "conditions; each number must be one or the number of lanes."
         )
     return lanes
 
@@ -346,7 +346,8 @@ def _common_sample_time(controllers: Sequence[Controller]) -> float:
     times = {one.sample_time for one in controllers}
     if len(times) != 1:
         raise InputError(
-            f"The controllers' sample times are {sorted(times)} s; one batch needs a single one."
+            f"The controllers' sample times are {sorted(times)} s; all controllers of a batch must have the "
+            "same."
         )
     return times.pop()
 
@@ -355,7 +356,7 @@ def _common_wheel_count(model: Model, robots: Sequence[Robot], controllers: Sequ
     counts = {model.robot.wheel_count, *(r.wheel_count for r in robots), *(len(c.gain) for c in controllers)}
     if len(counts) != 1:
         raise InputError(
-            f"Robots and controllers are for {sorted(counts)} wheels; one batch needs a single number."
+            f"Robots and controllers have {sorted(counts)} wheels; all of a batch must have the same number."
         )
     return counts.pop()
 

@@ -61,10 +61,10 @@ class Conditions:
                 f"The delay is {self.delay} samples; it must be at most {LONGEST_DELAY}, by when any robot has fallen."
             )
         if not self.top_speed > 0.0:
-            raise InputError(f"The wheels' highest speed is {self.top_speed:g} rad/s; it must be positive.")
+            raise InputError(f"The largest wheel speed is {self.top_speed:g} rad/s; it must be positive.")
         if not np.hypot(*self.slope) <= STEEPEST:
             raise InputError(
-                f"The floor's slope is {np.hypot(*self.slope):.3g}; it must be at most {STEEPEST:g} ({STEEPEST:.0%})."
+                f"The slope of the floor is {np.hypot(*self.slope):.3g}; it must be at most {STEEPEST:g}."
             )
 
 

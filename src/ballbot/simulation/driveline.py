@@ -47,8 +47,8 @@ class SpeedClamp:
     def __post_init__(self) -> None:
         if not 0.0 < self.limit < np.inf:
             raise InputError(
-                f"The speed clamp's limit is {self.limit:g} rad/s; it must be above zero (with the thesis's "
-                "negative one, (3.2) gives the same speed whatever the wheel does)."
+                f"The speed clamp's limit is {self.limit:g} rad/s; it must be above zero. With the thesis's "
+                "negative limit, (3.2) gives the same speed for every state."
             )
 
 
@@ -85,8 +85,8 @@ class Driveline:
             raise InputError(f"The driveline's inertia is {self.inertia:g} kg m^2; it must be above zero.")
         if isinstance(self.speed_limit, SpeedClamp) and not isinstance(self.friction, Classical | Smoothed):
             raise InputError(
-                f"The thesis's speed clamp goes with the classical law, not with {type(self.friction).__name__}; "
-                "give a torque-speed curve instead."
+                f"The thesis's speed clamp needs the classical friction law, not {type(self.friction).__name__}; "
+                "use a torque-speed curve instead."
             )
 
     @staticmethod
@@ -102,7 +102,7 @@ class Driveline:
         """
         if not 0 <= wheel < robot.wheel_count:
             raise InputError(
-                f"{robot.name} has no wheel {wheel}; its wheels are 0 to {robot.wheel_count - 1}."
+                f"{robot.name} has no wheel {wheel}; its wheels are numbered 0 to {robot.wheel_count - 1}."
             )
         drive, friction = robot.drive, robot.friction
         rotor = reflected_rotor_inertia(
@@ -266,9 +266,9 @@ def _steps(line: Driveline, sample_time: float, step: float) -> int:
     wanted = max(sample_time / step, sample_time * line.fastest_rate() / _LARGEST_RATE_STEP)
     if wanted > _MOST_STEPS:
         raise InputError(
-            f"A sample of {sample_time:g} s would take {wanted:.0f} inner steps, for a driveline whose fastest rate "
-            f"is {line.fastest_rate():.3g}/s; its inertia of {line.inertia:g} kg m^2 is too small for its friction, "
-            f"or the step of {step:g} s too short."
+            f"A sample of {sample_time:g} s takes {wanted:.0f} inner steps, because the fastest rate of the "
+            f"driveline is {line.fastest_rate():.3g}/s: its inertia of {line.inertia:g} kg m^2 is too small "
+            f"for its friction, or the step of {step:g} s is too short."
         )
     return math.ceil(wanted * (1.0 - 1e-9))
 
@@ -280,7 +280,10 @@ def _check(
 ) -> None:
     kinds = sorted({type(line.friction).__name__ for line in lines})
     if len(kinds) != 1:
-        raise InputError(f"The drivelines' friction laws are {kinds}; one call takes a single kind.")
+        raise InputError(
+            f"The drivelines have the friction laws {kinds}; all drivelines of one call must have the same "
+            "law."
+        )
     if inputs.ndim != 2 or inputs.size == 0:
         raise InputError(
             f"The torque array has the shape {inputs.shape}; it must be a row of numbers, or one for each input."
@@ -296,7 +299,7 @@ def _lane_count(*counts: int) -> int:
     if any(count not in (1, lanes) for count in counts):
         lines, starts, inputs = counts
         raise InputError(
-            f"There are {lines} drivelines, {starts} initial speeds and {inputs} rows of torques; each must be one, "
-            "or as many as there are lanes."
+            f"There are {lines} drivelines, {starts} initial speeds and {inputs} rows of torques; each "
+            "number must be one or the number of lanes."
         )
     return lanes

@@ -25,13 +25,13 @@ class FixSource:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.rate) and self.rate > 0):
-            raise InputError(f"rate of a fix must be above 0 Hz, not {self.rate}.")
+            raise InputError(f"rate of a fix is {self.rate}; it must be above 0 Hz.")
         for name in ("position_noise", "heading_noise"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} of a fix must be above 0, not {value}.")
+                raise InputError(f"{name} of a fix is {value}; it must be above 0.")
         if not 0 <= self.missing <= 1:
-            raise InputError(f"missing of a fix is a share from 0 to 1, not {self.missing}.")
+            raise InputError(f"missing of a fix is {self.missing}; it must be a fraction from 0 to 1.")
 
 
 class FixSensor:

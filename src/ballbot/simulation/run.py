@@ -103,12 +103,13 @@ def sample_count(duration: float, sample_time: float) -> int:
     """
     if not (np.isfinite(duration) and duration / sample_time > 0.5):
         raise InputError(
-            f"The duration is {duration:g} s; it must be at least one sample of {sample_time:g} s."
+            f"The duration is {duration:g} s; it must be at least one sample time, {sample_time:g} s."
         )
     if duration / sample_time > _MOST:
         raise InputError(
-            f"A run of {length_words(duration)} has {duration / sample_time:.3g} samples of {sample_time:g} s, and its "
-            f"log would fill the memory; it may last {length_words(_MOST * sample_time)}."
+            f"A run of {length_words(duration)} has {duration / sample_time:.3g} samples of {sample_time:g} "
+            f"s, and its log would not fit in memory. At most {length_words(_MOST * sample_time)} is "
+            "possible."
         )
     return round(duration / sample_time)
 

@@ -80,10 +80,10 @@ class SensorFaults:
         for name in ("gyro_bias", "gyro_bias_walk", "lean_error", "latency"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"{name} of the sensor faults must be zero or more, not {value}.")
+                raise InputError(f"{name} of the sensor faults is {value}; it must be zero or more.")
         if not (math.isfinite(self.lean_error_time) and self.lean_error_time > 0):
             raise InputError(
-                f"lean_error_time of the sensor faults must be above 0 s, not {self.lean_error_time}."
+                f"lean_error_time of the sensor faults is {self.lean_error_time}; it must be above 0 s."
             )
 
 

@@ -122,7 +122,9 @@ def simulate_balls(
     starts = real_array(initial, ("windows", 3), "The array of starts")
     inputs = real_array(torques, (len(starts), "samples", n), "The array of torques")
     if sets.min() < 0.0 or sets[:, -2:].min() <= 0.0:
-        raise InputError("No friction can be below zero, and v_s and delta must be above it.")
+        raise InputError(
+            "A friction value is out of range; none may be negative, and v_s and delta must be above zero."
+        )
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
     every = whole_number(every, "every", least=1)
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))

@@ -37,12 +37,12 @@ class Verdict:
             raise InputError(f"{what} holds a value that is not a number.")
         if rows.ndim != 2:
             raise InputError(
-                f"The bounds of a verdict have the shape {rows.shape}; they must be rows of ten."
+                f"The bounds of the verdict have the shape {rows.shape}; they must be rows of ten numbers."
             )
         object.__setattr__(self, "settled", rows)
         for name in ("lost", "grip"):
             if not getattr(self, name) > 0.0:
-                raise InputError(f"{name} of a verdict is {getattr(self, name)!r}; it must be above zero.")
+                raise InputError(f"{name} of the verdict is {getattr(self, name)!r}; it must be above zero.")
 
 
 @called

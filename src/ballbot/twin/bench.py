@@ -71,7 +71,7 @@ def run_bench(
     """
     count = robot.wheel_count
     if torques.ndim != 2 or torques.shape[1] != count or not len(torques) or not np.isfinite(torques).all():
-        raise InputError(f"the torques must be rows of {count} finite numbers, not of shape {torques.shape}.")
+        raise InputError(f"The torques must be rows of {count} finite numbers, not of shape {torques.shape}.")
     engine = Engine(twin_mjcf(robot, scenario, mounting=bench))
     held = _Held(robot, scenario, engine, bench, seed)
     measured, true = [], []

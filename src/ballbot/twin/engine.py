@@ -27,7 +27,7 @@ class Engine:
         try:
             import mujoco
         except ImportError:
-            raise InputError("the twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
+            raise InputError("The twin needs MuJoCo; install it with: pip install 'ballbot[twin]'.") from None
         self._mujoco = mujoco
         try:
             self.model = mujoco.MjModel.from_xml_string(document)  # pyright: ignore[reportAttributeAccessIssue]

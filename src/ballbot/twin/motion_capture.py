@@ -38,9 +38,11 @@ class MotionCapture:
     def __post_init__(self) -> None:
         for name, least in (("rate", "above 0 Hz"), ("gap_duration", "above 0 s")):
             if not getattr(self, name) > 0:
-                raise InputError(f"{name} of a motion capture must be {least}, not {getattr(self, name)}.")
+                raise InputError(
+                    f"{name} of the motion capture is {getattr(self, name)}; it must be {least}."
+                )
         if not self.gap_rate >= 0:
-            raise InputError(f"gap_rate of a motion capture must be 0/s or more, not {self.gap_rate}.")
+            raise InputError(f"gap_rate of the motion capture is {self.gap_rate}; it must be 0/s or more.")
 
     @staticmethod
     def drawn(seed: int) -> MotionCapture:

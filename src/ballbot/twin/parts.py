@@ -170,8 +170,8 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     mass = robot.body.mass - robot.wheel_count * wheel.mass
     if mass <= 0:
         raise InputError(
-            f"the wheels of {robot.name!r} would weigh {robot.wheel_count * wheel.mass:.2f} kg by their "
-            f"inertia and radius, more than the whole body's {robot.body.mass} kg; check wheels.inertia."
+            f"The wheels of {robot.name!r} would have a mass of {robot.wheel_count * wheel.mass:.2f} kg by "
+            f"their inertia and radius, more than the whole body's {robot.body.mass} kg; check wheels.inertia."
         )
     first_moment = robot.body.mass * np.array([0.0, 0.0, robot.body.center_of_mass])
     moments = frames @ wheel.first_moment()
@@ -185,9 +185,8 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     low, middle, high = np.linalg.eigvalsh(inertia)
     if low <= 0 or low + middle < high:
         raise InputError(
-            f"the body of {robot.name!r} without its wheels would have principal inertias "
-            f"{low:.4g}, {middle:.4g}, {high:.4g} kg m^2, which no body has; "
-            f"check body.inertia and wheels.inertia."
+            f"The body of {robot.name!r} without its wheels would have the principal inertias {low:.4g}, "
+            f"{middle:.4g}, {high:.4g} kg m^2, which no body has; check body.inertia and wheels.inertia."
         )
     return BodyParts(mass=mass, center_of_mass=center_of_mass, inertia=inertia)
 

@@ -19,7 +19,7 @@ def twin_findings(robot: Robot) -> tuple[Finding, ...]:
     findings = []
     refusal = _refusal(lambda: _made(robot))
     if refusal:
-        text = f"The twin cannot simulate this robot, so that `ballbot record` refuses it: {refusal}"
+        text = f"The twin cannot simulate this robot, so `ballbot record` refuses it: {refusal}"
         findings.append(Finding(code="robot-twin", severity="warning", text=text))
     refusal = _refusal(lambda: nominal_controller(robot))
     if refusal:

@@ -162,7 +162,7 @@ class Scenario:
         if not Path(source).exists():
             near = get_close_matches(str(source), _NAMED, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"the named ones are {', '.join(_NAMED)}."
-            raise InputError(f"there is no scenario or scenario file {str(source)!r}; {hint}")
+            raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
         return read_scenario(source, robot)
 
     @staticmethod
@@ -182,7 +182,7 @@ class Scenario:
         if name not in _NAMED:
             near = get_close_matches(name, _NAMED, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_NAMED)}."
-            raise InputError(f"there is no scenario {name!r}; {hint}")
+            raise InputError(f"There is no scenario {name!r}; {hint}")
         return _NAMED[name](robot)
 
 

@@ -58,7 +58,9 @@ _STEEPEST_FLOOR = 0.2  # [rad]
 def check_scenario(scenario: Scenario, robot: Robot) -> None:
     """Raise `InputError` where the scenario cannot be simulated with that robot."""
     if len(scenario.pushes) > _MOST_PUSHES:
-        raise InputError(f"there are {len(scenario.pushes)} pushes; a run has at most {_MOST_PUSHES}.")
+        raise InputError(
+            f"The scenario has {len(scenario.pushes)} pushes; it can have at most {_MOST_PUSHES}."
+        )
     _check_sizes(scenario, "")
     _check_wheels(scenario, robot)
     _check_shares(scenario)
@@ -97,26 +99,26 @@ def _check_wheels(scenario: Scenario, robot: Robot) -> None:
     for part in (friction.viscous, friction.coulomb, friction.stribeck):
         if len(part) != robot.wheel_count:
             raise InputError(
-                f"scenario {scenario.name!r} has friction for {len(part)} wheels, "
-                f"but robot {robot.name!r} has {robot.wheel_count}."
+                f"The scenario {scenario.name!r} has friction for {len(part)} "
+                f"wheels, but the robot {robot.name!r} has {robot.wheel_count}."
             )
     if scenario.driveline_laws and len(scenario.driveline_laws) != robot.wheel_count:
         raise InputError(
-            f"scenario {scenario.name!r} has {len(scenario.driveline_laws)} driveline laws, "
-            f"but robot {robot.name!r} has {robot.wheel_count} wheels."
+            f"The scenario {scenario.name!r} has {len(scenario.driveline_laws)} driveline "
+            f"laws, but the robot {robot.name!r} has {robot.wheel_count} wheels."
         )
     if rollers.rows not in (1, 2):
-        raise InputError(f"the twin's wheels have one or two rows of rollers, not {rollers.rows}.")
+        raise InputError(f"The twin's wheels must have one or two rows of rollers, not {rollers.rows}.")
     widest = 2.0 * (robot.ball.radius + rollers.radius)
     if (rollers.rows - 1) * rollers.row_spacing >= widest:
         raise InputError(
-            f"rows of rollers {rollers.row_spacing:g} m apart do not touch the ball; row_spacing must be below "
-            f"{widest:.3g} m."
+            f"Rows of rollers {rollers.row_spacing:g} m apart do not "
+            f"touch the ball; row_spacing must be below {widest:.3g} m."
         )
     if not 0 < rollers.radius < robot.wheels.radius:
         raise InputError(
-            f"a roller's radius must be between 0 and the wheel's {robot.wheels.radius} m, "
-            f"not {rollers.radius} m."
+            f"The radius of the rollers is {rollers.radius} m; it must "
+            f"be above 0 and below the wheel's {robot.wheels.radius} m."
         )
 
 
@@ -128,13 +130,13 @@ def _check_shares(scenario: Scenario) -> None:
         raise InputError(f"load_dependence.share is {load.share:g}; it must be between 0 and 1.")
     if max(map(abs, scenario.floor_tilt)) > _STEEPEST_FLOOR:
         raise InputError(
-            f"floor_tilt is {list(scenario.floor_tilt)} rad; it must be within {_STEEPEST_FLOOR} rad, beyond which "
-            "no ballbot stands."
+            f"floor_tilt is {list(scenario.floor_tilt)} rad; each must be within "
+            f"{_STEEPEST_FLOOR} rad, because no robot balances on a steeper floor."
         )
     laws = scenario.driveline_laws
     if laws and (scenario.asymmetry or load):
         raise InputError(
-            "asymmetry and load_dependence go with the classical friction, not with driveline_laws."
+            "asymmetry and load_dependence need the classical friction; remove them or driveline_laws."
         )
     if scenario.compliance and scenario.compliance.damping_ratio > 2:
         raise InputError(
@@ -147,7 +149,7 @@ def _check_rates(scenario: Scenario) -> None:
     steps = sample_time / step
     if steps < 0.5 or abs(steps - round(steps)) > 1e-6 * steps:
         raise InputError(
-            f"the sample time {sample_time} s must be a whole number of the twin's timesteps of {step} s."
+            f"The sample time {sample_time} s must be a whole multiple of the twin's timestep, {step} s."
         )
     compliance = scenario.compliance
     if compliance and 2 * math.pi * compliance.frequency * step > _LARGEST_PHASE / 2:
@@ -159,5 +161,6 @@ def _check_rates(scenario: Scenario) -> None:
     timing = scenario.timing
     if timing and timing.jitter >= sample_time / 2:
         raise InputError(
-            f"timing.jitter is {timing.jitter:g} s; it must be below half a sample, {sample_time / 2:g} s."
+            f"timing.jitter is {timing.jitter:g} s; it must be "
+            f"below half a sample time, {sample_time / 2:g} s."
         )

@@ -69,7 +69,7 @@ def scenario_of(changes: Mapping[str, object], robot: Robot, *, default_name: st
 def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Scenario:
     base = tree.pop("base", "nominal")
     if not isinstance(base, str):
-        raise InputError(f"base is {base!r}; it takes a text in quotes, such as {Scenario.names()[0]!r}.")
+        raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
     start = Scenario.named(base, robot)
     _refuse_unknown(tree, Scenario, "")
     laws = tree.pop("driveline_laws", None)
@@ -103,7 +103,7 @@ def _refuse_unknown(tree: Mapping[str, object], kind: type, place: str) -> None:
         if key not in hints:
             known = [*hints, "base"] if kind is Scenario else list(hints)
             near = get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"it knows {', '.join(known)}."
+            hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(known)}."
             raise InputError(f"{place}{key} is not a key of a scenario file; {hint}")
         below = _table_of(hints[key])
         if below:
@@ -138,5 +138,5 @@ def _law(table: dict[str, object]) -> BristleLaw:
         if key not in known:
             near = get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}."
-            raise InputError(f"driveline_laws.{key} is not a number of the law {name!r}; {hint}")
+            raise InputError(f"driveline_laws.{key} is not a parameter of the law {name!r}; {hint}")
     return validated(kind, table, of=f"the law {name!r}")

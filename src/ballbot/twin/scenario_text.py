@@ -12,11 +12,12 @@ from ballbot.twin.bristles import LAW_NAMES
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_words import EXAMPLES, MEANINGS
 
-_HEADER = """\
-# A scenario for Ballbot's twin: what is true of the robot and unknown to whoever identifies it. Units are SI.
-# Record with it: ballbot record FILE --out DIR. What a file leaves out is as in its base. What is off has a # before
-# each of its lines; without them it is on.
-"""
+_HEADER = (
+    "# A scenario for Ballbot's twin: the robot's true properties, unknown to the "
+    "identification. Units are SI.\n# Record with it: ballbot record FILE --out "
+    "DIR. A key that a file omits has the value of its base. What is off is\n# "
+    "commented out; remove the # at the beginning of its lines to switch it on.\n"
+)
 
 
 def write_scenario(scenario: Scenario, path: str | Path) -> None:

@@ -78,7 +78,8 @@ def _reference(softness: Softness, mobility: float, step: float) -> str:
     if k_d * step**2 > _LARGEST_STEP or b * step > _LARGEST_STEP:
         stiffest, most = _LARGEST_STEP / (R * step**2), _LARGEST_STEP / (R * step)
         raise InputError(
-            f"softness.stiffness is {softness.stiffness:g} N/m and softness.damping {softness.damping:g} N s/m; with "
-            f"a timestep of {step:g} s they must be below {stiffest:.2g} and {most:.2g}, or the timestep shorter."
+            f"softness.stiffness is {softness.stiffness:g} N/m and softness.damping "
+            f"{softness.damping:g} N s/m; with a timestep of {step:g} s they must "
+            f"be below {stiffest:.2g} and {most:.2g}. Reduce them or the timestep."
         )
     return text((-k_d * d, -b * d))

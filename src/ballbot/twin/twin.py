@@ -131,8 +131,8 @@ class Twin:
         samples = round(duration / sample_time)
         if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
             raise InputError(
-                f"the twin's sensors are read every {sample_time} s, so a controller's sample time must be "
-                f"a whole number of that, not {duration} s."
+                f"The twin's sensors are sampled every {sample_time} s, so a controller's "
+                f"sample time must be a whole multiple of that, not {duration} s."
             )
         for _ in range(samples - 1):
             self._advance(held)
@@ -223,7 +223,7 @@ class Twin:
         limit = self.scenario.fallen_lean
         upright = math.cos(truth[2]) * math.cos(truth[3])  # cosine of the lean
         if not math.isfinite(upright):
-            return f"the physics engine's numbers ran away at t = {t:.3f} s"
+            return f"the simulation diverged at t = {t:.3f} s"
         if upright < math.cos(limit):
             return f"fallen: lean past {limit:g} rad at t = {t:.3f} s"
         return None

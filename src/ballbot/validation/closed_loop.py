@@ -72,8 +72,8 @@ def closed_loop(
     check_wheels(models.first.model, log)
     if not np.isclose(controller.sample_time, log.sample_time, rtol=0.02):
         raise InputError(
-            f"The controller's sample time is {controller.sample_time:g} s and the log's {log.sample_time:g} s; "
-            "closed-loop validation needs the controller as it ran."
+            f"The controller's sample time is {controller.sample_time:g} s and the log's "
+            f"{log.sample_time:g} s; closed-loop validation needs the controller that recorded the log."
         )
     longest = max(len(part) for part in parts) - 1
     # a whole number of runs to the longest stretch, so that none of it is lost for want of a sample

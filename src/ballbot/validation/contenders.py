@@ -38,12 +38,12 @@ class ModelPair:
     def __post_init__(self) -> None:
         first, second = self.first, self.second
         if first.name == second.name:
-            raise InputError(f"Both models are called {first.name!r}; names must tell them apart.")
+            raise InputError(f"Both models are called {first.name!r}; give them different names.")
         counts = [one.model.robot.wheel_count for one in (first, second)]
         if counts[0] != counts[1]:
             raise InputError(
-                f"The model {first.name} has {counts[0]} wheels and the model {second.name} has {counts[1]} wheels; "
-                "one log cannot be of both."
+                f"The model {first.name} has {counts[0]} wheels and the model {second.name} "
+                f"has {counts[1]} wheels; both must be of the robot that was logged."
             )
         same_form = first.model.formulation == second.model.formulation
         if same_form and np.array_equal(first.model.packed, second.model.packed):

@@ -56,15 +56,16 @@ def recover_gain(log: Log) -> RecoveredGain:
     fits = [_fit(errors, torques, delay, limit) for delay in range(min(_LARGEST_DELAY + 1, len(log) // 40))]
     if not fits:
         raise InputError(
-            f"A gain of ten numbers cannot be recovered from {len(log)} rows; at least 40 are needed."
+            "A gain of ten numbers per wheel cannot be estimated "
+            f"from {len(log)} rows; at least 40 are needed."
         )
     best = max(fits, key=lambda fit: float(fit.r_squared.min()))
     worst = int(np.argmin(best.r_squared))
     if not best.r_squared[worst] >= LEAST_R_SQUARED:
         raise InputError(
-            f"The law u = K S(psi) (r - x) explains only {100 * best.r_squared[worst]:.1f} % of u{worst + 1} in the "
-            f"log, less than the {100 * LEAST_R_SQUARED:g} % that a recovered gain needs; give the controller that "
-            "recorded it."
+            "The control law u = K S(psi) (r - x) explains only "
+            f"{100 * best.r_squared[worst]:.1f} % of u{worst + 1} in the log; the estimate of its "
+            f"gain needs {100 * LEAST_R_SQUARED:g} %. Give the controller that recorded the log."
         )
     return best
 
@@ -91,8 +92,8 @@ def delay_of(controller: Feedback, log: Log) -> int:
     best = int(np.argmax(explained))
     if not explained[best] >= LEAST_EXPLAINED:
         raise InputError(
-            f"The controller given explains only {max(0.0, 100 * explained[best]):.1f} % of the log's torques; "
-            "closed-loop validation needs the one that recorded the log."
+            f"The controller explains only {max(0.0, 100 * explained[best]):.1f} % of the "
+            "log's torques; closed-loop validation needs the controller that recorded the log."
         )
     return best
 

@@ -48,7 +48,7 @@ def weak_states(validation: Validation) -> tuple[str, ...]:
     first, second = validation.models.names
     claims = {
         "worse": f"the model {first} is worse than the one {second} in open loop",
-        "undecided": f"the model {first} is not shown to be better than the one {second} in open loop",
+        "undecided": f"the model {first} is not significantly better than the one {second} in open loop",
     }
     sentences = []
     for index, (name, verdict) in enumerate(zip(STATE_NAMES, errors.verdicts(), strict=True)):
@@ -63,7 +63,7 @@ def better_in(errors: ErrorPair, models: ModelPair) -> str:
     """Return in how many states the first model is better, by the whole interval, and by which factors."""
     first, second = models.names
     if not np.isfinite(errors.ratio_interval()).any():
-        return f"{errors.runs} runs are too few to tell which model is better"
+        return f"{errors.runs} runs are too few to show which model is better"
     surely = [place for place, verdict in enumerate(errors.verdicts()) if verdict == "better"]
     worse = [STATE_NAMES[place] for place, verdict in enumerate(errors.verdicts()) if verdict == "worse"]
     if not surely:
@@ -94,10 +94,10 @@ def describe_dither(validation: Validation) -> str | None:
         for values in (dither.dither, dither.heading, dither.reversals, dither.reversals_of_motion)
     )
     return (
-        f"Above {dither.corner:.1f} Hz, faster than the robot can balance, the wheels' speed shakes by {fast:.3f} "
-        f"rad/s rms ({dither.encoder:.3f} of it is the encoders' counting), beside {heading:.3f} rad/s that turning "
-        f"about the vertical asks of them and a Stribeck speed of {v_s:.2f} rad/s; the wheels reverse "
-        f"{reversals:.2f} times a second, {slow_reversals:.2f} times without the shaking."
+        f"Above {dither.corner:.1f} Hz, faster than the robot can balance, the wheel speeds shake by "
+        f"{fast:.3f} rad/s RMS ({dither.encoder:.3f} of it is encoder quantisation). Turning about the "
+        f"vertical asks for {heading:.3f} rad/s, and the Stribeck speed is {v_s:.2f} rad/s. The wheels "
+        f"reverse {reversals:.2f} times a second, {slow_reversals:.2f} times without the shaking."
     )
 
 
@@ -110,14 +110,14 @@ def _reason(validation: Validation, index: int) -> str:
     falls = [float(model.linearize().poles()[0].real) for model in (first, second)]
     if share > _NOISE_SHARE and loop.errors.verdicts()[index] == "worse" and falls[1] < _SLOWER * falls[0]:
         return (
-            f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the error, and the other "
-            f"model falls more slowly ({falls[1]:.1f} against {falls[0]:.1f} rad/s), so that it carries this noise "
-            "less far, whichever is right."
+            f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the "
+            f"error, and the other model falls more slowly ({falls[1]:.1f} against "
+            f"{falls[0]:.1f} rad/s), so it amplifies this noise less, whichever model is right."
         )
     if share > _NOISE_SHARE:
         return (
-            f"Reason: the noise of the measured start alone causes {100 * share:.0f} % of the error, so that this "
-            "state cannot tell the two models apart."
+            f"Reason: the noise of the measured start alone causes {100 * share:.0f} "
+            "% of the error, so this state cannot show which model is better."
         )
     dither = validation.dither if first.robot.friction != second.robot.friction else None
     if dither is not None and _chatters(dither):
@@ -125,10 +125,10 @@ def _reason(validation: Validation, index: int) -> str:
     if dither is not None and STATE_NAMES[index] in ("psi", "psi_dot") and _dithers(dither):
         return f"Reason: the rollers dither the wheels. {describe_dither(validation)}"
     if loop.errors.verdicts()[index] == "undecided":
-        return f"Reason: {loop.errors.runs} runs scatter too much to tell."
+        return f"Reason: the {loop.errors.runs} runs vary too much to decide."
     return (
-        f"No reason was found in the data: the start's noise causes {100 * share:.0f} % of the error, so that the "
-        "model itself lacks something for this state."
+        f"No reason was found in the data: the noise of the start causes {100 * share:.0f} "
+        "% of the error, so the model itself lacks something for this state."
     )
 
 
@@ -162,8 +162,9 @@ def _closed_loop_verdict(validation: Validation) -> str:
     behind = [name for name, ratio in zip(STATE_NAMES, closed.whole.ratio, strict=True) if ratio <= 1.0]
     if behind:
         verdict += (
-            " Over the whole log without a restart, models and robot lose each other's phase in the limit cycle, and "
-            f"the error of the model {validation.models.first.name} is not the smaller one in {', '.join(behind)}."
+            " Over the whole log without a restart, models and robot get out of phase in "
+            f"the limit cycle, and the error of the model {validation.models.first.name} "
+            f"is not the smaller one in {', '.join(behind)}."
         )
     return verdict
 
@@ -172,7 +173,7 @@ def _horizon_verdict(validation: Validation) -> str:
     horizon, first = validation.horizon, validation.models.first.name
     intervals = horizon.ratio_interval()
     if not np.isfinite(intervals).any():
-        return f"{horizon.starts} forecasts are too few to set the error against the horizon."
+        return f"{horizon.starts} forecasts are too few to show how the error grows with the horizon."
     better = [verdicts(interval).count("better") for interval in intervals.swapaxes(0, 1)]
     ahead, ratio = 1e3 * horizon.horizons, np.median(horizon.ratio, axis=1)
     most = np.flatnonzero(np.array(better) > len(STATE_NAMES) // 2)

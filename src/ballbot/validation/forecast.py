@@ -97,5 +97,5 @@ def check_wheels(model: Model, log: Log) -> None:
     have, need = log.torques.shape[1], model.robot.wheel_count
     if have != need:
         raise InputError(
-            f"The log has the torques of {have} wheels, where the robot {model.robot.name} has {need}."
+            f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
         )

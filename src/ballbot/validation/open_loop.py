@@ -73,7 +73,9 @@ def open_loop(
     limit = min(recoverable_lean(model) for model in models.both)
     starts = starts[_largest_lean(log.states[starts]) < limit]
     if samples < 10 or len(starts) == 0:
-        raise InputError("The log has no stretch of ten samples with a lean that can be recovered from.")
+        raise InputError(
+            "The log has no interval of ten samples with a lean from which the robot can recover."
+        )
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
     lengths = np.array([_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)])

@@ -35,7 +35,8 @@ def stretches(log: Log, held_out: Sequence[Interval] | None = None) -> list[rang
         counts = np.any([(log.t >= start) & (log.t < end) for start, end in held_out], axis=0)
         if not np.any(counts):
             raise InputError(
-                f"No row of the log lies in the times held out; the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
+                "No row of the log lies in the held-out intervals; "
+                f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
             )
     breaks = np.flatnonzero(np.diff(log.t) > _GAP * log.sample_time) + 1
     found = []

@@ -241,8 +241,11 @@ def _mean_colour(levels: NDArray[np.uint8]) -> tuple[int, int, int]:
 def _no_seam(colour: tuple[int, int, int] | None) -> str:
     if colour is None:
         return (
-            "No seam stands out from the ball: give the circle (--circle) if it is not the ball's, or the seam's "
-            "colour (--colour)."
+            "No seam stands out from the ball. Give the ball's "
+            "circle (--circle) or the colour of the seam (--colour)."
         )
     named = ",".join(map(str, colour))
-    return f"Nothing of the colour {named} stands out from the ball; is it the seam's, as red,green,blue?"
+    return (
+        f"Nothing of the colour {named} stands out from the ball; "
+        "check that it is the colour of the seam, as red,green,blue."
+    )

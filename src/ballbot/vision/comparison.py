@@ -81,7 +81,7 @@ def compare_with_wheels(
     speeds = log.wheel_speeds
     if speeds.shape[1] != robot.wheel_count:
         raise InputError(
-            f"The log has {speeds.shape[1]} wheels' speeds; {robot.name} has {robot.wheel_count} wheels."
+            f"The log has the speeds of {speeds.shape[1]} wheels; {robot.name} has {robot.wheel_count} wheels."
         )
     by_wheels = speeds @ transforms(robot).T_obw.T
     logged, seen = _turning(log.t, by_wheels), _turning(spin.t, spin.velocity.omega)
@@ -148,8 +148,9 @@ def _best(logged: Turning, seen: Turning) -> MotionFit:
     share = 0.0 if best is None else 1.0 - (best.error / best.motion) ** 2
     if best is None or share < _LEAST_SHARE:
         raise InputError(
-            f"Video and log do not turn alike: under the best clock {100 * share:.0f} % of the turning is common to "
-            f"both, where the same run has over {100 * _LEAST_SHARE:.0f} %, if the wheels' order and signs are right."
+            f"Video and log do not turn alike: with the best clock only {100 * share:.0f} % of "
+            f"the turning is common to both; for the same run it is over {100 * _LEAST_SHARE:.0f} "
+            "%. Check that both are of one run, and the order and signs of the wheels."
         )
     return best
 

@@ -60,8 +60,8 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> NDArray[np.float64]:
     ]
     if not refined:
         raise InputError(
-            "No ball was found: no circle in the picture has an edge on half of its way around; give it as "
-            "--circle x,y,r."
+            "No ball was found: no circle in the picture has an edge along "
+            "half of its circumference. Give the circle with --circle x,y,r."
         )
     changing = _changing(few)
     return max(refined, key=lambda one: one[2] + _moves(changing, one[0]))[1]
@@ -93,12 +93,12 @@ def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> 
     x, y, radius = circle
     width, height = size
     if not all(map(math.isfinite, circle)):
-        raise InputError(f"The circle is {x:g},{y:g},{radius:g}; it must be three numbers of pixels.")
+        raise InputError(f"The circle is {x:g},{y:g},{radius:g}; it must be three numbers in pixels.")
     if not radius >= 8.0:
         raise InputError(f"The circle's radius is {radius:g} pixels; a ball needs at least 8.")
     if x - radius < -0.5 or y - radius < -0.5 or x + radius > width - 0.5 or y + radius > height - 0.5:
         raise InputError(
-            f"The circle {x:g},{y:g},{radius:g} is not within the picture, which is {width} x {height} pixels."
+            f"The circle {x:g},{y:g},{radius:g} is not inside the picture, which is {width} x {height} pixels."
         )
     return _on_circle(circle)
 

@@ -53,7 +53,7 @@ def thesis_seam(a: float = 0.65) -> Seam:
         Where a is outside of that.
     """
     if not 0.5 < a < 1.0:
-        raise InputError(f"The seam's a is {a:g} ball radii; (V.4) needs one between 0.5 and 1.")
+        raise InputError(f"a of the seam is {a:g} ball radii; (V.4) needs a value between 0.5 and 1.")
     t, b = _parameter(), 1.0 - a
     x = a * np.cos(t) + b * np.cos(3.0 * t)
     y = a * np.sin(t) - b * np.sin(3.0 * t)
@@ -95,7 +95,7 @@ def seam_named(name: str) -> Seam:
         Where there is none.
     """
     if name not in SEAMS:
-        raise InputError(f"There is no seam {name!r}; there are {', '.join(SEAMS)}.")
+        raise InputError(f"There is no seam {name!r}; the seams are {', '.join(SEAMS)}.")
     return SEAMS[name]()
 
 

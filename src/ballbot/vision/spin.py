@@ -144,8 +144,8 @@ def measure_spin(
     )  # fmt: skip
     if not track.tracked.any():
         raise InputError(
-            f"{video.path}: the seam was seen but never fits the curve {seam.name!r}; is it of another kind (--seam), "
-            "or the circle not the ball's (--circle)?"
+            f"{video.path}: the seam was seen but never fits the curve {seam.name!r}; "
+            "check the kind of seam (--seam) and the circle of the ball (--circle)."
         )
     t = frame_times(np.array(stated), frame_rate=video.frame_rate, known=setup.known_rate)
     return Spin(
@@ -158,8 +158,8 @@ def _velocity(video: Video, t: NDArray[np.float64], track: Track) -> Velocity:
     velocity = angular_velocity(t, track)
     if not np.isfinite(velocity.omega).any():
         raise InputError(
-            f"{video.path}: the seam was never followed for {LEAST_FRAMES} frames on end, which a velocity needs; the "
-            "ball may turn too fast for the frame rate, or be covered."
+            f"{video.path}: the seam was never tracked for {LEAST_FRAMES} successive frames, which "
+            "a velocity needs; the ball may turn too fast for the frame rate, or be covered."
         )
     return velocity
 

@@ -71,9 +71,7 @@ def turn_of_frames(
     chosen = [frames[k] for k in np.linspace(0, len(frames) - 1, _FRAMES_LOOKED_AT).astype(int)]
     pattern, corners = _pattern(chosen)
     if len(corners) < _LEAST_CORNERS:
-        raise InputError(
-            f"{name}: nothing that has a pattern moves; put stripes or a printed page on the body."
-        )
+        raise InputError(f"{name}: nothing with a pattern moves; fix stripes or a printed page to the body.")
     first = min(range(len(frames)), key=lambda k: float(cv2.absdiff(frames[k], pattern).mean()))
     rough = _followed(pattern, corners, frames, first)
     corners = corners[_on_body(rough, len(corners))]

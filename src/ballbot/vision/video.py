@@ -64,7 +64,7 @@ class Video:
                 break
         if count < LEAST_FRAMES:
             raise InputError(
-                f"{self.path} has too few readable frames, {count}; a velocity needs at least {LEAST_FRAMES}."
+                f"{self.path} has only {count} readable frames; a velocity needs at least {LEAST_FRAMES}."
             )
         return kept
 
@@ -90,7 +90,7 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
         raise InputError(f"The video {path} {is_folder}.")
     if frame_rate is not None and not 0.0 < frame_rate < math.inf:
         raise InputError(
-            f"The frame rate is {frame_rate:g}; it must be a positive number of frames a second."
+            f"The frame rate is {frame_rate:g}; it must be a positive number of frames per second."
         )
     # what cannot be read is told in a sentence and not by the lines of OpenCV and FFmpeg, which says nothing below 0
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -104,12 +104,10 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not whole:
-        raise InputError(
-            f"{path} is not a video that OpenCV can read; MP4, AVI, MOV and WebM files usually are."
-        )
+        raise InputError(f"{path} is not a video that OpenCV can read; use an MP4, AVI, MOV or WebM file.")
     rate = frame_rate or rate
     if not 0.0 < rate < math.inf:
-        raise InputError(f"{path} does not say how many frames a second it has; give it as --frame-rate.")
+        raise InputError(f"{path} does not contain its frame rate; give it with --frame-rate.")
     return Video(
         path=path,
         size=(frame.shape[1], frame.shape[0]),

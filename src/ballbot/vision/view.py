@@ -129,6 +129,6 @@ def check_distance(distance: float) -> None:
     far, near = (1.0 / closeness for closeness in CLOSENESS)
     if not near <= distance <= far:
         raise InputError(
-            f"The camera's distance is {distance:g} ball radii from the ball's centre; it must be from {near:.2g} to "
-            f"{far:g}, beyond which it makes no difference."
+            f"The camera's distance is {distance:g} ball radii from "
+            f"the ball's centre; it must be from {near:.2g} to {far:g}."
         )

@@ -50,8 +50,8 @@ def _doubts(spin: Spin) -> list[str]:
     if quality > _POOR:
         return []
     return [
-        f"The seam fits the curve {spin.seam.name!r} poorly, by {100 * quality:.0f} % in the median frame: it may be "
-        "of another kind (--seam), and the velocity wrong."
+        f"The seam fits the curve {spin.seam.name!r} poorly, by {100 * quality:.0f} % in the "
+        "median frame: it may be of another kind (--seam), and the velocity may be wrong."
     ]
 
 
@@ -60,8 +60,8 @@ def _view(spin: Spin) -> str:
     circle = f"The ball is at ({view.x:.1f}, {view.y:.1f}) with a radius of {view.radius:.1f} pixels"
     if not spin.calibrated:
         return (
-            f"{circle}, by its outline; too little was tracked to tell the camera's distance, which is taken for "
-            f"{view.distance:.1f} ball radii."
+            f"{circle}, by its outline. Too little was tracked to estimate the "
+            f"camera's distance, which is assumed to be {view.distance:.1f} ball radii."
         )
     spread = errors[3] * view.distance**2
     return (
@@ -80,17 +80,20 @@ def _agreement(comparison: WheelComparison) -> str:
     rms = 100.0 * np.linalg.norm(comparison.rms) / comparison.peak
     verdict = "do not match" if off.any() else "match"
     return (
-        f"Video and T_obw times wheel speeds {verdict}: they differ by {rms:.2g} % of the peak (rms), and video is "
-        f"{gains} times the wheels about x, y, z."
+        f"Video and T_obw times wheel speeds {verdict}: they differ by {rms:.2g} % "
+        f"of the peak (RMS), and video is {gains} times the wheels about x, y, z."
     )
 
 
 def _clocks(comparison: WheelComparison) -> str:
     clock = comparison.clock
-    where = f"The robot's x is at {np.degrees(comparison.forward):.1f} degrees in the picture, clockwise from its right"
+    where = (
+        f"The robot's x axis points {np.degrees(comparison.forward):.1f} "
+        "degrees clockwise from the right in the picture"
+    )
     tilt = np.degrees(comparison.tilt)
-    tilted = f", and the camera leans {tilt:.1f} degrees" + (
-        ": look whether it stood so" if comparison.tilt > _TILTED else ""
+    tilted = f", and the camera is tilted by {tilt:.1f} degrees" + (
+        "; check that it was mounted so" if comparison.tilt > _TILTED else ""
     )
     return (
         f"{where}{tilted}; the log's zero is at {clock.offset:.4f} ± {comparison.offset_half_width:.4f} s of the "

@@ -188,14 +188,15 @@ def _better(used: float, before: float) -> bool:
 def _check_within(task: Task, best: _Fitted) -> None:
     if best.run.lasted < 1.0:
         raise InputError(
-            "With this controller the robot falls on every reference. Give a controller that balances it, or "
-            "a lower limit on the lean."
+            "With this controller the robot falls on every reference. Give a controller that balances the "
+            "robot, or lower the lean limit."
         )
     limits = task.limits.scaled(MARGIN)
     for name in limits.exceeded(best.run.peaks):
         raise InputError(
-            f"No reference found keeps within the limits, of which {MARGIN:g} is used: the {name} reaches "
-            f"{getattr(best.run.peaks, name):.3g} of {getattr(limits, name):.3g} {UNITS[name]}; raise that limit."
+            f"No reference stays within {MARGIN:g} of the limits: the {name} reaches "
+            f"{getattr(best.run.peaks, name):.3g} of {getattr(limits, name):.3g} {UNITS[name]}. Raise that "
+            "limit."
         )
 
 
@@ -204,7 +205,7 @@ def _check_told(task: Task, errors: NDArray[np.float64]) -> None:
     if untold:
         limits = task.limits
         raise InputError(
-            f"Within {limits.lean:.3g} rad of lean, {limits.floor:.3g} m of floor and {limits.torque:.3g} N m the "
-            f"robot hardly moves, and no reference makes {', '.join(untold)} identifiable. Raise the limits or "
-            "the duration."
+            f"Within {limits.lean:.3g} rad of lean, {limits.floor:.3g} m of floor and {limits.torque:.3g} N "
+            f"m the robot hardly moves, and no reference makes {', '.join(untold)} identifiable. Raise the "
+            "limits or the duration."
         )

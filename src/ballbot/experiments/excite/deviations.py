@@ -38,7 +38,7 @@ def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float6
     coordinates = scale_between(robot)
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
     if not len(windows):
-        raise InputError(f"The run has no window of {window:g} s to take deviations from; make it longer.")
+        raise InputError(f"The run is shorter than one window of {window:g} s; make it longer.")
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout)
     residuals = predictor.residuals(coordinates.before[None], windows, every=windows.comparison_interval)
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
@@ -61,7 +61,5 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
             f"{path} is not a results.json of `ballbot identify`. Give that file with --found."
         ) from None
     if not np.all(np.isfinite(values) & (values > 0.0)):
-        raise InputError(
-            f"{path} has no errors on windows held out for some states; identify from more logs."
-        )
+        raise InputError(f"{path} has no held-out errors for some states; identify from more logs.")
     return values

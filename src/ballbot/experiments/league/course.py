@@ -35,17 +35,19 @@ class Asked:
         """
         if is_file(self.name):
             if self.options:
-                raise InputError(f"the reference file {self.name} takes no options; leave {self._first} out.")
+                raise InputError(f"The reference file {self.name} takes no options; remove {self._first}.")
             return read_reference(self.name)
         if self.name not in REFERENCES:
             near = get_close_matches(self.name, REFERENCES, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"the names are {', '.join(REFERENCES)}."
-            raise InputError(f"there is no reference {self.name!r}; {hint}")
+            raise InputError(f"There is no reference {self.name!r}; {hint}")
         make = REFERENCES[self.name]
         known = list(inspect.signature(make).parameters)
         unknown = [key for key, _ in self.options if key not in known]
         if unknown:
-            raise InputError(f"the reference {self.name} has no {unknown[0]}; it has {', '.join(known)}.")
+            raise InputError(
+                f"The reference {self.name} has no option {unknown[0]}; it has {', '.join(known)}."
+            )
         return make(**dict(self.options))
 
     @property

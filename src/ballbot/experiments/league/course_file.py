@@ -82,7 +82,7 @@ def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, 
     for word in (one.strip() for one in words.split(",")):
         for course in _of_word(word, sets, robot, plant):
             if found.setdefault(course.name, course) != course:
-                raise InputError(f"there are two courses {course.name!r}; rename the one in {word}.")
+                raise InputError(f"There are two courses {course.name!r}; rename the one in {word}.")
     return tuple(found.values())
 
 
@@ -106,13 +106,13 @@ def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Cours
     courses = []
     for group, tables in sets.items():
         if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):
-            raise InputError(f"{path}: {group} holds no courses; write each below a line [{group}.NAME].")
+            raise InputError(f"{path}: {group} holds no courses; write each under a line [{group}.NAME].")
         for name, table in tables.items():
             courses.append(
                 _course(name, table, robot, plant, place=f"{path}: [{group}.{name}]", beside=path.parent)
             )
     if not courses:
-        raise InputError(f"{path} holds no courses; write each below a line [SET.NAME].")
+        raise InputError(f"{path} holds no courses; write each under a line [SET.NAME].")
     return courses
 
 
@@ -122,8 +122,8 @@ def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantN
     known = {name: table for tables in sets.values() for name, table in tables.items()}
     if word not in sets and word not in known:
         raise InputError(
-            f"there is no set or course {word!r}; the sets are {', '.join(sets)}, the courses {', '.join(known)}, "
-            "and a course file's name ends in .toml."
+            f"There is no set or course {word!r}. The sets are {', '.join(sets)}; the courses are "
+            f"{', '.join(known)}; the name of a course file ends in .toml."
         )
     tables = sets[word] if word in sets else {word: known[word]}
     return [
@@ -141,7 +141,7 @@ def _course(
         asked.reference()  # refused before anything is run
         if plant == "model":
             if said.scenario:
-                raise InputError("its scenario is the twin's, which the model has not; choose --plant twin.")
+                raise InputError("It has a scenario, which only the twin can simulate; choose --plant twin.")
             scenario = None
         else:
             scenario = scenario_of(said.scenario, robot, default_name=name)

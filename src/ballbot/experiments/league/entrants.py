@@ -67,8 +67,8 @@ class Entrant:
             )
         if not Path(self.source).exists():
             raise InputError(
-                f"There is no controller file {self.source!r}; it must be a file's path, FILE.py:NAME for your own, "
-                f"or {', '.join(NAMED)}."
+                f"There is no controller {self.source!r}; give a controller file, FILE.py:NAME for your own, or "
+                f"{', '.join(NAMED)}."
             )
         return read_controller(self.source, robot)
 
@@ -102,11 +102,9 @@ def entrants_of(words: Sequence[str]) -> tuple[Entrant, ...]:
         source, estimator = _parted(source)
         one = Entrant(name=name, source=source, estimator=estimator)
         if not (one.name and one.source):
-            raise InputError(f"the controller {word!r} lacks its name or its source; write NAME=SOURCE.")
+            raise InputError(f"The controller {word!r} lacks its name or its source; write NAME=SOURCE.")
         if one.name in found:
-            raise InputError(
-                f"two controllers are called {one.name!r}; give one another name as NAME=SOURCE."
-            )
+            raise InputError(f"Two controllers are called {one.name!r}; rename one with NAME=SOURCE.")
         found[one.name] = one
     return tuple(found.values())
 

@@ -190,7 +190,7 @@ def _play(robot: Robot, game: _Game) -> Arrays:
     try:
         found = score(log, settle=course.settle, disturbed=course.disturbed)
     except InputError as error:
-        raise InputError(f"the course {course.name!r}: {error}") from None
+        raise InputError(f"Course {course.name!r}: {error}") from None
     return *found.to_arrays(), _track(log, game.tracked)
 
 

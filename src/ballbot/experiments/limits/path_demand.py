@@ -82,9 +82,7 @@ def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) ->
             break
         if np.abs(change).max() < _ACCURATE:
             return _demand(model, q, sample_time, rest)
-    raise InputError(
-        "No lean below 1 rad lets the robot follow this path; a slower or rounder path would be possible."
-    )
+    raise InputError("No lean below 1 rad lets the robot follow this path; make it slower or rounder.")
 
 
 def _rates(

@@ -25,20 +25,21 @@ def verdict(margins: ReferenceMargins, name: str) -> list[str]:
     closed = margins.closed
     if closed.ended == np.inf:
         said.append(
-            f"With this controller it is up to {closed.peak_error:.3f} m away from the reference, and its torques are "
-            f"at their limit for {closed.at_limit:.1%} of the time."
+            f"With this controller its largest distance from the reference is {closed.peak_error:.3f} m, and "
+            f"its torques are at their limit {closed.at_limit:.1%} of the time."
         )
     if margins.jumps:
         t, size = margins.jumps[0]
         more = f" and {len(margins.jumps) - 1} more" if len(margins.jumps) > 1 else ""
         said.append(
-            f"The reference jumps (by {size:.3g} at t = {t:g} s{more}): nothing follows a jump exactly, so only the "
-            "closed loop is judged."
+            f"The reference jumps (by {size:.3g} at t = {t:g} s{more}). No robot follows a jump exactly, so "
+            "only the closed loop is judged."
         )
     power = closed.peak_power if margins.peak_power is None else max(margins.peak_power, closed.peak_power)
     said.append(
-        f"The motors give at most {power:.3g} W, {power / margins.supply_voltage:.3g} A at "
-        f"{margins.supply_voltage:g} V without the windings' losses; a robot file has no limit of it."
+        f"The motors deliver at most {power:.3g} W, {power / margins.supply_voltage:.3g} A at "
+        f"{margins.supply_voltage:g} V, without the losses of the windings. A robot file has no limit of "
+        "power."
     )
     return said
 
@@ -79,8 +80,8 @@ def _reasons(margins: ReferenceMargins) -> list[str]:
     reasons += [f"in closed loop {_reason(use)}" for use in uses]
     if closed.ended < np.inf:
         reasons.append(
-            f"in closed loop it falls at t = {closed.ended:.2f} s, its torques at their limit for "
-            f"{closed.at_limit:.0%} of the time until then"
+            f"in closed loop it falls at t = {closed.ended:.2f} s, after its torques were at their limit "
+            f"{closed.at_limit:.0%} of the time"
         )
     return reasons
 
@@ -89,24 +90,24 @@ def _reason(use: Use) -> str:
     match use.quantity:
         case "torque":
             return (
-                f"wheel {use.wheel} would need {use.value:.3g} N m at t = {use.t:.2f} s, where its motor has "
+                f"wheel {use.wheel} needs {use.value:.3g} N m at t = {use.t:.2f} s, and its motor gives "
                 f"{use.limit:.3g} N m"
             )
         case "wheel speed":
             return (
-                f"wheel {use.wheel} would have to turn at {use.value:.3g} rad/s at t = {use.t:.2f} s, and the supply "
+                f"wheel {use.wheel} has to turn at {use.value:.3g} rad/s at t = {use.t:.2f} s, and the supply "
                 f"allows {use.limit:.3g} rad/s"
             )
         case "lean":
             return (
-                f"the robot would have to lean by {np.degrees(use.value):.3g} degrees at t = {use.t:.2f} s, and beyond "
+                f"the robot has to lean by {np.degrees(use.value):.3g} degrees at t = {use.t:.2f} s, and beyond "
                 f"{np.degrees(use.limit):.3g} degrees full torque does not bring it back"
             )
         case _:
             if use.value > _NOTHING_HELPS:
-                return f"a wheel would lift off the ball at t = {use.t:.2f} s"
+                return f"a wheel lifts off the ball at t = {use.t:.2f} s"
             return (
-                f"a wheel would need a friction coefficient of {use.value:.3g} on the ball at t = {use.t:.2f} s, and "
+                f"a wheel needs a friction coefficient of {use.value:.3g} on the ball at t = {use.t:.2f} s, and "
                 f"has {use.limit:.3g}"
             )
 

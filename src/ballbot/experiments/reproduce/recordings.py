@@ -163,7 +163,8 @@ def record_all(
                     progress(done / total, one.name.replace("_", " "))
             except BrokenProcessPool:
                 raise InputError(
-                    "A process that recorded was killed, perhaps for want of memory; what was recorded before is kept."
+                    "A recording process was killed, perhaps because memory ran out. Finished recordings are kept; "
+                    "run the command again to continue."
                 ) from None
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)

@@ -118,8 +118,8 @@ def units_of(nominal: Marks) -> Units:
     """
     if np.mean(nominal.fell) > 0.5:
         raise InputError(
-            f"The nominal gain falls with {np.mean(nominal.fell):.0%} of the perturbed robots, and what it does with "
-            "them is the measure; perturb them less."
+            f"The nominal gain falls with {np.mean(nominal.fell):.0%} of the perturbed robots, so costs "
+            "cannot be compared with its cost. Reduce the perturbation."
         )
     stood = ~nominal.fell
     return Units(

@@ -42,7 +42,9 @@ class Spread:
                 raise InputError(f"The perturbed {one.name} is {value!r}; it must be zero or more.")
         for name in ("mass", "height", "friction"):
             if getattr(self, name) >= 1.0:
-                raise InputError(f"The perturbed {name} is {getattr(self, name):g}; it is a share, below 1.")
+                raise InputError(
+                    f"The perturbed {name} is {getattr(self, name):g}; it is a fraction and must be below 1."
+                )
         if not isinstance(self.delay, int):
             raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number.")
         if math.tan(math.radians(self.tilt)) > STEEPEST:
@@ -77,7 +79,8 @@ def draw_perturbed(robot: Robot, count: int, *, spread: Spread, seed: int) -> Pe
     """
     if count < 1:
         raise InputError(
-            f"{count} robots are asked for; it takes one or more, a thousand for a worst decile."
+            f"The number of perturbed robots is {count}; it must be at least 1, and about a thousand for a "
+            "meaningful worst tenth."
         )
     random = np.random.default_rng([seed, 71])
     robots, conditions, starts = [], [], np.zeros((count, 10))

@@ -54,8 +54,8 @@ class DrivelineBounds:
         for name, low, high in zip(NAMES, self.lower, self.upper, strict=True):
             if not 0.0 <= low < high < np.inf or (low == 0.0 and name in ("v_s", "delta")):
                 raise InputError(
-                    f"The bounds of {name} are [{low:g}, {high:g}]; they must rise, from zero or above (v_s and delta: "
-                    "from above zero)."
+                    f"The bounds of {name} are [{low:g}, {high:g}]; the lower one must be "
+                    "below the upper one and zero or more (for v_s and delta above zero)."
                 )
 
     def values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,19 +159,20 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
     torques, speeds = log.torques, log.wheel_speeds
     if torques.shape[1] != robot.wheel_count or speeds.shape[1] != robot.wheel_count:
         raise InputError(
-            f"The log has torques of {torques.shape[1]} wheels and speeds of {speeds.shape[1]}; {robot.name} has "
-            f"{robot.wheel_count}."
+            f"The log has torques of {torques.shape[1]} wheels and speeds of "
+            f"{speeds.shape[1]} wheels; {robot.name} has {robot.wheel_count} wheels."
         )
     for i in range(robot.wheel_count):
         if np.ptp(torques[:, i]) == 0.0:
             raise InputError(
-                f"u{i + 1} is {torques[0, i]:g} N m throughout; the torque of a sweep has to go slowly to and fro."
+                f"u{i + 1} is {torques[0, i]:g} N m throughout; the "
+                "torque of a sweep must vary slowly up and down."
             )
     if limit is not None and not limit > 0.0:
         raise InputError(f"The speed limit is {limit:g} rad/s; it must be above zero.")
     highest = float(np.abs(speeds).max()) if limit is None else limit
     if not highest > 0.0:
-        raise InputError("The wheels never turn in this log; a sweep has to go well beyond break-away.")
+        raise InputError("The wheels never turn in this log; a sweep must go well beyond break-away.")
     return [
         Sweep(
             wheel=i + 1,
@@ -205,8 +206,8 @@ def fit_driveline(
     pieces = sweep.pieces()
     if not any(sweep.speed[first:end].any() for first, end in pieces):
         raise InputError(
-            f"Wheel {sweep.wheel} rests or is at its speed limit of {sweep.limit:.3g} rad/s, or the log too short, "
-            "throughout."
+            f"Wheel {sweep.wheel} is at rest or at its speed limit of "
+            f"{sweep.limit:.3g} rad/s throughout, or the log is too short."
         )
     block = np.concatenate([np.arange(a, b) for a, b in pieces]) * sweep.sample_time // _BLOCK
     blocks = np.unique(block, return_inverse=True)[1].astype(np.int64)
@@ -237,8 +238,8 @@ def fit_driveline(
     covariance = _covariance(slopes(z), residual, blocks, z)
     if np.isnan(covariance).all():
         raise InputError(
-            f"The sweep of wheel {sweep.wheel} tells none of {', '.join(NAMES)}: all end at a bound, or move nothing; "
-            "sweep slowly, well beyond break-away, or widen the bounds."
+            f"The sweep of wheel {sweep.wheel} identifies none of {', '.join(NAMES)}: all end at a "
+            "bound or have no effect. Sweep slowly and well beyond break-away, or widen the bounds."
         )
     return _result(sweep, pieces, residual, z=z, covariance=covariance, bounds=bounds)
 

@@ -54,8 +54,8 @@ def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
     cutoff = _FILTER_RATIO * bandwidth
     if not 0.0 < cutoff < 0.5 * rate:
         raise InputError(
-            f"A bandwidth of {bandwidth:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is sampled at "
-            f"{rate:.4g} Hz; take one above zero and below {0.1 * rate:.3g} Hz."
+            f"A bandwidth of {bandwidth:g} Hz needs a filter at {cutoff:g} Hz, and {record.name} is "
+            f"sampled at {rate:.4g} Hz; choose a bandwidth above zero and below {0.1 * rate:.3g} Hz."
         )
     b, a = np.asarray(signal.butter(_BUTTERWORTH_ORDER, cutoff / (0.5 * rate)), dtype=float)
     position = signal.filtfilt(b, a, record.position, padlen=3 * _BUTTERWORTH_ORDER)

@@ -29,15 +29,15 @@ def check_wheels_free(log: Log) -> None:
         swing = _deviation(_known(log, name))
         if swing > _STILL:
             raise InputError(
-                f"In this log the body leans to and fro by {np.degrees(swing):.2g} degrees (root mean square of "
-                f"{name}), as when it balances; a sweep needs the body held still and the wheels free of the ball, "
-                "and logs of a balancing robot are for `ballbot identify`."
+                f"In this log the body sways by {np.degrees(swing):.2g} degrees (root mean "
+                f"square of {name}), as when it balances. A sweep needs the body held still and "
+                "the wheels off the ball; use `ballbot identify` for logs of a balancing robot."
             )
     for name in _BALL:
         if np.any(_known(log, name) != 0.0):
             raise InputError(
-                f"In this log a ball turns ({name}); a sweep needs the wheels free of the ball, and logs of the ball "
-                "on the clamped robot are for `ballbot identify-upside-down`."
+                f"In this log a ball turns ({name}). A sweep needs the wheels off the ball; "
+                "use `ballbot identify-upside-down` for logs of the ball on the clamped robot."
             )
 
 

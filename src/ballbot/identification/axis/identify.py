@@ -177,12 +177,12 @@ def _check(
     names = [one.name for one in (record, *held_against)]
     if len(set(names)) < len(names):
         raise InputError(
-            f"Two of the records are called alike ({', '.join(names)}); give each a name of its own."
+            f"Two of the records have the same name ({', '.join(names)}); give each its own name."
         )
     if np.ptp(record.force) == 0.0:
         raise InputError(
-            f"{record.name}: the force is {record.force[0] + 0.0:g} {record.force_unit} throughout, so that nothing "
-            "can be told of what it moves; look at its column and its scale."
+            f"{record.name}: the force is {record.force[0] + 0.0:g} {record.force_unit} "
+            "throughout, so nothing can be identified; check its column and its scale."
         )
 
 
@@ -220,8 +220,8 @@ def _starts(
     values = dict(zip(symmetric.names, symmetric.values.tolist(), strict=True))
     if values["mass"] <= 0.0:
         raise InputError(
-            f"{record.name}: the inverse model finds a mass of {values['mass']:.3g}; the force's sign or its column is "
-            "wrong, or the axis hardly speeds up and slows down."
+            f"{record.name}: the inverse model estimates a mass of {values['mass']:.3g}. "
+            "The sign of the force or its column is wrong, or the axis hardly accelerates."
         )
     values |= {name: max(values[name], least) for name in ("viscous", "coulomb")}
     values["stiffness"] = values["coulomb"] / (_BRISTLE_TRAVEL * float(np.ptp(record.position)))

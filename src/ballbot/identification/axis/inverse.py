@@ -186,13 +186,13 @@ def _condition(record: AxisRecord, names: tuple[str, ...], X: NDArray[np.float64
     lengths = np.linalg.norm(X, axis=0)
     if not lengths.all():
         raise InputError(
-            f"{record.name} says nothing of {names[int(np.argmin(lengths))]}: the axis must move both ways, at "
-            "several speeds."
+            f"{record.name} does not show {names[int(np.argmin(lengths))]}: "
+            "the axis must move in both directions, at several speeds."
         )
     condition = float(np.linalg.cond(X / lengths))
     if condition > LARGEST_CONDITION:
         raise InputError(
-            f"{record.name} does not tell {', '.join(names)} apart (condition number {condition:.2g}); the axis must "
-            "move both ways, at several speeds, and speed up and slow down."
+            f"{record.name} does not distinguish {', '.join(names)} (condition number {condition:.2g}): "
+            "the axis must move in both directions, at several speeds, and accelerate and brake."
         )
     return condition

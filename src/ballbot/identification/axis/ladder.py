@@ -80,8 +80,8 @@ def climb(
     spans = equal_spans(record, window)
     if len(spans) < LEAST_WINDOWS:
         raise InputError(
-            f"{record.name} has {len(spans)} windows of {window:g} s; the ladder needs {LEAST_WINDOWS} to judge by: "
-            "take shorter ones."
+            f"{record.name} has {len(spans)} windows of {window:g} s; model "
+            f"selection needs {LEAST_WINDOWS}. Choose a shorter --window."
         )
     verdicts: dict[str, RungVerdict] = {}
     for number, (name, rung) in enumerate(RUNGS.items()):

@@ -149,7 +149,7 @@ RUNGS: Mapping[str, Rung] = MappingProxyType(
 def rung_of(name: str) -> Rung:
     """Return the rung of that name; InputError where there is none."""
     if name not in RUNGS:
-        raise InputError(f"There is no friction law {name!r} here; there are {', '.join(RUNGS)}.")
+        raise InputError(f"There is no friction law {name!r}; the laws are {', '.join(RUNGS)}.")
     return RUNGS[name]
 
 

@@ -65,7 +65,9 @@ def parse_mat(content: memoryview, *, source: str) -> Variables:
             return dict(_variables_4(content))
         return dict(_variables_5(content))
     except (_DamagedError, struct.error, zlib.error, UnicodeDecodeError) as error:
-        raise InputError(f"{source} is no whole MATLAB file of version 7 or before: {error}.") from None
+        raise InputError(
+            f"{source} is not a complete MATLAB file of version 7 or earlier: {error}."
+        ) from None
 
 
 def _variables_5(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -73,7 +75,7 @@ def _variables_5(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]
         raise _DamagedError("it is too short")
     order = {b"IM": "<", b"MI": ">"}.get(bytes(content[126:128]))
     if order is None or struct.unpack_from(f"{order}H", content, 124)[0] != 0x0100:
-        raise _DamagedError("its header is another's, as that of version 7.3, which MATLAB saves as -v7 too")
+        raise _DamagedError("its header is of another format, such as version 7.3 (save it with -v7)")
     left = LARGEST_TABLE
     for element in _elements(content[_HEADER:], order):
         if element.kind == _COMPRESSED:
@@ -96,7 +98,7 @@ def _elements(content: memoryview, order: str) -> Iterator[_Element]:
         if kind >> 16:  # a small one, its size and type in four bytes and its content in the next four
             kind, size, start, step = kind & 0xFFFF, kind >> 16, place + 4, 8
             if size > 4:
-                raise _DamagedError("a small element states more than its four bytes")
+                raise _DamagedError("a small element claims more than its four bytes")
         else:
             start, step = place + 8, 8 + (size if kind == _COMPRESSED else -(-size // 8) * 8)
         if start + size > len(content):
@@ -124,10 +126,10 @@ def _array(content: memoryview, order: str) -> Iterator[tuple[str, NDArray[np.fl
     if not name:  # MATLAB's own, beside function handles
         return
     if not name.isprintable():
-        raise _DamagedError("a variable has no name that can be printed")
+        raise _DamagedError("a variable has a name that cannot be printed")
     stored = _STORED.get(parts[3].kind)
     if stored is None:
-        raise _DamagedError("a variable has numbers of no known type")
+        raise _DamagedError("a variable has numbers of an unknown type")
     yield name, _numbers(parts[3].content, f"{order}{stored}", shape)
 
 
@@ -140,7 +142,7 @@ def _variables_4(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]
         form, rows, columns, imaginary, name_size = struct.unpack_from(f"{order}5i", content, place)
         stored, kind = form // 10 % 10, form % 10
         if not 0 <= form <= 5000 or stored >= len(_STORED_4) or min(rows, columns, name_size) < 0:
-            raise _DamagedError("a variable's head is none")
+            raise _DamagedError("the header of a variable is invalid")
         start = place + _HEADER_4 + name_size
         numbers = f"{order}{_STORED_4[stored]}"
         size = rows * columns * np.dtype(numbers).itemsize
@@ -150,7 +152,7 @@ def _variables_4(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]
         if kind == 0 and not imaginary:
             name = bytes(content[start - name_size : start]).rstrip(b"\0").decode("latin-1")
             if not name.isprintable():
-                raise _DamagedError("a variable has no name that can be printed")
+                raise _DamagedError("a variable has a name that cannot be printed")
             yield name, _numbers(content[start : start + size], numbers, [rows, columns])
 
 

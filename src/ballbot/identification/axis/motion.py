@@ -76,7 +76,7 @@ class Axis:
         loop = record.loop
         if loop is None or record.reference is None:
             raise InputError(
-                f"{record.name} does not say what loop moved the axis; give its gains and reference."
+                f"{record.name} does not contain the control loop; give its gains and its reference."
             )
         speed = real_number(speed, "The speed")
         (plus, minus), steps = self.rung.laws(self.values), self._steps(record.sample_time)

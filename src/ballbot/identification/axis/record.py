@@ -75,19 +75,19 @@ class AxisRecord:
             object.__setattr__(self, name, values)
             if values.shape != (len(self.force),):
                 raise InputError(
-                    f"{self.name}: {'the added force' if name == 'added' else name} has {values.size} values and the "
-                    f"force {self.force.size}; name a column of the same length."
+                    f"{self.name}: {('the added force' if name == 'added' else name)} has {values.size} "
+                    f"values and the force has {self.force.size}; name a column of the same length."
                 )
             if not np.isfinite(values).all():
                 row = int(np.flatnonzero(~np.isfinite(values))[0]) + 1
                 raise InputError(
-                    f"{self.name}: {name} is missing or not finite at row {row}; every row needs it."
+                    f"{self.name}: {name} is missing or not finite in row {row}; every row needs a value."
                 )
         if len(self) < LEAST_ROWS:
             raise InputError(f"{self.name} has {len(self)} rows; at least {LEAST_ROWS} are needed.")
         if np.ptp(self.position) == 0.0:
             raise InputError(
-                f"{self.name}: the position never changes, so that nothing can be told of friction."
+                f"{self.name}: the position never changes, so friction cannot be identified; check its column."
             )
 
     def __len__(self) -> int:
@@ -118,13 +118,13 @@ def even_sample_time(name: str, t: NDArray[np.float64]) -> float:
         Where time does not increase, or not by even steps.
     """
     if len(t) < 2 or not np.isfinite(t).all():
-        raise InputError(f"{name}: the time has fewer than two rows, or is missing in some.")
+        raise InputError(f"{name}: the time has fewer than two rows or missing values.")
     steps = np.diff(t)
     mean = float(t[-1] - t[0]) / len(steps)
     if mean <= 0.0 or np.abs(steps - mean).max() > LARGEST_JITTER * mean:
         row = int(np.abs(steps - mean).argmax()) + 2
         raise InputError(
-            f"{name}: time steps by {steps[row - 2]:g} s at row {row} and by {mean:g} s on average; identify-axis "
-            "needs even steps."
+            f"{name}: time increases by {steps[row - 2]:g} s at row {row} and "
+            f"by {mean:g} s on average; identify-axis needs equal intervals."
         )
     return mean

@@ -63,10 +63,13 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
 def _of_time(record: AxisRecord) -> Iterator[Finding]:
     h = record.sample_time
     if h > _SAMPLING[1]:
-        text = f"Rows come every {h:.3g} s, too slowly for an axis; t looks to be in milliseconds ({1e-3 * h:.3g} s)."
+        text = (
+            f"Rows come every {h:.3g} s, too slowly for an axis; "
+            f"t appears to be in milliseconds ({0.001 * h:.3g} s)."
+        )
         yield _finding("scale", "error", text, "t")
     elif h < _SAMPLING[0]:
-        text = f"Rows come every {h:.3g} s, faster than axes are logged: look at the unit of t."
+        text = f"Rows come every {h:.3g} s, faster than axes are logged; check the unit of t."
         yield _finding("scale", "error", text, "t")
 
 
@@ -74,8 +77,9 @@ def _of_travel(record: AxisRecord) -> Iterator[Finding]:
     travel = float(np.ptp(record.position))
     if record.unit == "m" and travel > _LONGEST_TRAVEL:
         text = (
-            f"The axis travels {travel:.4g} m; its position looks to be in millimetres ({1e-3 * travel:.4g} m), which "
-            "makes mass and viscous friction a thousand times too small. For angles give --unit rad."
+            f"The axis travels {travel:.4g} m; its position appears to be in "
+            f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
+            "friction a thousand times too small. For angles give --unit rad."
         )
         yield _finding("axis-unit", "warning", text, "position")
 
@@ -86,25 +90,29 @@ def _of_reference(record: AxisRecord) -> Iterator[Finding]:
     wanted, position = record.reference, record.position
     if np.ptp(wanted) == 0.0:
         text = (
-            f"The reference is {wanted[0]:g} {record.unit} throughout while the axis moves: another column?"
+            f"The reference is {wanted[0]:g} {record.unit} throughout "
+            "while the axis moves; check which column it is."
         )
         yield _finding("axis-reference", "error", text, "reference")
         return
     ratio = float(np.std(wanted) / np.std(position))
     correlation = float(np.corrcoef(wanted, position)[0, 1])
     if correlation < -0.5:
-        text = f"The reference moves against the position (correlation {correlation:.2f}): one of them is negated."
+        text = (
+            "The reference and the position move in opposite directions "
+            f"(correlation {correlation:.2f}); negate one of them."
+        )
         yield _finding("axis-reference", "error", text, "reference", "position")
     elif not 1.0 / _TRACKING < ratio < _TRACKING:
         text = (
-            f"The reference moves {_times(ratio)} as far as the position: they are in different units, or another "
-            "column is the reference."
+            f"The reference moves {_times(ratio)} as far as the position: "
+            "they have different units, or the reference is another column."
         )
         yield _finding("axis-reference", "error", text, "reference", "position")
     elif correlation < 0.5:
         text = (
-            f"The position does not follow the reference (correlation {correlation:.2f}): another column, or another "
-            "run."
+            "The position does not follow the reference (correlation "
+            f"{correlation:.2f}): one of them is another column or from another run."
         )
         yield _finding("axis-reference", "error", text, "reference", "position")
 
@@ -147,27 +155,32 @@ def _of_loop(
     a1, a2 = law.position, law.velocity
     if law.left > _LOOP_LEAVES:
         text = (
-            f"The loop's law, with its best gains, leaves {100.0 * law.left:.0f} % of the recorded force: force, "
-            "reference or position is another column, or the axis has another loop. Without --reference and the gains "
-            "the record is used in open loop."
+            f"The control law, with its best gains, leaves {100.0 * law.left:.0f} % of the recorded "
+            "force unexplained: force, reference or position is another column, or the axis has "
+            "another control law. Without --reference and the gains the record is used in open loop."
         )
         yield _finding("axis-loop", "error", text, "force", "reference")
     elif a1 < 0.0 and a2 < 0.0:
-        text = "The recorded force is the loop's with the opposite sign: negate the force, or --force-scale."
+        text = (
+            "The recorded force has the opposite sign of the control law; negate the force or --force-scale."
+        )
         yield _finding("force-sign", "error", text, "force")
     elif a1 < 0.0 or a2 < 0.0:
-        text = "The loop's position and velocity parts act against each other in this record: check its gains' signs."
+        text = (
+            "The position part and the velocity part of the control law have "
+            "opposite signs in this record; check the signs of the gains."
+        )
         yield _finding("axis-loop", "error", text, "force")
     elif not 1.0 / _LOOP_FACTOR < a1 < _LOOP_FACTOR and 1.0 / _LOOP_FACTOR < a1 / a2 < _LOOP_FACTOR:
         text = (
-            f"The recorded force is {_times(a1)} what the loop's gains give: --force-scale, --velocity-gain or the "
-            "position's unit is off by that factor."
+            f"The recorded force is {_times(a1)} the force of the control law: --force-scale, "
+            "--velocity-gain or the unit of the position is wrong by that factor."
         )
         yield _finding("axis-loop", "error", text, "force")
     elif not 1.0 / _LOOP_FACTOR < a2 / a1 < _LOOP_FACTOR:
         text = (
-            f"Beside the position's part, the velocity's part of the loop is {_times(a2 / a1)} what its gains give: "
-            "the time base or --position-gain is off by that factor."
+            f"Relative to the position part, the velocity part of the control law is {_times(a2 / a1)} "
+            "what the gains give: the time base or --position-gain is wrong by that factor."
         )
         yield _finding("axis-loop", "error", text, "t", "force")
 
@@ -178,8 +191,8 @@ def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
     explained = 1.0 - fit.relative_force_error**2
     if explained < _EXPLAINED:
         text = (
-            f"The axis's motion explains {100.0 * max(explained, 0.0):.0f} % of the force only: the force's column is "
-            "another one, noise, or of another run; or something else moves the axis."
+            f"The motion of the axis explains only {100.0 * max(explained, 0.0):.0f} % of the force: "
+            "the force is another column, noise or from another run, or something else moves the axis."
         )
         yield _finding("force-unrelated", "error", text, "force", "position")
     elif mass <= 0.0:
@@ -187,26 +200,30 @@ def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
         cause = (
             "the force, or the position, has the opposite sign."
             if both
-            else "the force is late against the position, its column is another one, or the axis hardly speeds up."
+            else "the force is delayed against the position, its "
+            "column is wrong, or the axis hardly accelerates."
         )
         text = (
-            f"The inverse model finds a mass of {mass:.3g} and a dry friction of {dry:.3g} {unit}, where both are "
-            f"above zero: {cause}"
+            f"The inverse model estimates a mass of {mass:.3g} and a dry "
+            f"friction of {dry:.3g} {unit}; both must be above zero: {cause}"
         )
         yield _finding("force-sign", "error", text, "force", "position")
     elif dry < 0.0 and abs(dry) > 3.0 * fit.clustered_errors[fit.names.index("coulomb")]:
         text = (
-            f"The inverse model finds a dry friction of {dry:.3g} {unit}, below zero: a force is missing "
-            "(--added-force), or force and position are not of the same moments."
+            f"The inverse model estimates a dry friction of {dry:.3g} {unit}, below zero: a "
+            "force is missing (--added-force), or force and position are not simultaneous."
         )
         yield _finding("force-unrelated", "warning", text, "force")
     elif explained < _WELL_EXPLAINED:
-        text = f"The axis's motion explains {100.0 * explained:.0f} % of the force; something else moves it as well."
+        text = (
+            f"The motion of the axis explains {100.0 * explained:.0f} "
+            "% of the force; something else moves it as well."
+        )
         yield _finding("force-unrelated", "warning", text, "force")
     if mass > 0.0 and viscous < 0.0:
         text = (
-            f"The inverse model's viscous friction comes out at {viscous:.3g}, below zero; it is held at zero. The "
-            "record's speeds do not show it beside dry friction."
+            f"The inverse model estimates a viscous friction of {viscous:.3g}, below zero; it "
+            "is fixed at zero. The speeds of the record do not separate it from dry friction."
         )
         yield _finding("force-friction", "warning", text, "force")
 

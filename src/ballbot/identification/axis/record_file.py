@@ -67,7 +67,9 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     if loop is None:
         return record
     if reference is None:
-        raise InputError(f"{name}: the loop's gains need the column of the reference as well; name it.")
+        raise InputError(
+            f"{name}: the gains of the loop need the column of the reference as well; give --reference."
+        )
     return replace(record, loop=_with_span(record, reference, loop))
 
 
@@ -75,7 +77,7 @@ def _loop(name: str, variables: Variables, columns: AxisColumns, scale: float) -
     if columns.position_gain is None and columns.velocity_gain is None:
         return None
     if columns.position_gain is None or columns.velocity_gain is None:
-        raise InputError("The loop needs both the position gain and the velocity gain.")
+        raise InputError("The loop needs both gains; give --position-gain and --velocity-gain.")
     return PositionVelocityLoop(
         position_gain=_number(name, variables, columns.position_gain),
         velocity_gain=_number(name, variables, columns.velocity_gain),
@@ -116,10 +118,8 @@ def _number(name: str, variables: Variables, text: str) -> float:
     except ValueError:
         values = _variable(name, variables, text)
         if values.size != 1:
-            raise InputError(
-                f"{name}: {text!r} has {values.size} values, where one number is needed."
-            ) from None
+            raise InputError(f"{name}: {text!r} has {values.size} values; it must be one number.") from None
         value = float(values[0])
     if not abs(value) <= LARGEST_CELL:
-        raise InputError(f"{name}: {text!r} is {value:g}, where a finite number is needed.")
+        raise InputError(f"{name}: {text!r} is {value:g}; it must be a finite number.")
     return value

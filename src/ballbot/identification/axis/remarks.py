@@ -38,10 +38,13 @@ def remarks(
 def _choice(ladder: Sequence[RungVerdict], rung: Rung, *, taken: bool) -> str:
     others = [one for one in ladder if one.rung.below and one.rung.symmetric]
     failed = [one.rung.name for one in others if not one.earned and one.rung.name != rung.name]
-    words = f"The law {rung.name} was {'asked for' if taken else 'taken'}"
+    words = f"The law {rung.name} was {('asked for' if taken else 'taken')}"
     if not failed:
-        return f"{words}; every rung below it earns its place on windows held out."
-    return f"{words}; on windows held out, {', '.join(failed)} did not earn a place over the rung below."
+        return f"{words}; every law below it improves the prediction of held-out windows."
+    return (
+        f"{words}; on held-out windows, {', '.join(failed)} "
+        "did not improve the prediction over the law below."
+    )
 
 
 def _asymmetry(
@@ -52,9 +55,10 @@ def _asymmetry(
         return []
     over_time = _over_time(asymmetry, PARAMETERS["viscous"].unit_for(record.unit)) if len(asymmetry) else ""
     return [
-        f"The asymmetric law predicts other windows of this record with {1e2 * verdict.gain:.0f} % less squared "
-        f"error, yet it is not taken: {over_time}whether it is the machine's own or this run's (temperature, supply) "
-        "only another record can show. Hold one against it, or ask for --law asymmetric."
+        "The asymmetric law predicts other windows of this record with "
+        f"{100.0 * verdict.gain:.0f} % less squared error, yet it is not selected: "
+        f"{over_time}only another record can show whether the asymmetry belongs to the machine "
+        "or to this run (temperature, supply). Validate against one, or choose --law asymmetric."
     ]
 
 
@@ -76,9 +80,9 @@ def _open_parameters(best: Estimate) -> list[str]:
     for name, value in best.values.items():
         error, symbol = best.standard_errors[name], PARAMETERS[name].symbol
         if not np.isfinite(error):
-            sentences.append(f"{symbol} stands at a bound and has no standard error.")
+            sentences.append(f"{symbol} is at a bound and has no standard error.")
         elif error > _OPEN * abs(value):
             sentences.append(
-                f"{symbol} is hardly determined: {value:.3g} with a standard error of {error:.2g}."
+                f"{symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
             )
     return sentences

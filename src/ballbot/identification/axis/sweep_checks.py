@@ -107,8 +107,8 @@ def _columns(sweep: Sweep) -> tuple[str, str]:
 def _sampling(sweep: Sweep) -> Iterator[Finding]:
     if sweep.sample_time > _SLOWEST_SAMPLING:
         text = (
-            f"Rows come every {sweep.sample_time:.3g} s, too slowly for a driveline; t looks to be in milliseconds "
-            f"({1e-3 * sweep.sample_time:.3g} s)."
+            f"Rows come every {sweep.sample_time:.3g} s, too slowly for a driveline; "
+            f"t appears to be in milliseconds ({0.001 * sweep.sample_time:.3g} s)."
             if sweep.sample_time >= 1.0
             else f"Rows come every {sweep.sample_time:.3g} s, too slowly for a driveline; log at 100 Hz or more."
         )
@@ -120,8 +120,8 @@ def _limit(sweeps: Sequence[Sweep]) -> Iterator[Finding]:
     fastest = max(float(np.abs(sweep.speed).max()) for sweep in sweeps)
     if sweeps[0].limit > _FASTEST * fastest:
         text = (
-            f"The speed limit is {sweeps[0].limit:.4g} rad/s and the wheels reach {fastest:.4g}; in rpm, it is "
-            f"{sweeps[0].limit * math.pi / 30.0:.4g} rad/s."
+            f"The speed limit is {sweeps[0].limit:.4g} rad/s and the wheels reach {fastest:.4g} rad/s. "
+            f"If the limit was given in rpm, it is {sweeps[0].limit * math.pi / 30.0:.4g} rad/s."
         )
         yield Finding(code="speed-limit", severity="warning", text=text)
 
@@ -137,8 +137,8 @@ def _frozen(sweep: Sweep) -> Iterator[Finding]:
         start, (u, w) = float(sweep.t[edges[longest]]), _columns(sweep)
         moved = float(np.ptp(sweep.torque[edges[longest] : edges[longest + 1]]))
         text = (
-            f"{w} stays at {sweep.speed[edges[longest]]:.4g} rad/s for {lasts:.2g} s from t = {start:.4g} s on, while "
-            f"{u} changes by {moved:.3g} N m: the encoder or the log stood still. Cut that stretch out."
+            f"{w} stays at {sweep.speed[edges[longest]]:.4g} rad/s for {lasts:.2g} s from t = {start:.4g} s "
+            f"on, while {u} changes by {moved:.3g} N m: the encoder or the log froze. Remove that interval."
         )
         yield Finding(code="stuck", severity="error", text=text, where=Place(columns=(w,), time=start))
 
@@ -153,9 +153,9 @@ def _frozen_torque(sweep: Sweep) -> Iterator[Finding]:
         start, (u, _) = float(sweep.t[edges[longest]]), _columns(sweep)
         lasts = lengths[longest] * sweep.sample_time
         text = (
-            f"{u} stays at {sweep.torque[edges[longest]]:.4g} N m for {lasts:.2g} s from t = {start:.4g} s on, where "
-            "it changes from row to row otherwise: the log stood still, or the motor's driver limits it. Cut that "
-            "stretch out."
+            f"{u} stays at {sweep.torque[edges[longest]]:.4g} N m for {lasts:.2g} s from "
+            f"t = {start:.4g} s on, although it changes from row to row otherwise: the "
+            "log froze, or the motor driver limits the torque. Remove that interval."
         )
         yield Finding(code="stuck", severity="warning", text=text, where=Place(columns=(u,), time=start))
 
@@ -167,15 +167,15 @@ def _dead(sweep: Sweep, sweeps: Sequence[Sweep]) -> Iterator[Finding]:
     u, w = _columns(sweep)
     if turns < _DEAD:
         text = (
-            f"Wheel {sweep.wheel} hardly turns ({np.abs(sweep.speed).max():.2g} rad/s at most) while {u} goes up to "
-            f"{np.abs(sweep.torque).max():.3g} N m and the other wheels turn: its motor is dead, the wheel is jammed, "
-            "or its encoder is."
+            f"Wheel {sweep.wheel} hardly turns ({np.abs(sweep.speed).max():.2g} rad/s at "
+            f"most) while {u} reaches {np.abs(sweep.torque).max():.3g} N m and the other "
+            "wheels turn: its motor or its encoder is dead, or the wheel is jammed."
         )
         yield Finding(code="dead-motor", severity="error", text=text, where=Place(columns=(u, w)))
     elif drives < _DEAD:
         text = (
-            f"{u} stays below {np.abs(sweep.torque).max():.2g} N m while wheel {sweep.wheel} turns as the others do: "
-            "its torque was not logged, or is in another unit."
+            f"{u} stays below {np.abs(sweep.torque).max():.2g} N m while wheel {sweep.wheel} "
+            "turns like the others: its torque was not logged, or has another unit."
         )
         yield Finding(code="dead-motor", severity="error", text=text, where=Place(columns=(u, w)))
 
@@ -191,8 +191,8 @@ def _sign(sweeps: Sequence[Sweep]) -> list[Finding]:
         pairs = [" or ".join(_columns(sweep)) for sweep in wrong]
         what = f"{' and '.join(pairs)} {'has' if len(wrong) == 1 else 'have'} the opposite sign"
     text = (
-        f"{what}: free wheels turn against their motors all the time (correlation {_power(wrong[0]):.2f}), and nothing "
-        "else drives them. Negate one of the two."
+        f"{what}: the free wheels turn against their motors all the time (correlation "
+        f"{_power(wrong[0]):.2f}), and nothing else drives them. Negate the torques or the speeds."
     )
     return [Finding(code="torque-sign", severity="error", text=text, where=Place(columns=columns))]
 
@@ -220,8 +220,8 @@ def _unrelated(sweep: Sweep, fit: _Fit) -> Iterator[Finding]:
     if fit.explained < _EXPLAINED and _power(sweep) >= _BRAKES:
         u, w = _columns(sweep)
         text = (
-            f"{w} explains {100.0 * max(fit.explained, 0.0):.0f} % of {u} only: that torque does not move that wheel. "
-            "The column may be another one's, noise, or of another run."
+            f"{w} explains only {100.0 * max(fit.explained, 0.0):.0f} % of {u}: that torque does not "
+            "move that wheel. The column may belong to another wheel or another run, or be noise."
         )
         yield Finding(code="torque-unrelated", severity="error", text=text, where=Place(columns=(u, w)))
 
@@ -238,9 +238,9 @@ def _scale(robot: Robot, sweeps: Sequence[Sweep], fits: Sequence[_Fit]) -> list[
         units = {"rpm": 30.0 / math.pi, "deg/s": 180.0 / math.pi}
         near = [unit for unit, factor in units.items() if over < _FASTEST * factor]
         text = (
-            f"The wheels turn at up to {fastest:.4g} rad/s, {over:.3g} times the {_no_load_speed(robot):.3g} rad/s "
-            "that the robot's motors reach without load: look at the speeds' unit "
-            f"({' or '.join(near) or 'encoder counts'}?) and at drive.supply_voltage."
+            f"The wheels turn at up to {fastest:.4g} rad/s, {over:.3g} times the "
+            f"{_no_load_speed(robot):.3g} rad/s that the robot's motors reach without load. Check the "
+            f"unit of the speeds ({' or '.join(near) or 'encoder counts'}?) and drive.supply_voltage."
         )
         columns = tuple(_columns(sweep)[1] for sweep in sweeps)
         findings.append(
@@ -257,8 +257,8 @@ def _unlike_others(sweeps: Sequence[Sweep], fits: Sequence[_Fit], usual: float) 
         if fit.error < 0.3 * abs(fit.inertia) and not 1.0 / _UNLIKE < ratio < _UNLIKE:
             u, w = _columns(sweep)
             text = (
-                f"By {u} and {w}, wheel {sweep.wheel} has {ratio:.3g} times the inertia of the others: one of the two "
-                "columns is in another unit than the other wheels'."
+                f"By {u} and {w}, wheel {sweep.wheel} has {ratio:.3g} times the inertia of the other "
+                "wheels: one of the two columns has another unit than those of the other wheels."
             )
             findings.append(
                 Finding(code="torque-scale", severity="error", text=text, where=Place(columns=(u, w)))
@@ -272,8 +272,9 @@ def _off_by(ratio: float, robot: Robot, sweeps: Sequence[Sweep]) -> list[Finding
         return []
     if ratio < 0.0:
         text = (
-            f"By these torques the wheels would have {ratio:.3g} times the inertia of the robot's file: they speed up "
-            "when the torque falls. Torques and speeds are not of the same moments; shift the columns u in time."
+            f"By these torques the wheels would have {ratio:.3g} times the inertia "
+            "in the robot file: they speed up when the torque falls. Torques and "
+            "speeds are not simultaneous; shift the columns u in time."
         )
         return [Finding(code="torque-delay", severity="error", text=text, where=Place(columns=columns))]
     severity = "warning" if _POSSIBLE[0] <= ratio <= _POSSIBLE[1] else "error"
@@ -283,8 +284,8 @@ def _off_by(ratio: float, robot: Robot, sweeps: Sequence[Sweep]) -> list[Finding
     if severity == "warning" or causes[0].endswith("another unit"):
         causes.append("wheels.inertia, drive.motor_inertia or drive.gear_ratio is wrong")
     text = (
-        f"By these torques the wheels have {ratio:.3g} times the inertia of the robot's file "
-        f"({sweeps[0].inertia:.3g} kg m^2): {', or '.join(causes)}."
+        f"By these torques the wheels have {ratio:.3g} times the inertia in the "
+        f"robot file ({sweeps[0].inertia:.3g} kg m^2): {', or '.join(causes)}."
     )
     return [Finding(code="torque-scale", severity=severity, text=text, where=Place(columns=columns))]
 

@@ -72,8 +72,8 @@ def fit_clustered(
     least = CLUSTERS_PER_PARAMETER * len(start)
     if len(names) < least:
         raise InputError(
-            f"The logs hold {len(names)} stretches of usable motion for {len(start)} unknowns, which takes {least}; "
-            "log for longer."
+            f"The logs have {len(names)} intervals of usable motion for "
+            f"{len(start)} unknowns, which need {least}; log for longer."
         )
 
     def scaled_residuals(z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -86,7 +86,8 @@ def fit_clustered(
     H = np.einsum("wki,wkj->ij", J, J)
     if np.linalg.cond(H) > 1e10:
         raise InputError(
-            "The motion in these logs does not determine the geometry: move in both directions and turn all wheels."
+            "The motion in these logs does not determine the "
+            "geometry; move in both directions and turn all wheels."
         )
     count, moves = len(names), []
     for cluster in range(count):

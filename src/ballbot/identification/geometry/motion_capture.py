@@ -55,7 +55,10 @@ def read_film(film: Log) -> Film:
     poses = read_poses(film)
     seen = poses.seen & np.isfinite(poses.places).all(axis=1)
     if seen.sum() < 10:
-        raise InputError("The motion capture has no poses: x, y, z and the unit quaternion qw, qx, qy, qz.")
+        raise InputError(
+            "The motion capture has no poses; it needs the columns "
+            "x, y, z and the unit quaternion qw, qx, qy, qz."
+        )
     # an unseen pose is filled with the one before, so that nothing moves; `missing` counts it
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
     positions, rotations = poses.places[last], Rotation.from_quat(poses.rotations.as_quat()[last])

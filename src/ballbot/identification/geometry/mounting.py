@@ -73,7 +73,7 @@ def imu_mounting(log: Log, film: Film) -> Mounting:
     # a little to spare, for the offset moves while it is found
     cuts = cuts.chosen(film.covers(start + offset - 0.1, end + offset + 0.1))
     if not len(cuts):
-        raise InputError("The cameras saw no quarter of a second of this log whole.")
+        raise InputError("The cameras saw no quarter of a second of this log without a gap.")
     start, end = log.t[cuts.first], log.t[cuts.last]
     middle = float(0.5 * (start[0] + end[-1]))
 
@@ -104,8 +104,8 @@ def _offset(t: NDArray[np.float64], rates: NDArray[np.float64], film: Film) -> f
     best = int(np.argmax(likeness))
     if likeness[best] < LEAST_CORRELATION * np.linalg.norm(ours) * np.linalg.norm(theirs):
         raise InputError(
-            "The gyro and the motion capture do not show one and the same run: the body's rates correlate by "
-            f"{likeness[best] / (np.linalg.norm(ours) * np.linalg.norm(theirs)):.2f} at most."
+            "The gyro and the motion capture are not of the same run: the body rates correlate "
+            f"by only {likeness[best] / (np.linalg.norm(ours) * np.linalg.norm(theirs)):.2f}."
         )
     return float(film.t[0] - t[0] + _GRID * correlation_lags(len(theirs), len(ours))[best])
 

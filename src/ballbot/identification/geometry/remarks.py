@@ -9,8 +9,8 @@ from ballbot.identification.geometry.survey import Geometry, Measured, common_tu
 #: a deviation of fewer standard errors than this is noise
 CLEAR = 3.0
 _AGREES = (
-    "The file agrees with the logs: no value is off by more than three standard errors and more than what slip and "
-    "rollers may feign."
+    "The file agrees with the logs: no value differs by more than "
+    "three standard errors and by more than slip and rollers can cause."
 )
 
 
@@ -31,8 +31,8 @@ def geometry_remarks(geometry: Geometry) -> list[str]:
         if _stands_out(one, 0.0):
             more = 100.0 * (one.value / one.in_file - 1.0)
             remarks.append(
-                f"Wheel {number} turns {more:+.1f} % faster than the wheels together for the same motion of the ball: "
-                "its radius differs, or it slips."
+                f"Wheel {number} turns {more:+.1f} % faster than the mean of the wheels "
+                "for the same motion of the ball: its radius differs, or it slips."
             )
     return [*(remarks or [_AGREES]), *_missing(geometry)]
 
@@ -48,21 +48,30 @@ def _sentence(one: Measured) -> str:
     if one.name.startswith("IMU"):
         axis = one.name.removeprefix("IMU rotation ")
         return (
-            f"The IMU is turned by {value} {axis} against the body as the cameras have it ({off}); mount it straight, "
-            "or turn its readings back."
+            f"By the cameras the IMU is turned by {value} {axis} against "
+            f"the body ({off}); mount it straight, or correct its readings."
         )
     if one.name.startswith("camera"):
         axis = one.name.removeprefix("camera tilt ")
-        return f"The frame of the camera that watched the ball is tilted by {value} {axis} ({off}); this was taken out."
+        return (
+            "The frame of the camera that watched the ball is "
+            f"tilted by {value} {axis} ({off}); this was corrected."
+        )
     if one.unit == "rad":
-        return f"{one.name} is {value} by the logs and {in_file} in the file, {off} apart; measure it again."
+        return (
+            f"{one.name} is {value} by the logs and {in_file} in "
+            f"the file, a difference of {off}; measure it again."
+        )
     share = 100.0 * (one.in_file / one.value - 1.0)
-    text = f"{one.name} is {value} by the logs and {in_file} in the file, {share:+.1f} % or {off} off"
+    text = (
+        f"{one.name} is {value} by the logs and {in_file} in "
+        f"the file, a difference of {share:+.1f} % or {off}"
+    )
     if "/" not in one.name:
-        return f"{text}; measure it again, or take the logs' value."
+        return f"{text}; measure it again, or use the value from the logs."
     if one.unit == "1":
-        return f"{text}; a balancing run with motion capture would tell which of the two radii is wrong."
-    return f"{text}; a log of the robot upside down would tell whether it is the radius or the tilt."
+        return f"{text}; a balancing run with motion capture would show which of the two radii is wrong."
+    return f"{text}; a log of the robot upside down would show whether the radius or the tilt is wrong."
 
 
 def _said(value: float, one: Measured) -> str:
@@ -84,8 +93,8 @@ def _frame_turn(geometry: Geometry, kind: str) -> float:
 
 def _turned(kind: str, turn: float) -> str:
     return (
-        f"All azimuths are turned by {math.degrees(turn):+.2f} deg in the logs ({kind}): the cameras' forward is "
-        "another than the robot file's, or all wheels sit turned."
+        f"All azimuths are turned by {math.degrees(turn):+.2f} deg in the logs ({kind}): the "
+        "cameras' forward direction differs from the robot file's, or all wheels are mounted turned."
     )
 
 
@@ -93,11 +102,12 @@ def _missing(geometry: Geometry) -> list[str]:
     kinds = {one.kind for one in geometry.measured}
     if "balancing" not in kinds:
         return [
-            "Each radius by itself, and the IMU's mounting, take a balancing run with motion capture as well."
+            "Each radius by itself and the mounting of the IMU "
+            "need a balancing run with motion capture as well."
         ]
     if "upside down" not in kinds:
         return [
-            "Tilt and both radii by themselves take a log of the robot upside down as well: while it balances, the "
-            "body leans too little against play and rollers, and the ball may pivot."
+            "The tilt and both radii by themselves need a log of the robot upside down as well: while it "
+            "balances, the body leans too little compared with play and rollers, and the ball may pivot."
         ]
     return []

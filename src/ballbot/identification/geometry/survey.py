@@ -75,7 +75,7 @@ class Geometry:
         for one in self.measured:
             if one.name == name and kind in (None, one.kind):
                 return one
-        raise InputError(f"These logs did not give {name}.")
+        raise InputError(f"These logs do not determine {name}.")
 
     def azimuths(self, kind: str) -> list[Measured]:
         """Return the wheels' azimuths from that kind of logs, none where there were no such logs."""
@@ -117,7 +117,10 @@ def survey_geometry(
         Where there is no log, a column is missing, or the motion does not determine the geometry.
     """
     if not upside_down and not balancing:
-        raise InputError("Geometry needs a log: of the robot upside down, or balancing with motion capture.")
+        raise InputError(
+            "No log is given; geometry needs a log of the robot upside "
+            "down, or of the robot balancing with motion capture."
+        )
     on_wheels = upside_down_geometry(robot, upside_down) if upside_down else None
     runs = [_run(log, film) for log, film in balancing]
     rolling = rolling_geometry(robot, runs, leaning=_leaning(robot, on_wheels)) if runs else None

@@ -58,8 +58,8 @@ def _clipped(swing: Swing) -> list[Finding]:
     if share < _CLIPPED:
         return []
     text = (
-        f"{swing.source} is clipped: {100.0 * share:.0f} % of its rows have its {side} value; choose a larger range of "
-        "the sensor, or let the body swing less far."
+        f"{swing.source} is clipped: {100.0 * share:.0f} % of its rows have its {side} "
+        "value. Choose a larger range of the sensor, or let the body swing less far."
     )
     return [Finding(code="swing-clipped", severity="error", text=text, where=Place(columns=(swing.source,)))]
 
@@ -71,8 +71,9 @@ def _frozen(swing: Swing) -> list[Finding]:
     if last - first < 5 or last == len(swing.t) - 1 or lasts < _FROZEN * swing.period:
         return []
     text = (
-        f"{swing.source} repeats one value for {lasts:.2g} s from t = {swing.t[first]:.4g} s on, in the midst of the "
-        "swing: the sensor stood still, or the body was held. Cut the recording to where it swings freely."
+        f"{swing.source} repeats one value for {lasts:.2g} s from t = "
+        f"{swing.t[first]:.4g} s on, in the middle of the swing: the sensor froze, "
+        "or the body was held. Cut the recording to where it swings freely."
     )
     where = Place(columns=(swing.source,), time=float(swing.t[first]))
     return [Finding(code="stuck", severity="error", text=text, where=where)]
@@ -90,18 +91,23 @@ def _of_unit(fit: SwingFit) -> Iterator[Finding]:
     where = Place(columns=(swing.source,))
     if first > _LARGE and fits_better_in_degrees(swing, fit):
         text = (
-            f"{swing.source} looks to be in degrees: read in radians its swings of {math.degrees(first):.3g} degrees "
-            "would have to slow down as they grow, and they do not. Multiply it by pi/180."
+            f"{swing.source} appears to be in degrees: read in radians, "
+            f"its swings of {math.degrees(first):.3g} degrees would slow "
+            "down as they grow, and they do not. Multiply it by pi/180."
         )
         yield Finding(code="swing-unit", severity="error", text=text, where=where)
     elif first < _SMALLEST_SWING:
         text = (
-            f"{swing.source} swings by {math.degrees(first):.2g} degrees only, where the pivot's friction and the "
-            "sensor's noise matter most; look at its unit, or let the body swing by 5 to 20 degrees."
+            f"{swing.source} swings by only {math.degrees(first):.2g} degrees, "
+            "where the friction of the pivot and the noise of the sensor matter "
+            "most. Check its unit, or let the body swing by 5 to 20 degrees."
         )
         yield Finding(code="swing-unit", severity="warning", text=text, where=where)
     elif first > _LARGEST_SWING:
-        text = f"{swing.source} swings by {math.degrees(first):.3g} degrees; bodies are let go at 5 to 20."
+        text = (
+            f"{swing.source} swings by {math.degrees(first):.3g} "
+            "degrees; release the body at 5 to 20 degrees."
+        )
         yield Finding(code="swing-unit", severity="warning", text=text, where=where)
 
 
@@ -112,9 +118,9 @@ def _of_body(fit: SwingFit, robot: Robot, pivot: Pivot) -> Iterator[Finding]:
         return
     cause = likely_cause(fit.frequency, robot, pivot)
     text = (
-        f"A period of {2.0 * math.pi / fit.frequency:.4g} s, hung {pivot.distance:.3g} m from its centre of mass, "
-        f"makes the body's radius of gyration {gyration:.3g} m, {share:.2g} of that distance, where bodies have 0.3 "
-        f"to 0.9. {cause or 'Look at the units of t and at the distance to the pivot.'}"
+        f"A period of {2.0 * math.pi / fit.frequency:.4g} s at {pivot.distance:.3g} m from the centre of "
+        f"mass gives the body a radius of gyration of {gyration:.3g} m, {share:.2g} of that distance; "
+        f"bodies have 0.3 to 0.9. {cause or 'Look at the units of t and at the distance to the pivot.'}"
     )
     severity = "warning" if _POSSIBLE[0] <= share <= _POSSIBLE[1] else "error"
     yield Finding(code="swing-inertia", severity=severity, text=text, where=Place(columns=("t",)))
@@ -127,10 +133,10 @@ def _of_file(fit: SwingFit, found: SwingInertia, robot: Robot) -> Iterator[Findi
     if 1.0 / _LIKE_FILE <= ratio <= _LIKE_FILE:
         return
     text = (
-        f"The swing's inertia about the ball's centre, {found.about_ball_center.value:.4g} kg m^2, is {ratio:.3g} "
-        f"times the file's {float(nearest):.4g}. Either the file's is wrong, or body.mass ({robot.body.mass:.4g} kg), "
-        f"the distance to the pivot, or the recording's time: clocks {math.sqrt(ratio):.3g} times too slow would do "
-        "the same."
+        f"The swing's inertia about the ball's centre, {found.about_ball_center.value:.4g} kg "
+        f"m^2, is {ratio:.3g} times the file's {float(nearest):.4g}. The file's inertia is wrong, "
+        f"or body.mass ({robot.body.mass:.4g} kg), the distance to the pivot, or the time of the "
+        f"recording; a clock {math.sqrt(ratio):.3g} times too slow would have the same effect."
     )
     yield Finding(
         code="swing-inertia", severity="warning", text=text, where=Place(columns=(fit.swing.source,))
@@ -141,12 +147,12 @@ def _of_fit(fit: SwingFit) -> Iterator[Finding]:
     where = Place(columns=(fit.swing.source,))
     if fit.residual > _MUCH_LEFT:
         text = (
-            f"A pendulum leaves {100.0 * fit.residual:.0f} % of {fit.swing.source} unexplained: look for a pivot that "
-            "slides, a second mode or a hand that touched the body."
+            f"A pendulum leaves {100.0 * fit.residual:.0f} % of {fit.swing.source} unexplained; "
+            "look for a pivot that slides, a second mode or a hand that touched the body."
         )
         yield Finding(code="swing-fit", severity="warning", text=text, where=where)
     half = fit.half_widths
     energy = fit.values[1] * fit.frequency * fit.amplitudes[0] + fit.values[2]
     if fit.values[1] < -half[1] and energy < 0.0:
-        text = "The swing grows: something drives the body, or time runs backwards in the recording."
+        text = "The swing grows: something drives the body, or the recording is reversed in time."
         yield Finding(code="swing-fit", severity="warning", text=text, where=where)

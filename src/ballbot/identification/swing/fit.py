@@ -80,12 +80,12 @@ def fit_swing(swing: Swing) -> SwingFit:
         largest = float(np.abs(swing.values - np.median(swing.values)).max())
         unit = "degrees" if swing.kind == "angle" else "degrees per second"
         raise InputError(
-            f"{swing.source} is no pendulum's in radians and is one in {unit}, up to {largest:.3g}; multiply it by "
-            "pi/180."
+            f"{swing.source} is not a pendulum's swing in radians, but it "
+            f"is in {unit}, up to {largest:.3g}; multiply it by pi/180."
         )
     left = "" if fit is None else f": a pendulum leaves {100.0 * fit.residual:.0f} % of it unexplained"
     raise InputError(
-        f"{swing.source} is no free swing{left}; cut the recording to where nothing touches the body."
+        f"{swing.source} is not a free swing{left}; cut the recording to where nothing touches the body."
     )
 
 

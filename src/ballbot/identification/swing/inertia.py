@@ -26,8 +26,8 @@ _CLOCKS = (
     ("microseconds", "", 1e-6),
     ("nanoseconds", "", 1e-9),
     ("minutes", "", 60.0),
-    ("", "The clock looks to run at half its rate, as with frames counted twice.", 0.5),
-    ("", "The clock looks to run at twice its rate, as with every second frame missing.", 2.0),
+    ("", "The clock appears to run at half its rate, as if frames were counted twice.", 0.5),
+    ("", "The clock appears to run at twice its rate, as if every second frame were missing.", 2.0),
 )
 #: over the distance to the pivot
 _USUAL_GYRATION = (0.15, 1.2)
@@ -66,10 +66,11 @@ class Pivot:
             at_ball_center=distance is None,
         )
         if not (math.isfinite(pivot.distance) and pivot.distance > 0.0):
-            raise InputError(f"The pivot's distance is {pivot.distance:g} m; it must be above zero.")
+            raise InputError(f"The distance to the pivot is {pivot.distance:g} m; it must be above zero.")
         if not (math.isfinite(pivot.deviation) and pivot.deviation >= 0.0):
             raise InputError(
-                f"The standard deviation of the pivot's distance is {pivot.deviation:g} m; it must be zero or more."
+                "The standard deviation of the distance to the pivot "
+                f"is {pivot.deviation:g} m; it must be zero or more."
             )
         return pivot
 
@@ -119,9 +120,9 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
     if own <= 0.0:
         cause = likely_cause(fit.frequency, robot, pivot)
         raise InputError(
-            f"With {m:g} kg at {r:g} m the swing of {fit.frequency:.4g} rad/s leaves an inertia of {own:.3g} kg m^2 "
-            f"about the centre of mass, which no body has; the distance must be below {g / fit.frequency**2:.4g} m."
-            f"{f' {cause}' if cause else ''}"
+            f"With {m:g} kg at {r:g} m, the swing of {fit.frequency:.4g} rad/s gives an inertia "
+            f"of {own:.3g} kg m^2 about the centre of mass, which no body has; the distance "
+            f"must be below {g / fit.frequency**2:.4g} m.{(f' {cause}' if cause else '')}"
         )
     # what each result changes by one standard deviation of each cause; where r is l they are one cause
     omega = about_pivot / fit.frequency * -2.0 * fit.frequency_half_width / _NORMAL
@@ -162,9 +163,9 @@ def radius_of_gyration(frequency: float, robot: Robot, pivot: Pivot) -> float:
 
 def likely_cause(frequency: float, robot: Robot, pivot: Pivot) -> str:
     """Return the slip of units, in a sentence, that makes a usual body of one that no body is; "" if none does."""
-    times = {f"t looks to be in {unit}." if unit else words: factor for unit, words, factor in _CLOCKS}
+    times = {f"t appears to be in {unit}." if unit else words: factor for unit, words, factor in _CLOCKS}
     distances = {
-        f"The distance to the pivot looks to be in {unit}, that is {factor * pivot.distance:.3g} m.": factor
+        f"The distance to the pivot appears to be in {unit}, that is {factor * pivot.distance:.3g} m.": factor
         for unit, factor in (("centimetres", 1e-2), ("millimetres", 1e-3))
     }
     causes = [(words, factor, 1.0) for words, factor in times.items()]

@@ -85,7 +85,7 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
     angles = [name for name in ("theta", "phi", "psi") if name in log]
     if not angles:
         raise InputError(
-            "The log has neither gyro_x nor theta, phi or psi; name the column that swings with --swing-column."
+            "The log has neither gyro_x nor theta, phi or psi; name the swinging column with --swing-column."
         )
     log.require(*angles)
     most = max(angles, key=lambda name: float(np.std(np.unwrap(log[name]))))
@@ -113,12 +113,12 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     values = np.unwrap(values) if kind == "angle" else values
     centred = values - np.median(values)
     if len(t) < 32 or float(np.ptp(centred)) == 0.0:
-        raise InputError(f"{source} does not swing: {len(t)} rows, no motion.")
+        raise InputError(f"{source} does not swing: it has {len(t)} rows and no motion.")
     period = _period(t, centred)
     if period < _LEAST_SAMPLES * float(np.median(np.diff(t))):
         raise InputError(
-            f"{source} has fewer than {_LEAST_SAMPLES:g} samples in a swing of {period:.2g} s; record it faster, "
-            "or look whether it is the hanging body's."
+            f"{source} has fewer than {_LEAST_SAMPLES:g} samples in a swing of "
+            f"{period:.2g} s; record faster, or check that it is the hanging body's motion."
         )
     smooth = _smoothed(t, centred, period)
     peaks, _ = find_peaks(np.abs(smooth), distance=max(1, int(0.35 * period / np.median(np.diff(t)))))
@@ -127,13 +127,13 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     largest = float(np.abs(smooth[peaks]).max())
     if kind == "angle" and largest > _LARGEST_ANGLE:
         raise InputError(
-            f"{source} swings to {largest:.3g} rad; that is no pendulum's, look whether it is in degrees (then "
-            "multiply it by pi/180)."
+            f"{source} swings to {largest:.3g} rad, more than a pendulum can; "
+            "check whether it is in degrees (then multiply it by pi/180)."
         )
     if kind == "rate" and largest * period / (2.0 * np.pi) > _LARGEST_RATE:
         raise InputError(
-            f"{source} swings with {largest:.3g} rad/s in {period:.3g} s, more than a pendulum that turns over; look "
-            "whether it is in degrees per second (then multiply it by pi/180)."
+            f"{source} swings with {largest:.3g} rad/s in {period:.3g} s, more than a pendulum that "
+            "turns over; check whether it is in degrees per second (then multiply it by pi/180)."
         )
     top = int(peaks[np.argmax(np.abs(smooth[peaks]) > _AS_LARGE * largest)])
     crossings = np.flatnonzero(smooth[top:-1] * smooth[top + 1 :] <= 0.0)
@@ -143,8 +143,8 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     swing = Swing(t=t[start:end], values=values[start:end], kind=kind, period=period, source=source)
     if end - start < 2 or swing.swings < _LEAST_SWINGS:
         raise InputError(
-            f"{source} swings freely {0.0 if end - start < 2 else swing.swings:.1f} times; {_LEAST_SWINGS:g} are the "
-            "least that frequency and damping can be told from."
+            f"{source} swings freely {(0.0 if end - start < 2 else swing.swings):.1f} "
+            f"times; frequency and damping need at least {_LEAST_SWINGS:g} swings."
         )
     return swing
 

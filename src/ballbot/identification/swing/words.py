@@ -27,13 +27,13 @@ def swing_remarks(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[str]
     ]
     if found.about_center_of_mass.shares["frequency"] == 1.0:
         sentences.append(
-            "The file says of neither body.mass nor body.center_of_mass how well it is known (standard_deviation), so "
-            "the intervals are the swing's alone."
+            "The file has no standard_deviation of body.mass and "
+            "body.center_of_mass, so the intervals cover the swing only."
         )
     else:
         cause, share = max(found.about_center_of_mass.shares.items(), key=lambda item: item[1])
         sentences.append(
-            f"About the centre of mass, {100.0 * share:.0f} % of the variance come from the {cause}."
+            f"About the centre of mass, {100.0 * share:.0f} % of the variance comes from the {cause}."
         )
     return sentences
 
@@ -93,7 +93,7 @@ def _beside_file(one: Estimate, robot: Robot) -> str:
     # rounding of the file's number is no deviation
     inside = [abs(value - one.value) <= max(one.half_width, 1e-4 * one.value) for value in written]
     if all(inside):
-        return f"the file's {' and '.join(named)} lie within."
+        return f"the file's {' and '.join(named)} lie within it."
     if any(inside):
         within, outside = (named[inside.index(which)] for which in (True, False))
         return f"the file's {within} lies within, its {outside} outside."
@@ -123,7 +123,7 @@ def _damping_sentence(fit: SwingFit, inertia: float) -> str:
     if viscous and dry:
         return f"Both frictions slow it: viscous, {b}, and dry, {c}."
     if viscous:
-        return f"Viscous friction slows it, {b}; of dry friction the swing shows none."
+        return f"Viscous friction slows it, {b}; the swing shows no dry friction."
     if dry:
-        return f"Dry friction slows it, {c}; of viscous friction the swing shows none."
-    return "Which friction slows it, the swing does not tell; let it swing longer."
+        return f"Dry friction slows it, {c}; the swing shows no viscous friction."
+    return "The swing is too short to show which friction slows it; let it swing longer."

@@ -63,7 +63,7 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
 def _of_sampling(log: Log) -> Iterator[Finding]:
     h = log.sample_time
     if h > _SLOWEST_SAMPLING:
-        unit = f"; t looks to be in milliseconds ({1e-3 * h:.3g} s)" if h >= 1.0 else ""
+        unit = f"; t appears to be in milliseconds ({0.001 * h:.3g} s)" if h >= 1.0 else ""
         text = f"Rows come every {h:.3g} s, too slowly for a ball on its wheels{unit}."
         yield Finding(code="scale", severity="error", text=text, where=Place(columns=("t",)))
 
@@ -80,8 +80,8 @@ def _frozen(log: Log) -> Iterator[Finding]:
     if lasts > _FROZEN and lengths[longest] > 20:
         start = float(log.t[edges[longest]])
         text = (
-            f"ball_omega repeats one value for {lasts:.2g} s from t = {start:.4g} s on: the camera lost the ball, or "
-            "the log stood still. Cut that stretch out."
+            f"ball_omega repeats one value for {lasts:.2g} s from t = {start:.4g} s "
+            "on: the camera lost the ball, or the log froze. Remove that interval."
         )
         where = Place(columns=BALL_NAMES, time=start)
         yield Finding(code="stuck", severity="error", text=text, where=where)
@@ -129,8 +129,8 @@ def _of_encoders(
         return
     if left < 0.5:
         text = (
-            f"The wheels turn {slope:.3g} times as fast as the ball's angular velocity makes them: "
-            f"{_unit_of(slope)}."
+            f"The wheels turn {slope:.3g} times as fast as the "
+            f"ball's angular velocity implies: {_unit_of(slope)}."
         )
         yield Finding(code="ball-omega", severity="error", text=text, where=Place(columns=columns))
         return
@@ -145,9 +145,9 @@ def _of_encoders(
     cause = (
         f"{', or '.join(likely[:3])}."
         if least < 0.5
-        else "another frame, another log, or wheels that the robot's file places elsewhere."
+        else "another frame, another log, or wheel azimuths that differ from the robot file."
     )
-    text = f"The wheels do not turn as the ball's angular velocity makes them: {cause}"
+    text = f"The wheels do not turn as the ball's angular velocity implies: {cause}"
     yield Finding(code="ball-omega", severity="error", text=text, where=Place(columns=columns))
 
 
@@ -262,7 +262,7 @@ def _of_torques(log: Log, omega: NDArray[np.float64], ball: ClampedBall) -> list
     if better:
         likely = [one for one in better if one[0].left < _AS_LIKELY * better[0][0].left]
         causes = ", or ".join(words for _, _, words in likely[:3])
-        text = f"The torques do not move the ball as they should, and would if {causes}."
+        text = f"The torques do not move the ball as they should; they would if {causes}."
         return [_error(likely[0][1], text, *names, *BALL_NAMES)]
     dead = list(_dead(fit, pieces))
     if dead:
@@ -270,14 +270,14 @@ def _of_torques(log: Log, omega: NDArray[np.float64], ball: ClampedBall) -> list
     common = float(np.median(fit.gains))
     if explained > _EXPLAINED and common > 0.0 and np.ptp(np.log(np.abs(fit.gains))) < 1.0:
         text = (
-            f"The ball answers {common:.3g} times what the torques should do: {_scale_of(common)}, or the robot's "
-            "inertias are wrong."
+            f"The ball responds {common:.3g} times as strongly to the torques as "
+            f"it should: {_scale_of(common)}, or the robot's inertias are wrong."
         )
         return [_error("torque-scale", text, *names, *BALL_NAMES)]
     text = (
-        f"The torques explain {100.0 * max(0.0, explained):.0f} % of how the ball's speed changes (gains "
-        f"{', '.join(f'{gain:.2g}' for gain in fit.gains)}, where one is right): noise, another log's columns, a "
-        "delay, or a robot that is not clamped."
+        f"The torques explain only {100.0 * max(0.0, explained):.0f} % of the change of the "
+        f"ball's speed (gains {', '.join(f'{gain:.2g}' for gain in fit.gains)}; each should "
+        "be 1): noise, columns of another log, a delay, or a robot that is not clamped."
     )
     return [_error("torque-unrelated", text, *names, *BALL_NAMES)]
 
@@ -289,7 +289,7 @@ def _sign(fit: _Fit) -> Finding:
         what = "All torques, or ball_omega on all axes, have the opposite sign"
     else:
         what = f"{' and '.join(negated)} {'has' if len(negated) == 1 else 'have'} the opposite sign"
-    text = f"{what}: the ball is pushed the other way, as strongly as it should be."
+    text = f"{what}: the ball is pushed in the opposite direction, as strongly as it should be."
     return _error("torque-sign", text, *negated)
 
 
@@ -297,8 +297,8 @@ def _gain_warnings(fit: _Fit) -> Iterator[Finding]:
     for wheel, gain in enumerate(fit.gains, start=1):
         if not _USUAL[0] < gain < _USUAL[1]:
             text = (
-                f"The ball answers {gain:.2g} times what u{wheel} should do: look at that torque's scale, at the "
-                "robot's inertias, and whether the wheel slips."
+                f"The ball responds {gain:.2g} times as strongly to u{wheel} as it should; check "
+                "the scale of that torque, the robot's inertias, and whether the wheel slips."
             )
             where = Place(columns=(f"u{wheel}",))
             yield Finding(code="torque-scale", severity="warning", text=text, where=where)
@@ -311,12 +311,16 @@ def _dead(fit: _Fit, pieces: _Pieces) -> Iterator[Finding]:
     for wheel, (gain, size) in enumerate(zip(fit.gains, sizes, strict=True), start=1):
         others = np.delete(right, wheel - 1)
         if size < 0.02 * sizes.max():
-            text = f"u{wheel} is next to nothing ({size:.2g} N m) beside the others: not logged, or its motor rests."
+            text = (
+                f"u{wheel} is almost zero ({size:.2g} N m) compared with "
+                "the others: it was not logged, or its motor rests."
+            )
             yield _error("dead-motor", text, f"u{wheel}")
         elif others.all() and abs(gain) < 0.25:
             text = (
-                f"The ball does not answer u{wheel} ({gain:.2g} times what it should) while it answers the other "
-                "motors: that motor is dead, its wheel does not touch the ball, or the column is wrong."
+                f"The ball does not respond to u{wheel} ({gain:.2g} times what it "
+                "should) while it responds to the other motors: that motor is "
+                "dead, its wheel does not touch the ball, or the column is wrong."
             )
             yield _error("dead-motor", text, f"u{wheel}")
 

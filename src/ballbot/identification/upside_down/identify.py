@@ -97,7 +97,7 @@ def identify_upside_down(
         Where the logs cannot give the parameters, or an option makes no sense.
     """
     if not 0.0 < held_out < 1.0:
-        raise InputError(f"held_out is {held_out!r}; it must be a share between 0 and 1, such as 0.25.")
+        raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
     check_seed(seed)
     logs = [logs] if isinstance(logs, Log) else list(logs)
     coordinates = _coordinates(robot, bounds or Bounds())
@@ -192,7 +192,7 @@ def _coordinates(robot: Robot, bounds: Bounds) -> Coordinates:
     """Return the coordinates of friction's 3 n + 3 parameters, the last, rolling friction, held as it is."""
     others = [name for name in bounds.given if name not in FRICTION]
     if others:
-        raise InputError(f"{others[0]} cannot be sought upside down; its bounds have no place here.")
+        raise InputError(f"{others[0]} cannot be identified upside down; remove its bounds.")
     return scale_between(robot, free=FRICTION[:-1], bounds=replace(bounds, rolling=None))
 
 
@@ -205,16 +205,17 @@ def _check(problem: BallProblem) -> list[str]:
     share = (np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED).mean(axis=0)
     if share.max() < 0.1:
         raise InputError(
-            f"The ball stands still: its wheels turn faster than {LEAST_SPEED:g} rad/s in hardly any window; "
-            "larger torques would move it."
+            "The ball stands still: its wheels turn faster than "
+            f"{LEAST_SPEED:g} rad/s in hardly any window. Use larger torques."
         )
     if len(windows) < WINDOWS_PER_PARAMETER * sought:
         raise InputError(
-            f"{len(windows)} windows are to fit {sought} parameters, which takes {WINDOWS_PER_PARAMETER * sought}; "
-            "log for longer, or choose a shorter window."
+            f"{len(windows)} windows are too few to fit {sought} parameters, which need "
+            f"{WINDOWS_PER_PARAMETER * sought}. Log for longer, or choose a shorter window."
         )
     return [
-        f"Wheel {i + 1} turns in {100 * share[i]:.0f} % of the windows only; turn the ball about other axes too."
+        f"Wheel {i + 1} turns in only {100 * share[i]:.0f} % "
+        "of the windows; turn the ball about other axes too."
         for i in np.flatnonzero(share < 0.1)
     ]
 

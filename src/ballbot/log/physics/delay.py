@@ -65,9 +65,9 @@ def delay_findings(found: Answer | None, *, names: tuple[str, ...]) -> list[Find
         return []
     size, late = 1000.0 * abs(found.lag), found.lag > 0.0
     sentence = (
-        f"The torques stand {size:.0f} ms too {'late' if late else 'early'} in the log: they answer the states of "
-        f"{size:.0f} ms {'before' if late else 'after'}. The torques' or the sensors' times are wrong; shift "
-        "one of them ([input] delay or [attitude] delay in a mapping)."
+        f"The torques are {size:.0f} ms too {('late' if late else 'early')} in the log: they respond "
+        f"to the states {size:.0f} ms {('before' if late else 'after')}. The times of the torques or "
+        "of the sensors are wrong; shift one of them ([input] delay or [attitude] delay in a mapping)."
     )
     where = Place(columns=names)
     return [Finding(code="torque-delay", severity="error", text=sentence, where=where)]

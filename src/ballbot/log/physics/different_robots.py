@@ -75,9 +75,9 @@ def _compared(scales: Mapping[str, Scale], what: str, cause: str) -> Finding | N
     other = second if odd == first else first
     ratio = scales[odd].middle / scales[other].middle
     sentence = (
-        f"{odd} and {other} are of different robots: {what} is {ratio:.2f} times as large in {odd} (over the robot "
-        f"file's it is {scales[odd].words} in {odd}, {scales[other].words} in {other}). {cause} Use logs of "
-        "one robot in one state."
+        f"{odd} and {other} are of different robots: {what} is {ratio:.2f} times as large "
+        f"in {odd} (relative to the robot file it is {scales[odd].words} in {odd} and "
+        f"{scales[other].words} in {other}). {cause} Use logs of one robot in one condition."
     )
     return Finding(code="robots", severity="error", text=sentence, where=Place(file=odd))
 
@@ -130,7 +130,7 @@ def _wheel_scale(one: Examined) -> Scale | None:
 _SCALES: tuple[tuple[Callable[[Examined], Scale | None], str, str], ...] = (
     (
         _torque_scale,
-        "the torque that a motion takes",
+        "the torque that the motion needs",
         "One is heavier, or has another gear ratio or torque constant.",
     ),
     (

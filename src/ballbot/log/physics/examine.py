@@ -58,8 +58,9 @@ def examine(log: Log, robot: Robot) -> Examined:
         return Examined(findings=tuple(late), lean=lean, wheel_gain=gain)
     if not lean.conclusive:
         sentence = (
-            "The signs and scales of lean and torques cannot be checked: the ball's acceleration does not follow the "
-            "lean clearly enough (too little motion, wheels that slip, or a robot that is held)."
+            "The signs and scales of lean and torques cannot be checked: the "
+            "acceleration of the ball does not follow the lean clearly enough "
+            "(too little motion, slipping wheels, or a robot that is held)."
         )
         return Examined(findings=(Finding(code="physics", severity="note", text=sentence),), wheel_gain=gain)
     torque, findings = _torque(log, rows, motion, robot)
@@ -95,8 +96,8 @@ def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
         f"{name} at {peaks[name]:.3g} N m in {100 * shares[name]:.0f} % of the rows" for name in clipped
     )
     sentence = (
-        f"The torques were clipped in the recording: they stand at their largest value ({values}), where the motion "
-        "needs more. Record them without that limit, or leave these stretches out."
+        f"The torques were clipped in the recording: they are at their largest value ({values}) "
+        "while the motion needs more. Record them without that limit, or remove these intervals."
     )
     return Finding(
         code="torque-clipped", severity="error", text=sentence, where=Place(columns=tuple(clipped))

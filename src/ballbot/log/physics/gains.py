@@ -103,9 +103,9 @@ def gain_findings(found: Gains, torque: TorqueEvidence, *, names: tuple[str, ...
     too_large = TOO_LARGE * (UNCLEAR_FACTOR if torque.explained < UNCLEAR_SHARE else 1.0)
     if found.all - SURE * found.all_error > too_large:
         sentence = (
-            f"The torques are {found.all:.2g} times what the motion needs of this robot: {names[0]}, {names[1]} .. are "
-            "scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the robot is heavier "
-            "than its file says."
+            f"The torques are {found.all:.2g} times what the motion of this robot needs: "
+            f"{names[0]}, {names[1]} .. are scaled (torque constant, gear ratio, current or "
+            "per-unit values in place of N m), or the robot is heavier than its file says."
         )
         return [Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=names))]
     return []
@@ -122,9 +122,9 @@ def _one_unlike_the_others(found: Gains, j: int, name: str) -> list[Finding]:
     if not (too_large or too_small):
         return []
     sentence = (
-        f"{name} is {factor / others:.2g} times as large as the other torques, against what the motion needs of its "
-        "wheel: its torque constant, gear ratio or unit is another one, or its motor gives less than it is asked for. "
-        "Correct the column's scale in a mapping."
+        f"{name} is {factor / others:.2g} times as large as the other torques, relative to what "
+        "the motion of its wheel needs: its torque constant, gear ratio or unit differs, or "
+        "its motor gives less than the command. Correct the scale of the column in a mapping."
     )
     return [Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=(name,)))]
 

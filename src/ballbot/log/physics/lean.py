@@ -150,9 +150,9 @@ def lean_findings(found: LeanEvidence) -> list[Finding]:
     if abs(turn) - sure / size > LARGEST_TURN:
         degrees = np.degrees(turn)
         sentence = (
-            f"The ball accelerates {abs(degrees):.0f} degrees to the {'left' if degrees > 0.0 else 'right'} of the "
-            "lean: the IMU is mounted turned about the vertical, or psi has another zero than x and y. Turn the lean "
-            "([attitude] turn in a mapping)."
+            f"The ball accelerates {abs(degrees):.0f} degrees to the "
+            f"{('left' if degrees > 0.0 else 'right')} of the lean: the IMU is mounted turned about the "
+            "vertical, or psi has another zero than x and y. Rotate the lean ([attitude] turn in a mapping)."
         )
         return [Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=_LEAN))]
     return []
@@ -239,9 +239,9 @@ def _misread(angles: Sequence[Reading], rates: Sequence[Reading]) -> Finding:
     ]
     columns = tuple(name for name in (*_LEAN, *_RATES) if any(name in _words(c) for c in simplest))
     sentence = (
-        f"The lean does not fit the ball's acceleration: {', or '.join(simplest)}. Only so does the ball accelerate "
-        "towards the lean, as under every balancing robot (the same is seen if x_dot, y_dot and the wheels have that "
-        "mistake instead). Correct the columns or the mapping."
+        f"The lean does not fit the ball's acceleration: {', or '.join(simplest)}. With this correction "
+        "the ball accelerates towards the lean, as under every balancing robot (the same mistake in "
+        "x_dot, y_dot and the wheels would look the same). Correct the columns or the mapping."
     )
     return Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=columns))
 
@@ -266,16 +266,16 @@ def _scaled(size: float, rate_gain: complex) -> Finding:
     """Return the finding on a scale between lean and acceleration."""
     share = abs(rate_gain) / size
     degrees = np.degrees(1.0)
-    seen = f"The ball accelerates {size:.3g} times as much as the lean makes it"
+    seen = f"The ball accelerates {size:.3g} times as much as the lean implies"
     of_lean = f"theta and phi are scaled by {1.0 / size:.3g}"
     of_ball = (
         "the ball's velocity is scaled (wheel radius, ball radius, gear ratio or encoder counts per turn)"
     )
-    of_robot = "the height of the centre of mass is not the robot file's"
+    of_robot = "the height of the centre of mass differs from the robot file"
     if 0.75 < size * degrees < 1.33:
-        cause = "theta and phi are in degrees where radians belong"
+        cause = "theta and phi are in degrees, not in radians"
     elif 0.75 < size / degrees < 1.33:
-        cause = "theta and phi were turned into radians twice"
+        cause = "theta and phi were converted to radians twice"
     elif RATE_SHARE[0] < share < RATE_SHARE[1]:
         cause = f"{of_ball}, or {of_robot}, or {of_lean} with their rates"
     else:

@@ -184,9 +184,9 @@ def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Fi
         return [_misplaced(found, where)]
     if found.as_logged < UNRELATED:
         sentence = (
-            "The torques have nothing to do with the motion: as logged they explain "
-            f"{100 * max(found.as_logged, 0.0):.0f} % of what the motion needs, and no other order or signs fit. They "
-            "are of another log, shifted in time, or not the motors' torques."
+            "The torques are unrelated to the motion: as logged they explain "
+            f"{100 * max(found.as_logged, 0.0):.0f} % of the torque that the motion needs, and no other order "
+            "or signs fit. They are from another log, shifted in time, or not the torques of the motors."
         )
         return [Finding(code="torque-unrelated", severity="error", text=sentence, where=where)]
     return _scale_findings(found, where) if found.explained > EXPLAINED else []
@@ -197,9 +197,9 @@ def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
     best = found.assignments[0]
     causes = [one.words for one in found.assignments if one.changes <= best.changes + 1][:4]
     sentence = (
-        f"The torques do not fit the motion as logged: {', or '.join(causes)}. So they explain "
-        f"{100 * found.explained:.0f} % of what the motion needs, as logged {100 * max(found.as_logged, 0.0):.0f} %. "
-        "Correct the columns or the mapping."
+        f"The torques do not fit the motion as logged: {', or '.join(causes)}. With this correction "
+        f"they explain {100 * found.explained:.0f} % of the torque that the motion needs, as logged "
+        f"{100 * max(found.as_logged, 0.0):.0f} %. Correct the columns or the mapping."
     )
     if best.wheels == tuple(range(len(best.wheels))):
         return Finding(code="torque-sign", severity="error", text=sentence, where=where)
@@ -216,9 +216,9 @@ def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
         return []
     error = small or forward - sure > TOO_LARGE * widened
     sentence = (
-        f"The torques are {forward if large else reverse:.2g} times what the motion needs of this robot: u1, u2 .. are "
-        "scaled (torque constant, gear ratio, current or per-unit values in place of N m), or the robot is "
-        f"{'heavier' if large else 'lighter'} than its file says."
+        f"The torques are {(forward if large else reverse):.2g} times what the motion of this robot "
+        "needs: u1, u2 .. are scaled (torque constant, gear ratio, current or per-unit values in "
+        f"place of N m), or the robot is {('heavier' if large else 'lighter')} than its file says."
     )
     return [
         Finding(code="torque-scale", severity="error" if error else "warning", text=sentence, where=where)

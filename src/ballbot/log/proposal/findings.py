@@ -48,7 +48,9 @@ def _rows(proposal: Proposal) -> list[Finding]:
     if proposal.rows is None:
         return []
     first, last = proposal.rows
-    sentence = f"Time does not rise throughout, as if runs were put together: rows {first} to {last} are the longest."
+    sentence = (
+        f"Time does not always increase, as if runs were joined: rows {first} to {last} are the longest run."
+    )
     return [_finding("warning", "time", sentence)]
 
 
@@ -56,16 +58,22 @@ def _roles(proposal: Proposal) -> list[Finding]:
     roles, found = proposal.roles, []
     if proposal.by_data:
         sentence = (
-            f"The columns are recognised by their values: {roles.time} is the time, {', '.join(roles.attitude)} "
-            f"roll and pitch, {', '.join(roles.angles)} the wheels' angles, "
-            f"{', '.join(roles.commands) or 'none'} commands."
+            f"The columns are recognised by their values: {roles.time} is the time, "
+            f"{', '.join(roles.attitude)} roll and pitch, {', '.join(roles.angles)} "
+            f"the wheel angles, {', '.join(roles.commands) or 'none'} commands."
         )
         found.append(_finding("warning", "columns", sentence))
     if not roles.attitude:
-        sentence = "No roll and pitch: nothing can be said of the wheels' places; the log serves for drivelines only."
+        sentence = (
+            "There are no roll and pitch, so the wheels cannot "
+            "be located; the log can be used for drivelines only."
+        )
         found.append(_finding("note", "columns", sentence))
     if not roles.commands and roles.body_commands:
-        sentence = f"The only commands are {', '.join(roles.body_commands)}, about the body's axes; log each motor's."
+        sentence = (
+            f"The only commands are {', '.join(roles.body_commands)}, "
+            "about the body's axes; log the command of each motor."
+        )
         found.append(_finding("warning", "columns", sentence))
     return found
 
@@ -74,7 +82,8 @@ def _encoders(proposal: Proposal) -> list[Finding]:
     found = []
     if proposal.largest_speed is not None:
         sentence = (
-            "A wheel's angle jumps by more than the wheel can turn: its encoder was reset, and is carried on."
+            "A wheel angle jumps by more than the wheel can turn: its "
+            "encoder was reset, and the angle is continued from there."
         )
         found.append(_finding("warning", "reset", sentence, proposal.roles.angles))
     found += _glitches(proposal)
@@ -95,8 +104,8 @@ def _glitches(proposal: Proposal) -> list[Finding]:
     if not wrong:
         return []
     sentence = (
-        f"The logged speeds {', '.join(names)} are far from their angles' in {wrong} rows: the angles are "
-        f"differentiated instead."
+        f"The logged speeds {', '.join(names)} differ much from the rates of "
+        f"their angles in {wrong} rows; the angles are differentiated instead."
     )
     return [_finding("warning", "glitch", sentence, names)]
 
@@ -106,14 +115,15 @@ def _timing(proposal: Proposal) -> list[Finding]:
     if timing.before is None:
         return [
             _finding(
-                "note", "timing", "The wheels are too slow for the encoders to tell when rows were sampled."
+                "note", "timing", "The wheels are too slow for the encoders to show when rows were sampled."
             )
         ]
     if timing.worth_it:
         sentence = (
-            f"The rows' times are off, alike for all wheels, as where a host logs the latest message: speeds are noisy "
-            f"by {timing.before:.2g} rad/s as logged, and by {timing.after:.2g} rad/s at the times that the encoders "
-            f"reveal (each wheel judged by the others)."
+            "The times of the rows are inaccurate, equally for all wheels, as when a host "
+            f"logs the latest message: the noise of the speeds is {timing.before:.2g} "
+            f"rad/s with the logged times, and {timing.after:.2g} rad/s with the times "
+            "estimated from the encoders (each wheel validated on the others)."
         )
         return [_finding("note", "timing", sentence, ("t",))]
     return []
@@ -124,35 +134,36 @@ def _placement(proposal: Proposal) -> list[Finding]:
     if tested is None:
         if not proposal.roles.attitude:
             return []
-        sentence = "Too little of the log is balancing for the wheels' places to be tested."
+        sentence = "The log has too little balancing to test where the wheels are."
         return [_finding("warning", "wheels", sentence)]
     best, found = tested.placements[0], []
     if tested.margin < CLEAR_MARGIN:
         other = tested.placements[1]
         sentence = (
-            f"The wheels' places are not clear: '{best.words}' fits only {tested.margin:.2f} times better than "
-            f"'{other.words}'; let the robot sway in all directions and turn its heading to and fro."
+            f"The places of the wheels are uncertain: {best.words} fits only {tested.margin:.2f} times better "
+            f"than {other.words}. Let the robot sway in all directions and turn its heading back and forth."
         )
         found.append(_finding("warning", "wheels", sentence))
     if tested.phase_error is not None and tested.phase_error > CLEAR_PHASE:
         sentence = (
-            f"The IMU's turn is known to {math.degrees(tested.phase_error):.0f} deg only; a longer log helps."
+            "The IMU's rotation about the vertical is known to only "
+            f"{math.degrees(tested.phase_error):.0f} deg; a longer log helps."
         )
         found.append(_finding("warning", "wheels", sentence))
     if not GAIN_RANGE[0] < best.gain < GAIN_RANGE[1]:
         sentence = (
-            f"The lean answers the wheels {best.gain:.3g} times as much as this robot's should: a unit, a radius or "
-            "the centre of mass is wrong."
+            f"The lean responds to the wheels {best.gain:.3g} times as strongly as this "
+            "robot's should: a unit, a radius or the height of the centre of mass is wrong."
         )
         found.append(_finding("warning", "scale", sentence))
     if best.mirrored:
         sentence = (
-            "The log is a mirror image of the robot: the wheels' order is reversed, which is the same as an IMU with "
-            "one axis (roll or pitch) reversed; which of the two it is, this log cannot tell."
+            "The log is a mirror image of the robot: the order of the wheels is reversed, "
+            "or one axis of the IMU (roll or pitch); this log cannot show which."
         )
         found.append(_finding("note", "wheels", sentence))
     if best.flipped is not None:
-        sentence = f"Wheel {best.flipped} of the file counts against the others."
+        sentence = f"Wheel {best.flipped} of the file counts in the opposite direction to the others."
         found.append(_finding("note", "wheels", sentence))
     return found
 
@@ -161,8 +172,9 @@ def _heading(proposal: Proposal) -> list[Finding]:
     if proposal.lean_test is None or proposal.frame.signs_by_heading:
         return []
     sentence = (
-        "The log does not turn its heading enough to say which way round the wheels count, nor to tell a reversed "
-        "wheel from a mirror image for sure: add a heading pulse (all wheels together, a second each way)."
+        "The log does not turn its heading enough to show in which direction the "
+        "wheels count, or to separate a reversed wheel from a mirror image. Add "
+        "a heading pulse (all wheels together, one second in each direction)."
     )
     return [_finding("warning", "heading", sentence)]
 
@@ -175,13 +187,15 @@ def _episodes(proposal: Proposal) -> list[Finding]:
         if falls:
             time = float(signals.rows[int(np.argmax(down))])
             sentence = (
-                f"The robot falls, or is not yet on its ball, {falls} times, first at {time:.1f} s; left out."
+                f"The robot falls, or is not yet on its ball, {falls} "
+                f"times, first at {time:.1f} s; these rows are excluded."
             )
             found.append(_finding("warning", "fall", sentence))
     if proposal.lean_test is not None and proposal.lean_test.pushed.any():
         seconds = float(proposal.lean_test.pushed.sum()) * INTERVAL
         sentence = (
-            f"In {seconds:.1f} s the wheels do not explain the lean: hands on the robot, or pushes; left out."
+            f"For {seconds:.1f} s the wheels do not explain the lean: "
+            "hands on the robot, or pushes. These rows are excluded."
         )
         found.append(_finding("warning", "hands", sentence))
     return found
@@ -193,26 +207,29 @@ def _commands(proposal: Proposal) -> list[Finding]:
         if not proposal.roles.commands:
             return []
         sentence = (
-            f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels: check what they are."
+            f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels; check what they are."
         )
         return [_finding("warning", "commands", sentence)]
     found = []
     if tested.order != tuple(range(1, len(tested.order) + 1)):
-        sentence = f"The commands are numbered otherwise than the wheels: wheels 1, 2, .. have commands {tested.order}."
+        sentence = (
+            "The commands are numbered differently from the "
+            f"wheels: wheels 1, 2, .. have commands {tested.order}."
+        )
         found.append(_finding("warning", "commands", sentence))
     if len(set(tested.signs)) > 1:
-        sentence = f"The commands' signs differ from wheel to wheel: {list(tested.signs)}."
+        sentence = f"The signs of the commands differ between wheels: {list(tested.signs)}."
         found.append(_finding("warning", "commands", sentence))
     delay = round(1e3 * tested.delay)
     sentence = (
         (
-            f"Commands are logged {-delay} ms after the motors' answer"
+            f"Commands are logged {-delay} ms after the response of the motors"
             if delay < 0
-            else f"Motors answer {delay} ms after the command"
+            else f"Motors respond {delay} ms after the command"
         )
         + (f", the lean is logged {1e3 * proposal.lean_test.lag:.0f} ms late" if proposal.lean_test else "")
-        + "; torque constant, winding resistance and dead band are assumed: a free-wheel sweep gives their ratios, a "
-        "data sheet the scale."
+        + "; torque constant, winding resistance and dead band are assumed. "
+        "A free-wheel sweep gives their ratios, a data sheet the scale."
     )
     found.append(_finding("note", "drive", sentence))
     return found

@@ -56,7 +56,7 @@ def read_foreign_table(path: str | Path) -> ForeignTable:
     cells = [_cells(line, mark) for line in lines]
     numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in cells]
     if sum(numeric) < 2:
-        raise InputError(f"{path} holds no table of numbers: no two of its lines are all numbers.")
+        raise InputError(f"{path} contains no table of numbers: no two of its lines are all numbers.")
     first = _first_row(cells, numeric)
     widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
     width = max(widths, key=lambda count: widths[count])
@@ -70,7 +70,7 @@ def read_foreign_table(path: str | Path) -> ForeignTable:
     )
     if damaged:
         notes.append(
-            f"{damaged} rows of another width than {width} cells, or with words among the numbers, are left out."
+            f"{damaged} rows that do not have {width} cells, or contain words among the numbers, are skipped."
         )
     layout = TextLayout(
         separator=mark,
@@ -143,7 +143,7 @@ def _names(head: list[list[str]], width: int) -> tuple[list[str], list[str]]:
     if len(given) != width:
         notes.append(
             f"The header names {len(given)} columns and the rows have {width}: "
-            + ("those at the end are without a name." if len(given) < width else "the last names are unused.")
+            + ("the last columns have no name." if len(given) < width else "the last names are unused.")
         )
     names: list[str] = []
     for place in range(width):

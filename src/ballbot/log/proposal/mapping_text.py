@@ -15,8 +15,9 @@ def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping_file`) that a proposal stands for."""
     parts = [
         [
-            f"# {printable_line(file.name)} as a log of the robot {robot.name}, proposed by ballbot check-log.",
-            "# What is assumed and not measured is marked so: look at it before you trust what is computed from it.",
+            f"# {printable_line(file.name)} as a log of the robot "
+            f"{robot.name}, proposed by `ballbot check-log`.",
+            "# Assumptions that were not measured are marked so: check them before you trust the results.",
         ],
         _file(proposal),
         _time(proposal),
@@ -38,7 +39,7 @@ def _file(proposal: Proposal) -> list[str]:
     if table.layout.drop_damaged:
         lines.append('damaged_rows = "drop"')
     if proposal.rows is not None:
-        lines.append(f"rows = {list(proposal.rows)}   # time starts anew outside these")
+        lines.append(f"rows = {list(proposal.rows)}   # time starts again outside these rows")
     return lines
 
 
@@ -83,7 +84,7 @@ def _attitude(proposal: Proposal) -> list[str]:
         error = "unknown" if tested.phase_error is None else f"{math.degrees(tested.phase_error):.1f}"
         lines += [
             f"turn = {math.degrees(proposal.frame.turn):.1f}   # measured: {measured:.1f}, standard error {error}",
-            f"delay = {tested.lag:.4f}   # measured: later than the wheels",
+            f"delay = {tested.lag:.4f}   # measured: behind the wheels",
         ]
     return lines
 
@@ -102,7 +103,7 @@ def _wheels(proposal: Proposal) -> list[str]:
             f"# signs: the sum of the wheels' speeds and the heading correlate by {heading.correlation:.2f}"
         )
     else:
-        lines.append("# signs: assumed; a heading pulse would show which way round the wheels count")
+        lines.append("# signs: assumed; a heading pulse would show in which direction the wheels count")
     lines.append(f"sign = {list(frame.signs)}")
     lines.append(f"angle = {{ {_angle(proposal)} }}   # {proposal.wheel.reason}")
     lines.append('speed = { derivative_of = "angle" }')
@@ -141,12 +142,14 @@ def _input(proposal: Proposal, robot: Robot) -> list[str]:
         f"sign = {signs}",
         f"scale = {duty.scale!r}   # {duty.reason}",
         f"delay = {delay:.4f}" + ("   # measured" if tested is not None else "   # assumed"),
-        "dead_band = 0.0   # assumed: the duty that the firmware adds; declare it",
-        f"supply_voltage = {drive.supply_voltage!r}   # the robot's",
-        f"torque_constant = {drive.torque_constant!r}   # the robot's",
-        f"back_emf_constant = {1.0 / drive.speed_constant!r}   # the robot's: one over its speed constant",
-        f"resistance = {resistance:.6g}   # assumed: the robot's torque limit is its torque at standstill, full duty",
-        f"gear_ratio = {drive.gear_ratio!r}   # the robot's",
+        "dead_band = 0.0   # assumed: the duty that the firmware adds; write it here",
+        f"supply_voltage = {drive.supply_voltage!r}   # from the robot file",
+        f"torque_constant = {drive.torque_constant!r}   # from the robot file",
+        f"back_emf_constant = {1.0 / drive.speed_constant!r}   # "
+        "from the robot file: the inverse of its speed constant",
+        f"resistance = {resistance:.6g}   # assumed: the torque "
+        "limit in the robot file is the stall torque at full duty",
+        f"gear_ratio = {drive.gear_ratio!r}   # from the robot file",
     ]
     return lines
 

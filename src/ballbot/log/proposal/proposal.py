@@ -159,8 +159,8 @@ def _roles(path: str | Path, table: ForeignTable, robot: Robot) -> tuple[Roles, 
     found = roles_by_data(table.columns, robot)
     if found is None:
         raise InputError(
-            f"{path}: neither names nor numbers tell which columns are the time, the lean and the wheels' angles; "
-            f"write a mapping file (its columns are {', '.join(table.columns)})."
+            f"{path}: neither names nor numbers show which columns are the time, the lean and the "
+            f"wheel angles; write a mapping file (the columns are {', '.join(table.columns)})."
         )
     return found, True
 

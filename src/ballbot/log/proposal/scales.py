@@ -84,7 +84,7 @@ def lean_scale(lean: NDArray[np.float64]) -> Scale:
         return Scale(
             unit="deg",
             factor=math.pi / 180.0,
-            reason=f"a tenth of the angles is beyond {size:.2g}, too far for radians",
+            reason=f"a tenth of the angles exceeds {size:.2g}, too much for radians",
         )
     return Scale(unit="rad", factor=1.0, reason=f"nine tenths of the angles are within {size:.2g}")
 
@@ -98,5 +98,5 @@ def duty_scale(commands: NDArray[np.float64]) -> Scale:
         unit="duty",
         factor=1.0 / full,
         scale=1.0 / full,
-        reason=f"the largest command is {largest:.4g}, so that {full:g} is taken for full duty",
+        reason=f"the largest command is {largest:.4g}, so {full:g} is assumed to be full duty",
     )

@@ -101,7 +101,8 @@ class Armstrong:
         remembered = math.ceil(self.memory / step) + 2
         if remembered > _LONGEST_MEMORY:
             raise InputError(
-                f"Armstrong's memory of {self.memory:g} s holds {remembered} steps of {step:g} s; take a longer step."
+                f"Armstrong's memory of {self.memory:g} s spans {remembered} steps of {step:g} s, which is too "
+                "many; use a longer step."
             )
         state = np.zeros(_RING + remembered)
         state[_LEVEL], state[_STEP] = self.stribeck, step

@@ -59,8 +59,9 @@ class Karnopp:
         at_edge = self.coulomb + self.viscous * self.dead_zone
         if self.static < at_edge:
             raise InputError(
-                f"Karnopp's static friction is {self.static:g}, below the {at_edge:g} that acts at the dead zone's "
-                "edge; it must be at least as large, or a torque between the two moves nothing and holds nothing."
+                f"Karnopp's static friction is {self.static:g}, below the {at_edge:g} at the edge of the dead "
+                "zone; it must be at least as large, or a torque between the two neither moves nor holds the "
+                "wheel."
             )
 
     def numbers(self) -> KarnoppNumbers:

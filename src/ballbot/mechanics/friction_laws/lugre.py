@@ -81,10 +81,10 @@ class LuGre:
         speed = None if self.may_drive else self.driving_speed()
         if speed is not None:
             raise InputError(
-                f"LuGre's friction could drive at speeds like {speed:.2g}, because its micro_damping of "
-                f"{self.micro_damping:g} meets bristles bent by {self.stribeck:g} beyond what sliding holds; take "
-                f"at most {self.viscous * self.coulomb / self.stribeck:.3g}, let it fade with a damping_speed, or "
-                "say may_drive=True."
+                f"LuGre's friction could inject energy at speeds like {speed:.2g}, because its micro_damping of "
+                f"{self.micro_damping:g} acts on bristles deflected by {self.stribeck:g} beyond the steady "
+                f"state. Use at most {self.viscous * self.coulomb / self.stribeck:.3g}, a damping_speed, or "
+                "may_drive=True."
             )
 
     def driving_speed(self) -> float | None:

@@ -72,5 +72,7 @@ def corrections_of(formulation: Formulation) -> Corrections:
     """
     named: dict[str, Corrections] = {"exact": _ALL, "thesis": _NONE}
     if formulation not in named:
-        raise InputError(f"there is no formulation {formulation!r}; there are 'exact' and 'thesis'")
+        raise InputError(
+            f"There is no formulation {formulation!r}; the formulations are 'exact' and 'thesis'"
+        )
     return named[formulation]

@@ -108,7 +108,7 @@ def _best(turning: Turning, poses: Poses) -> tuple[_Candidate, Clock | None]:
     """Return the likeliest fit and, if it is nearly as likely, the clock of another."""
     cameras, parts = poses_turning(poses), stretches(poses)
     if not parts:
-        raise InputError("The motion capture never has two poses without a gap between them.")
+        raise InputError("The motion capture has no two poses in succession without a gap between them.")
     found: list[_Candidate] = []
     for clock in candidate_clocks(turning, cameras):
         one = _fitted(turning, poses, cameras, parts, clock)
@@ -118,8 +118,8 @@ def _best(turning: Turning, poses: Poses) -> tuple[_Candidate, Clock | None]:
     if not found or _share(found[0].motion) < _LEAST_SHARE:
         share = 100.0 * _share(found[0].motion) if found else 0.0
         raise InputError(
-            f"Log and motion capture do not turn alike: under the best clock {share:.0f} % of the turning is common to "
-            f"both, where the same run has over {100 * _LEAST_SHARE:.0f} %."
+            f"Log and motion capture do not turn alike: with the best clock only {share:.0f} % of "
+            f"the turning is common to both; for the same run it is over {100 * _LEAST_SHARE:.0f} %."
         )
     middle = np.array(0.5 * (turning.t[0] + turning.t[-1]))
     here = found[0].motion.clock.to_cameras(middle)

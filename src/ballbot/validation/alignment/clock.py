@@ -77,8 +77,8 @@ def candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
             score[max(0, best - int(_APART / _STEP)) : best + int(_APART / _STEP) + 1] = -np.inf
     if not peaks:
         raise InputError(
-            "Log and motion capture have nothing in common: under no shift of their clocks do they turn alike over "
-            f"{_LEAST_OVERLAP:g} s."
+            "Log and motion capture do not match: with no shift of "
+            f"their clocks do they turn alike for {_LEAST_OVERLAP:g} s."
         )
     return _apart(sorted(peaks, key=lambda peak: -peak[0]))
 

@@ -109,7 +109,7 @@ def fit_origin(common: Common, frame: Frame, lever: NDArray[np.float64], motion:
     origins = common.places - rise - frame.camera_world.apply(level)
     known = np.isfinite(origins).all(axis=1)
     if not known.any():
-        raise InputError("The motion capture sees no place while the log has x and y.")
+        raise InputError("The motion capture has no position while the log has x and y.")
     begin = common.t[known][0]
     return Frame(
         camera_world=frame.camera_world,

@@ -108,7 +108,7 @@ def fit_motion(log: Turning, cameras: Turning, clock: Clock, body_marker: Rotati
             step = _solved(J, residuals, weights)[0]
         if not np.abs(step).max() < _LARGEST_STEP:
             raise InputError(
-                "Log and motion capture do not turn alike: near that start, no clock makes them."
+                "Log and motion capture do not turn alike: no clock near that start makes them match."
             )
         clock = _moved(clock, step[0], step[1], middle)
         body_marker = Rotation.from_rotvec(step[2:5]) * body_marker
@@ -134,7 +134,8 @@ def _cut(log: Turning, cameras: Turning, clock: Clock, rows: tuple[int, int] | N
     usable = (cameras.missing[ends] == cameras.missing[starts]) & log.covers(s0 - 0.05, s1 + 0.05)
     if usable.sum() < _LEAST:
         raise InputError(
-            f"Log and motion capture share {usable.sum()} stretches of {SPAN:g} s without a gap; {_LEAST} are needed."
+            f"Log and motion capture share {usable.sum()} intervals of "
+            f"{SPAN:g} s without a gap; at least {_LEAST} are needed."
         )
     starts, ends = starts[usable], ends[usable]
     return _Increments(

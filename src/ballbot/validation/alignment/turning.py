@@ -72,9 +72,7 @@ def log_turning(log: Log) -> Turning:
         steps = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
         rate = np.gradient(_summed(steps), log.t, axis=0)
     else:
-        raise InputError(
-            "Aligning needs how the body turned: the log's gyro_x, gyro_y, gyro_z, or its theta, phi, psi."
-        )
+        raise InputError("Alignment needs the log's gyro_x, gyro_y, gyro_z, or its theta, phi, psi.")
     whole = known[1:] & known[:-1] & ~_gaps(log.t)
     steps = np.where(whole[:, None], steps, 0.0)
     return Turning(t=log.t, total=_summed(steps), rate=rate, missing=_counted(~whole))
@@ -121,7 +119,7 @@ def longest_bridge(t: NDArray[np.float64]) -> float:
 
 def _check_known(known: NDArray[np.bool_], names: str) -> None:
     if known.sum() < 10:
-        raise InputError(f"The log's {names} hold hardly a number: {known.sum()} rows of {len(known)}.")
+        raise InputError(f"The log's {names} have values in only {known.sum()} of {len(known)} rows.")
 
 
 def _filled(values: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -45,14 +45,14 @@ def _heading(sensors: SensorErrors) -> str:
         words = f"Heading does not drift: {_signed(drift)} ± {half} degrees a minute"
     if position is None:
         return f"{words}."
-    reaches = f"it reaches {_two(1e3 * position.largest)} mm on a path of {_two(position.path)} m"
+    reaches = f"reaches {_two(1000.0 * position.largest)} mm on a path of {_two(position.path)} m"
     if not drifts:
-        return f"{words}; as to the position's error, {reaches}."
+        return f"{words}; the position error {reaches}."
     follows = "follows it" if position.by_heading > _FOLLOWS else "does not follow it"
     share = "none" if position.by_heading < 0.005 else f"{100 * position.by_heading:.0f} %"
     return (
-        f"{words}; position error {follows}: {reaches}, and turning that path by the heading's error explains {share} "
-        "of it."
+        f"{words}. The position error {follows} and {reaches}; rotating "
+        f"that path by the heading error explains {share} of it."
     )
 
 
@@ -62,9 +62,10 @@ def _leans(sensors: SensorErrors) -> str:
     drifting = [one for one in (theta, phi) if abs(one.drift) > one.drift_half_width]
     drifts = " and ".join(f"{one.name} drifts {_drift(one)}" for one in drifting) or "neither drifts"
     return (
-        f"The lean angles are right to {_two(np.degrees(theta.rms))} (theta) and {_two(np.degrees(phi.rms))} (phi) "
-        f"degrees rms, {_two(np.degrees(largest.largest))} at worst ({largest.name}); {drifts}. A constant error of "
-        "them cannot be told from a tilt of the cameras' frame and is not counted."
+        f"The lean angles are accurate to {_two(np.degrees(theta.rms))} (theta) and "
+        f"{_two(np.degrees(phi.rms))} (phi) degrees RMS, {_two(np.degrees(largest.largest))} "
+        f"at worst ({largest.name}); {drifts}. A constant error of them cannot be separated "
+        "from a tilt of the cameras' frame and is not counted."
     )
 
 
@@ -82,8 +83,8 @@ def _delays(alignment: Alignment) -> list[str]:
         if abs(one.delay) > max(_LEAST_DELAY, one.delay_half_width):
             way = "behind" if one.delay > 0 else "ahead of"
             words.append(
-                f"{name} is logged {1e3 * abs(one.delay):.1f} ± {_two(1e3 * one.delay_half_width)} ms {way} the "
-                f"{alignment.clock_signal}, which the clock follows."
+                f"{name} is logged {1000.0 * abs(one.delay):.1f} ± {_two(1000.0 * one.delay_half_width)} "
+                f"ms {way} the {alignment.clock_signal}, to which the clock is aligned."
             )
     return words
 
@@ -94,8 +95,9 @@ def _scale(sensors: SensorErrors) -> list[str]:
         return []
     way = "long" if scale.scale > 1.0 else "short"
     return [
-        f"The log's distances are {100 * abs(scale.scale - 1.0):.2f} ± {100 * scale.scale_half_width:.2f} % too {way}: "
-        "the radius of the ball, or of the wheels, differs from the one that the robot uses, or the wheels slip."
+        f"The log's distances are {100 * abs(scale.scale - 1.0):.2f} ± "
+        f"{100 * scale.scale_half_width:.2f} % too {way}: the radius of the ball or "
+        "of the wheels differs from the one that the robot uses, or the wheels slip."
     ]
 
 
@@ -106,10 +108,13 @@ def _clock(alignment: Alignment) -> str:
     if abs(offset) < _DELAY:
         milliseconds = f"{_to(1e3 * abs(offset), 1e3 * half)} ± {_two(1e3 * half)} ms"
         way = "later" if offset < 0 else "earlier"
-        return f"The log's {signal} comes {milliseconds} {way} than the cameras say; their clock runs {rate} fast."
+        return (
+            f"The log's {signal} comes {milliseconds} {way} than "
+            f"the cameras say; their clock runs {rate} fast."
+        )
     return (
-        f"The cameras' clock stood at {_to(offset, half)} ± {_two(half)} s at the log's zero, and runs {rate} fast; a "
-        f"delay of the {signal} is in the first and cannot be told from it."
+        f"The cameras' clock was at {_to(offset, half)} ± {_two(half)} s at the log's zero, and runs "
+        f"{rate} fast. A delay of the {signal} is included in the first and cannot be separated from it."
     )
 
 
@@ -117,15 +122,17 @@ def _markers(alignment: Alignment) -> str:
     motion = alignment.motion
     whole, rest = nearest_cube_rotation(motion.body_marker)
     half = motion.rotation_half_width
-    known = f"± {_two(np.degrees(half.max()))} degrees" if np.isfinite(half).all() else "not wholly told"
+    known = f"± {_two(np.degrees(half.max()))} degrees" if np.isfinite(half).all() else "not fully determined"
     if whole.magnitude() < 0.1:
         return (
-            f"The markers' frame stands {np.degrees(rest):.2f} degrees ({known}) to that of the log's body."
+            f"The markers' frame is rotated by {np.degrees(rest):.2f} "
+            f"degrees ({known}) against the log's body frame."
         )
     vector = whole.as_rotvec()
     return (
-        f"The markers' frame is the log's body frame turned by {np.degrees(whole.magnitude()):.0f} degrees about "
-        f"{_axis(vector / np.linalg.norm(vector))} and {np.degrees(rest):.2f} degrees ({known}) beside."
+        f"The markers' frame is the log's body frame rotated by {np.degrees(whole.magnitude()):.0f} "
+        f"degrees about {_axis(vector / np.linalg.norm(vector))}, and by a further "
+        f"{np.degrees(rest):.2f} degrees ({known})."
     )
 
 
@@ -139,9 +146,7 @@ def _flips(alignment: Alignment) -> list[str]:
     )
     more = f" and {len(flips) - 3} more" if len(flips) > 3 else ""
     times = {1: "once", 2: "twice"}.get(len(flips), f"{len(flips)} times")
-    return [
-        f"The cameras took one marker for another {times} ({first}{more}, on their clock); this was undone."
-    ]
+    return [f"The cameras confused two markers {times} ({first}{more}, on their clock); this was corrected."]
 
 
 def _lever(alignment: Alignment) -> list[str]:
@@ -152,14 +157,17 @@ def _lever(alignment: Alignment) -> list[str]:
     half = ", ".join(_two(1e3 * value) for value in lever.half_width)
     if lever.used.any():
         return [
-            f"The cameras track a point at ({arm}) ± ({half}) mm from the ball's centre in the markers' frame; it was "
-            "taken off."
+            f"The cameras track a point at ({arm}) ± ({half}) mm from the "
+            "ball's centre in the markers' frame; this was corrected."
         ]
     if np.linalg.norm(lever.arm) <= np.linalg.norm(lever.half_width):
-        return [f"The cameras track the ball's centre: an arm of ({arm}) ± ({half}) mm is none."]
+        return [
+            f"The cameras track the ball's centre: the lever arm, ({arm}) ± ({half}) mm, is not significant."
+        ]
     return [
-        f"The point that the cameras track is taken for the ball's centre. An arm of ({arm}) ± ({half}) mm fits, but "
-        f"one of less than {1e3 * BELIEVED:.0f} mm beyond chance may as well be the log's own error as the robot rocks."
+        "The point that the cameras track is assumed to be the ball's centre. A lever "
+        f"arm of ({arm}) ± ({half}) mm fits, but one of less than {1000.0 * BELIEVED:.0f} "
+        "mm beyond chance may also be the log's own error as the robot rocks."
     ]
 
 
@@ -172,17 +180,18 @@ def _gaps(alignment: Alignment) -> list[str]:
 def _frame(alignment: Alignment) -> list[str]:
     if alignment.frame is None:
         return [
-            "The log has no theta, phi and psi, so that the cameras' frame cannot be set against its world."
+            "The log has no theta, phi and psi, so the cameras' frame cannot be aligned with its world frame."
         ]
     up = alignment.frame.camera_world.apply([0.0, 0.0, 1.0])
     tilt = np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0)))
     if tilt > 45.0:
         return [
-            f"The vertical of the log's world is {_axis(up)} in the cameras' frame, which is not one with z up."
+            f"The vertical of the log's world is {_axis(up)} in "
+            "the cameras' frame, whose z axis does not point up."
         ]
     return [
-        f"The cameras' frame leans {tilt:.2f} ± {_two(np.degrees(alignment.frame.tilt_half_width))} degrees from the "
-        "log's world; heading and origin are those of the first two seconds."
+        f"The cameras' frame is tilted by {tilt:.2f} ± {_two(np.degrees(alignment.frame.tilt_half_width))} "
+        "degrees against the log's world; heading and origin are those of the first two seconds."
     ]
 
 
@@ -191,13 +200,14 @@ def _untold(alignment: Alignment) -> list[str]:
     axis = alignment.motion.untold_axis
     if axis is not None:
         words.append(
-            f"How the markers' frame is turned about {_axis(axis)} of the body is not told: the robot hardly turned "
-            "about another axis."
+            f"The rotation of the markers' frame about {_axis(axis)} of the body "
+            "is not determined: the robot hardly turned about another axis."
         )
     if alignment.rival_clock is not None:
         words.append(
-            f"Another alignment fits nearly as well, with the cameras at {alignment.rival_clock.offset:.2f} s at the "
-            "log's zero: the motion repeats itself. A log that begins or ends with a push sideways would tell."
+            "Another alignment fits nearly as well, with the cameras' clock at "
+            f"{alignment.rival_clock.offset:.2f} s at the log's zero, because the motion "
+            "repeats itself. A log that begins or ends with a sideways push would decide."
         )
     return words
 

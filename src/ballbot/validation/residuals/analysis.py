@@ -86,10 +86,10 @@ def _blocks(prediction: Prediction) -> NDArray[np.int64]:
 
 def _no_wheels(prediction: Prediction) -> str | None:
     if prediction.wheel_angles is None or prediction.wheel_speeds is None:
-        return "the log lacks the encoders' angles or speeds"
+        return "the log lacks the encoder angles or speeds"
     seconds = len(prediction.residuals) * prediction.sample_time
     if seconds < LEAST_BLOCKS * _BLOCK:
-        return f"{seconds:.1f} s are too short; {LEAST_BLOCKS * _BLOCK:.0f} s are needed"
+        return f"{seconds:.1f} s are too short; at least {LEAST_BLOCKS * _BLOCK:.0f} s are needed"
     return None
 
 
@@ -124,7 +124,9 @@ def _by_position(
     where = max(slices(prediction.logs), key=lambda rows: float(np.ptp(angles[rows], axis=0).min()))
     found = position_effect(torques[where], angles[where], blocks[where], rollers=robot.wheels.rollers)
     turned = float(np.ptp(angles[where], axis=0).min()) / (2.0 * np.pi)
-    return found, None if found else f"the wheels covered {turned:.2f} of a turn; a whole one is needed"
+    return found, None if found else (
+        f"the wheels covered {turned:.2f} of a turn; at least a whole turn is needed"
+    )
 
 
 def _turning(prediction: Prediction) -> NDArray[np.float64] | None:

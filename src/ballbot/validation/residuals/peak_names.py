@@ -74,7 +74,7 @@ def _of_updates(found: Spectrum, clues: Clues) -> Iterator[tuple[float, float, s
     """Yield from and to which frequency [Hz] what is slower than the log shows, and what that is."""
     rate, updates = 2.0 * float(found.frequencies[-1]), clues.updates
     slow = [
-        (renewed, f"{name} is renewed at {renewed:.4g} Hz only") for name, renewed in updates.states.items()
+        (renewed, f"{name} is updated at only {renewed:.4g} Hz") for name, renewed in updates.states.items()
     ]
     if updates.torques is not None:
         slow.append((updates.torques, f"the control rate, {updates.torques:.4g} Hz"))
@@ -101,7 +101,7 @@ def _of_rollers(clues: Clues) -> Iterator[tuple[float, float, str]]:
         yield (
             order * slow,
             order * fast,
-            f"what comes back {order} times a turn of the wheels, or a resonance",
+            f"something that recurs {order} times per turn of the wheels, or a resonance",
         )
 
 

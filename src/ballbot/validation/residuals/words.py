@@ -18,8 +18,11 @@ _STRONG, _WEAK = 0.5, 0.15
 _PLAY = 0.05
 
 #: pairs of residuals that are to be expected, and why
-_ROLLING = "the wheels carry the ball along with the leaning body, and its speed is computed from theirs and the gyro's"
-_INTEGRAL = "the on-board position is the integral of the speed, so that it has the speed's error"
+_ROLLING = (
+    "the wheels carry the ball along with the leaning body, "
+    "and its speed is computed from their speeds and the gyro's"
+)
+_INTEGRAL = "the on-board position is the integral of the speed, so it contains the error of the speed"
 _EXPECTED = {
     frozenset({"e_x_dot", "e_phi_dot"}): _ROLLING,
     frozenset({"e_y_dot", "e_theta_dot"}): _ROLLING,
@@ -37,7 +40,7 @@ _COLOURS: dict[Colour, str] = {
     "nearly white": "not white by the test, but their past foretells less than 2 % of them",
     "noise of the start": "remember one sample and no more: the noise of the measured state, which two residuals share "
     "with opposite signs, not the model",
-    "coloured": "remember their past: something that lasts is not modelled, or a sensor is filtered",
+    "coloured": "are correlated with their past: a lasting effect is not modelled, or a sensor is filtered",
 }
 
 
@@ -61,8 +64,8 @@ def named_pairs(found: Correlations) -> str:
 
     kinematic = " and ".join(described(pair) for pair in _KINEMATIC)
     return (
-        f"The pairs that rolling couples, with opposite signs: {kinematic}. The thesis names the first, and in place "
-        f"of the second {described(_THESIS_ONLY)}."
+        f"The pairs that rolling couples, with opposite signs: {kinematic}. The thesis "
+        f"names the first, but in place of the second {described(_THESIS_ONLY)}."
     )
 
 
@@ -83,24 +86,27 @@ def _pairs(found: Correlations) -> list[str]:
             elif not reason and abs(matrix[i, j]) >= _WEAK:
                 unexpected.append(pair)
     sentences = [
-        f"Residuals that belong together: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()
+        f"Residuals that are coupled: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()
     ]
     tested = len(labels) * len(STATE_NAMES) - len(STATE_NAMES) * (len(STATE_NAMES) + 1) // 2
     marks = f"{marked} of the {tested} pairs of a residual with another or a torque are significant"
     if unexpected:
         return [
             *sentences,
-            f"{marks}; not to be expected are {', '.join(unexpected)}: something is not modelled.",
+            f"{marks}; unexpected are {', '.join(unexpected)}: something is not modelled.",
         ]
     return [
         *sentences,
-        f"{marks}, but for those to be expected none reaches {_WEAK}: nothing unmodelled stands out.",
+        f"{marks}; except for the expected ones none reaches {_WEAK}: nothing unmodelled stands out.",
     ]
 
 
 def _whiteness(found: Whiteness | None) -> str:
     if found is None:
-        return f"Fewer than {LEAST_STEPS} steps: too short a log to test whether the residuals are white."
+        return (
+            f"There are fewer than {LEAST_STEPS} steps: the log is "
+            "too short to test whether the residuals are white."
+        )
     parts = []
     for colour, words in _COLOURS.items():
         places = [place for place, one in enumerate(found.colours) if one == colour]
@@ -119,17 +125,20 @@ def _peaks(analysis: ResidualAnalysis) -> str:
     if analysis.spectrum is None:
         return "The log is too short for a spectrum of the residuals."
     if not analysis.peaks:
-        return "No peak stands out of the residuals' spectrum."
+        return "The spectrum of the residuals has no distinct peak."
     peaks = "; ".join(
         f"{peak.frequency:.1f} Hz in {', '.join(f'e_{name}' for name in peak.states)}: {peak.cause}"
         for peak in analysis.peaks
     )
-    return f"Peaks of the residuals' spectrum, told apart to {analysis.spectrum.resolution:.2g} Hz: {peaks}."
+    return (
+        "Peaks of the residuals' spectrum, with a resolution "
+        f"of {analysis.spectrum.resolution:.2g} Hz: {peaks}."
+    )
 
 
 def _wheels(analysis: ResidualAnalysis) -> list[str]:
     if analysis.no_wheels is not None:
-        return [f"No look at the residuals against the wheels' motion: {analysis.no_wheels}."]
+        return [f"The residuals are not compared with the motion of the wheels: {analysis.no_wheels}."]
     return [_by_speed(analysis), _by_travel(analysis), _by_position(analysis)]
 
 
@@ -144,23 +153,27 @@ def _by_speed(analysis: ResidualAnalysis) -> str:
                 f"{effect.speeds[place]:+.2f} rad/s)"
             )
     if any(np.isnan(effect.p_value) for effect in analysis.by_speed):
-        return "The wheels came back to the same speeds too seldom to set the residual torque against them."
-    if not found:
         return (
-            "The residual torque does not depend on the wheels' speed: the friction law fits at all speeds."
+            "The wheels returned to the same speeds too seldom "
+            "to show how the residual torque depends on them."
         )
+    if not found:
+        return "The residual torque does not depend on the wheel speeds: the friction law fits at all speeds."
     return (
-        f"The residual torque depends on the speed of {', '.join(found)}: the friction law is off there by as much, "
-        "torque along the motion meaning less friction than the model has."
+        f"The residual torque depends on the speed of {', '.join(found)}: the friction law is wrong "
+        "there by as much. Torque along the motion means that there is less friction than in the model."
     )
 
 
 def _by_travel(analysis: ResidualAnalysis) -> str:
     effect = analysis.by_travel
     if effect is None or np.isnan(effect.p_value):
-        return "The wheels turned back too seldom to look for play."
+        return "The wheels reversed too seldom to detect play."
     if not effect.p_value < LEVEL:
-        return "After a reversal of a wheel nothing is missing but what its speed explains: no play shows."
+        return (
+            "After a reversal of a wheel, its speed explains the "
+            "whole residual torque: there is no sign of play."
+        )
     place = effect.clearest
     torque = (
         f"After a reversal a torque of {effect.torques[place]:+.3f} ± {effect.half_widths[place]:.3f} N m along the "
@@ -176,12 +189,10 @@ def _by_travel(analysis: ResidualAnalysis) -> str:
 def _by_position(analysis: ResidualAnalysis) -> str:
     effect = analysis.by_position
     if effect is None:
-        return f"No look for preferred spots of the wheels: {analysis.no_position}."
+        return f"Torque ripple over the turn of the wheels is not examined: {analysis.no_position}."
     places = np.argwhere(effect.significant)
     if len(places) == 0:
-        return (
-            "The wheels have no preferred spots: no residual torque comes back with a turn or a part of one."
-        )
+        return "The wheels show no torque ripple: no residual torque recurs with a turn or a fraction of one."
     by_order: dict[int, list[str]] = {}
     for place, wheel in places:
         by_order.setdefault(int(effect.orders[place]), []).append(
@@ -194,11 +205,11 @@ def _by_position(analysis: ResidualAnalysis) -> str:
     passing = ""
     if analysis.roller_passing is not None and any(order % effect.per_row == 0 for order in by_order):
         slow, _, fast = analysis.roller_passing
-        passing = f" At these speeds the rollers of a ring pass {slow:.1f} to {fast:.1f} times a second."
-    return f"A residual torque comes back with the wheels' position: {words}.{passing}"
+        passing = f" At these speeds the rollers of a ring pass {slow:.1f} to {fast:.1f} times per second."
+    return f"A residual torque recurs with the angles of the wheels: {words}.{passing}"
 
 
 def _of_rollers(order: int, per_row: int) -> str:
     if order == 1:
         return ", an eccentric wheel"
-    return f", the rollers' passing ({per_row} in a ring)" if order % per_row == 0 else ", preferred spots"
+    return f", the rollers' passing ({per_row} in a ring)" if order % per_row == 0 else ", torque ripple"
