@@ -12,7 +12,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.nominal import design_gain
 from ballbot.control.references import figure_eight, square
 from ballbot.experiments.compare import Comparison, compare
-from ballbot.identification import identify
+from ballbot.identification import Identification, identify
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin
@@ -24,13 +24,18 @@ SEEDS = tuple(range(100, 110))
 
 
 def identified_robot(robot: Robot, *, recorded: float = RECORDED) -> Robot:
-    """Return the robot with the friction that two recorded logs [s] of its nominal twin tell."""
+    """Return the robot with the friction identified from two logs of its nominal twin."""
+    return identified(robot, recorded=recorded).robot
+
+
+def identified(robot: Robot, *, recorded: float = RECORDED) -> Identification:
+    """Return the identification from two logs of the robot's nominal twin, each `recorded` seconds long."""
     controller = Controller(robot, design_gain(robot).gain)
     logs = [
         simulate(Twin(robot), controller, reference, duration=recorded, seed=seed).without_truth()
         for seed, reference in ((1, square(side=0.5, period=32.0)), (2, figure_eight()))
     ]
-    return identify(robot, logs, seed=0).robot
+    return identify(robot, logs, seed=0)
 
 
 def compare_compensations(

@@ -22,7 +22,7 @@ from ballbot.files import write_text
 
 PAGE = Path(__file__).parents[1] / "docs" / "evidence.md"
 
-#: sections in the page's order, and the module whose `campaign()` returns each
+#: sections in the page's order, and the module whose `campaign()`, or the function after the colon, returns each
 CAMPAIGNS = {
     "convex_step": "benchmarks.convex_step",
     "convergence": "benchmarks.convergence",
@@ -39,6 +39,9 @@ CAMPAIGNS = {
     "robust_design": "benchmarks.robust_design",
     "control_parts": "benchmarks.control_parts",
     "control_targets": "benchmarks.control_targets",
+    "choice": "benchmarks.controller_choice:choice",
+    "ablation": "benchmarks.controller_choice:ablation",
+    "friction_share": "benchmarks.controller_choice:friction_share",
     "adaptation": "benchmarks.adaptation",
     "delay": "benchmarks.delay",
     "feedback_options": "benchmarks.feedback_options",
@@ -70,7 +73,8 @@ def main(names: Sequence[str]) -> None:
         raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
     for name in names or CAMPAIGNS:
         started = perf_counter()
-        section = import_module(CAMPAIGNS[name]).campaign().markdown()
+        module, _, function = CAMPAIGNS[name].partition(":")
+        section = getattr(import_module(module), function or "campaign")().markdown()
         sections = written_sections()  # another run may have written meanwhile
         sections[name] = f"{section}\n{_origin(name, perf_counter() - started)}\n"
         print(section)

@@ -16,20 +16,22 @@ from validation_examples import FRICTION, noisy_log
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
+from ballbot.experiments.controller_choice import ABLATIONS, CANDIDATES
 from ballbot.experiments.held_out import held_out_stretches, without
-from ballbot.experiments.study import COMPENSATIONS, Effort, Study, study
+from ballbot.experiments.plant_draws import draw_plants, parameter_covariance
+from ballbot.experiments.study import Effort, Study, study
 from ballbot.identification.checkpoint import open_checkpoint
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import write_study
 from ballbot.robot import Robot
 
-SMALL = Effort(generations=12, duration=8.0, runs=2)
+SMALL = Effort(generations=12, duration=8.0, draws=2, ablation_draws=1)
 
 
 @pytest.fixture(scope="module")
 def small() -> Study:
-    return study(Robot.load("alten"), {"walk": noisy_log()}, effort=SMALL, seed=3)
+    return study(Robot.load("alten"), {"walk": noisy_log()}, plant="model", effort=SMALL, seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +78,28 @@ def test_the_friction_found_is_near_the_truth(small: Study):
     sums = np.array(found.coulomb) + np.array(found.stribeck)
     np.testing.assert_allclose(sums, np.array(FRICTION.coulomb) + np.array(FRICTION.stribeck), rtol=0.35)
     assert np.all(small.validation.open_loop.errors.ratio > 1.0)
-    assert (
-        small.comparison.summary("full").peak_position_error
-        < small.comparison.summary("none").peak_position_error
-    )
+    # measured 8 mm and 0.25 m: the seeds share little else than the course
+    trials = small.choice.trials
+    assert (trials["precise"].peaks < 0.2 * trials["none"].peaks).all()
+    assert small.choice.chosen == "precise"
+
+
+def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
+    count = 2000
+    plants = draw_plants(small.found, plant="model", scenario=small.scenario, count=count, seed=1)
+    frictions = [plant.robot.friction for plant in plants]
+    assert all(plant.scenario.friction == one for plant, one in zip(plants, frictions, strict=True))
+    assert min(min(one.viscous + one.coulomb + one.stribeck) for one in frictions) >= 0.0
+    # C_rr lies far from its bounds, so that nothing is clipped: 4 sigma of a sampled mean and standard deviation
+    rolling = np.array([one.rolling for one in frictions])
+    deviation = float(np.sqrt(parameter_covariance(small.found)[11, 11]))
+    assert 0.0 < deviation < small.found.robot.friction.rolling / 4.0
+    assert abs(rolling.mean() - small.found.robot.friction.rolling) < 4.0 * deviation / np.sqrt(count)
+    assert rolling.std() == pytest.approx(deviation, rel=4.0 / np.sqrt(2.0 * count))
+    # b and c of a wheel trade against each other, and so they are drawn: sampled to 4 / sqrt(count)
+    expected = small.found.correlation[0, 3]
+    drawn = np.corrcoef([one.viscous[0] for one in frictions], [one.coulomb[0] for one in frictions])[0, 1]
+    assert drawn == pytest.approx(expected, abs=0.15)  # and clipping at zero, which takes some of it away
 
 
 def test_results_keep_their_keys(folder: Path):
@@ -96,9 +116,13 @@ def test_results_keep_their_keys(folder: Path):
     prediction = results["validation"]["prediction"]
     assert len(prediction["labels"]) == 13
     assert np.shape(prediction["correlation"]) == (13, 13)
-    for name in COMPENSATIONS:
-        scores = results["comparison"][name]
-        assert 0.0 < scores["rms_position_error"] <= scores["peak_position_error"]
+    comparison = results["comparison"]
+    for entry in (*(comparison[name] for name in CANDIDATES), *comparison["ablation"].values()):
+        assert 0.0 < entry["rms_position_error"] <= entry["peak_position_error"]
+    assert set(comparison["ablation"]) == set(ABLATIONS)
+    assert comparison["gain"]["low"] <= comparison["gain"]["median"] <= comparison["gain"]["high"]
+    assert results["controller"]["kind"] == "precise"
+    assert results["controller"]["estimator"] == "kalman"
     made = results["provenance"]
     assert made["seed"] == 3
     assert re.fullmatch(r"[0-9a-f]{64}", made["files"][0]["sha256"])
@@ -108,8 +132,10 @@ def test_the_files_read_back(folder: Path, small: Study):
     robot = Robot.load(folder / "robot.toml")
     assert robot.friction == small.found.robot.friction
     controller = read_controller(folder / "controller.toml", robot)
-    np.testing.assert_array_equal(controller.gain, small.design.gain)
-    assert controller.compensation == small.chosen.compensation
+    chosen = small.choice.controller
+    assert chosen is not None
+    np.testing.assert_array_equal(controller.packed, chosen.packed)
+    assert controller.estimator == chosen.estimator == "kalman"
     assert {path.name for path in folder.glob("[!.]*")} == {
         "report.html",
         "results.json",
@@ -138,22 +164,24 @@ def test_the_report_needs_nothing_but_itself(folder: Path):
 @pytest.mark.slow
 def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, tmp_path: Path):
     path, robot, logs = tmp_path / "checkpoint.jsonl", Robot.load("alten"), {"walk": noisy_log()}
-    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="comparison", after=1)
+    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="trial", after=1)
     with pytest.raises(KeyboardInterrupt):
-        study(robot, logs, effort=SMALL, seed=3, recall=dying)
+        study(robot, logs, plant="model", effort=SMALL, seed=3, recall=dying)
     on_file = path.read_bytes()
     again = study(
         robot,
         logs,
+        plant="model",
         effort=SMALL,
         seed=3,
         recall=open_checkpoint(path, belongs_to={}, resume=True).recall,
     )
-    # one of the three runs that are not drawn was on file, and is not made again
+    # one of the runs, 2 plants by 4 candidates and 1 plant by 6 ablations, was on file and is not made again
     assert path.read_bytes().startswith(on_file)
-    assert [part.count(b'"comparison"') for part in (on_file, path.read_bytes())] == [1, 3]
+    assert [part.count(b'"trial"') for part in (on_file, path.read_bytes())] == [1, 14]
     assert again.found.parameters == small.found.parameters
-    assert again.comparison == small.comparison
+    for name in CANDIDATES:
+        assert again.choice.trials[name].scores == small.choice.trials[name].scores
     np.testing.assert_array_equal(
         again.validation.open_loop.noise_floor, small.validation.open_loop.noise_floor
     )
@@ -166,7 +194,10 @@ def test_the_measured_logs_are_foretold_better_with_friction(shared_data: Path, 
         logs.append(str(tmp_path / f"{name}.csv"))
         # half a minute of each: 250 windows for twelve parameters, and a quarter held out
         Log.read(shared_data / "bbr" / f"{name}.csv").between(0.0, 32.0).write(logs[-1])
-    assert main(["study", "alten", *logs, "--out", str(tmp_path / "out")]) == 0
+    assert (
+        main(["study", "alten", *logs, "--plant", "model", "--draws", "2", "--out", str(tmp_path / "out")])
+        == 0
+    )
     assert capsys.readouterr().out.rstrip().endswith(str(tmp_path / "out" / "report.html"))
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     open_loop = results["validation"]["open_loop"]

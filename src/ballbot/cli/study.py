@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 from rich.text import Text
 
@@ -12,6 +11,9 @@ from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
+from ballbot.experiments.league.course_file import PlantName
+from ballbot.experiments.plant_draws import available_plant
+from ballbot.experiments.study import Effort
 from ballbot.experiments.study import study as run_study
 from ballbot.identification import read_bounds
 from ballbot.identification.back_emf import back_emf_of
@@ -25,6 +27,8 @@ from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.report.summary import summary
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_text import scenario_text
 
 
 def study(
@@ -32,7 +36,9 @@ def study(
     /,
     *logs: Path,
     out: Path,
-    plant: Literal["model", "twin"] = "model",
+    plant: PlantName | None = None,
+    scenario: str = "nominal",
+    draws: int = Effort.draws,
     leave_out: str = "",
     mapping: Path | None = None,
     bounds: Path | None = None,
@@ -41,9 +47,11 @@ def study(
     resume: bool = False,
     cluster: str | None = None,
 ) -> None:
-    """Identify a robot's friction from its logs, validate the model, design a controller and show what it gains.
+    """Identify a robot's friction from its logs, validate the model, and choose the controller that does best on it.
 
-    Writes report.html, results.json, robot.toml (the friction found) and controller.toml.
+    Writes report.html, results.json, robot.toml (the friction found) and controller.toml. The candidates (nominal gain
+    with no, full and partial compensation, and the precise controller) run on 20 simulated robots drawn from the
+    identified uncertainty.
 
     Example: ballbot study alten square.csv hold.csv --out found
 
@@ -56,7 +64,12 @@ def study(
     out
         The folder to write into.
     plant
-        Where friction compensation is tested: on the model with the identified friction, or on the physics-engine twin.
+        What the candidates run on: model (the equations of motion) or twin (the physics engine). If not given, the
+        twin if MuJoCo is installed.
+    scenario
+        Delay, play, noise, sensors and floor of these robots: nominal, another scenario of the twin, or its file.
+    draws
+        Number of these robots. Fewer than 20 are quicker and leave the choice less certain.
     leave_out
         States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on
         the floor. They are validated all the same.
@@ -82,15 +95,27 @@ def study(
         mappings=dict.fromkeys(logs, mapping),
     )
     files = [*_robot_file(robot), *logs, *(path for path in (mapping, bounds) if path)]
+    files += [Path(scenario)] if Path(scenario).is_file() else []
     words = _words(
-        robot, logs, out=out, plant=plant, leave_out=leave_out, mapping=mapping, bounds=bounds, seed=seed
+        robot,
+        logs,
+        out=out,
+        plant=plant,
+        scenario=scenario,
+        draws=draws,
+        leave_out=leave_out,
+        mapping=mapping,
+        bounds=bounds,
+        seed=seed,
     )
     words += accept_words(accept)
     made = provenance(command=shell_line(words), files=files, seed=seed)
     console = standard_output()
     back_emf = back_emf_of(mapping)
     left_out = names_listed(leave_out)
-    options = {"bounds": within, "left_out": left_out, "back_emf": back_emf, "seed": seed, "plant": plant}
+    tried, named_plant = Scenario.load(scenario, described), available_plant(plant)
+    options = {"bounds": within, "left_out": left_out, "back_emf": back_emf, "seed": seed}
+    options |= {"plant": named_plant, "scenario": scenario_text(tried), "draws": draws}
     belongs_to = identity(described, list(named.values()), options)
     with (
         result_folder(out, command="study", names=STUDY_FILES, inputs=files, resumes=True) as folder,
@@ -100,7 +125,9 @@ def study(
         result = run_study(
             described,
             CheckedLogs(logs=named, findings=findings),
-            plant=plant,
+            plant=named_plant,
+            scenario=tried,
+            effort=Effort(draws=draws),
             bounds=within,
             left_out=left_out,
             back_emf=back_emf,
@@ -181,7 +208,9 @@ def _words(
     logs: Sequence[Path],
     *,
     out: Path,
-    plant: str,
+    plant: str | None,
+    scenario: str,
+    draws: int,
     leave_out: str,
     mapping: Path | None,
     bounds: Path | None,
@@ -189,7 +218,9 @@ def _words(
 ) -> list[str]:
     """Return the command line that makes this study again, without what it accepts."""
     words = ["ballbot", "study", robot, *map(str, logs), "--out", str(out)]
-    words += ["--plant", plant] if plant != "model" else []
+    words += ["--plant", plant] if plant else []
+    words += ["--scenario", scenario] if scenario != "nominal" else []
+    words += ["--draws", str(draws)] if draws != Effort.draws else []
     words += ["--leave-out", leave_out] if leave_out else []
     words += ["--mapping", str(mapping)] if mapping else []
     words += ["--bounds", str(bounds)] if bounds else []

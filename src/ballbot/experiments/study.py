@@ -1,8 +1,8 @@
-"""The main job: a robot and its logs in; friction, validation, controller and what the controller gains out.
+"""The main job: a robot and its logs in; friction, validation and the controller that does best out.
 
-    identify -> validate on what was held out -> design -> compare the compensations in closed loop
+    identify -> validate on what was held out -> design the candidates -> choose one on perturbed plants
 
-The gain is designed with the weights of the nominal scenario (design section 11) on the exact model without
+The nominal gain is designed with the weights of the nominal scenario (design section 11) on the exact model without
 friction, at the logs' sample time, whatever gain the logs were recorded with: so that studies of different robots
 can be compared. The logs' own gain is recovered for the closed-loop validation, and the report shows both.
 """
@@ -10,21 +10,24 @@ can be compared. The logs' own gain is recovered for the closed-loop validation,
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import product
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.nominal import design_gain
-from ballbot.control.references import square
 from ballbot.errors import InputError
-from ballbot.experiments.compare import Comparison, start
+from ballbot.experiments.controller_choice import (
+    SQUARE,
+    ControllerChoice,
+    NamedCourse,
+    candidates,
+    choose_controller,
+)
 from ballbot.experiments.held_out import held_out_stretches, without
-from ballbot.experiments.score import Score, score
+from ballbot.experiments.league.course_file import PlantName
+from ballbot.experiments.plant_draws import PlantDraw, available_plant, draw_plants
 from ballbot.findings import Finding
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.checkpoint import Recall, afresh
@@ -35,20 +38,15 @@ from ballbot.log.checked import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.plant import Plant
-from ballbot.simulation.run import simulate
+from ballbot.twin.scenario import Scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
 from ballbot.validation.windows import Interval
-
-PlantName = Literal["model", "twin"]
-
-COMPENSATIONS: tuple[Compensation, ...] = ("none", "full", "partial")
 
 #: told what is being done and the share of the whole that is done
 StudyProgress = Callable[[str, float], None]
 
-#: shares of the whole that are done when each stage ends, from timings on the logs of a square and a hold
-_IDENTIFIED, _VALIDATED = 0.75, 0.9
+#: shares of the whole that are done when the friction is identified, and when it is validated, from timings of the demo
+_STAGES: Mapping[PlantName, tuple[float, float]] = {"model": (0.45, 0.5), "twin": (0.25, 0.28)}
 #: share of the windows that identification keeps for its own verdict; the study's is on the stretches held out
 _OWN_HELD_OUT = 0.1
 
@@ -75,8 +73,11 @@ class Effort:
     """How much work a study does; less is for tests."""
 
     generations: int = 150  #: of the identification's evolution, at most
-    duration: float = 32.0  #: of each run of the comparison [s]
-    runs: int = 3  #: of each compensation
+    duration: float = SQUARE.duration  #: of each run of a candidate [s]
+    draws: int = 20  #: plants on which the candidates are compared
+    ablation_draws: int = (
+        10  #: of them, plants on which the parts of the precise controller are removed by turns
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,10 +90,9 @@ class Study:
     by_log: tuple[Validation, ...]  #: on what each log held out
     validation: Validation  #: all of them together
     design: LqrDesign
-    plant: PlantName
-    comparison: Comparison  #: by compensation: "none", "full", "partial"
-    runs: Mapping[str, Log]  #: the first run of each compensation
-    chosen: Controller  #: the nominal gain with the compensation that did best
+    plant: PlantName  #: on which the candidates were compared
+    scenario: Scenario  #: whose delay, play, noise, sensors and floor the plants had
+    choice: ControllerChoice
     effort: Effort
     seed: int
 
@@ -107,7 +107,8 @@ def study(
     logs: Mapping[str, Log] | CheckedLogs,
     *,
     accept: Collection[str] = (),
-    plant: PlantName = "model",
+    plant: PlantName | None = None,
+    scenario: Scenario | None = None,
     bounds: Bounds | None = None,
     left_out: Sequence[str] = (),
     back_emf: float = 0.0,
@@ -128,9 +129,11 @@ def study(
         are checked first, unless they come as `CheckedLogs`.
     accept : collection of str
         Codes of errors found in the logs to go on in spite of; see `ballbot.findings.CODES`.
-    plant : {"model", "twin"}
-        What the compensations are compared on: the model with the friction found, or the nominal twin, whose friction
-        is its own.
+    plant : {"model", "twin"}, optional
+        What the candidates are compared on, with the friction drawn from what the identification leaves uncertain: the
+        equations of motion, or the physics-engine twin; by default the twin if its engine is installed.
+    scenario : Scenario, optional
+        Delay, play, noise, sensors and floor of these plants; the nominal one by default.
     bounds : Bounds, optional
         Within which the friction is sought.
     left_out : sequence of str
@@ -147,7 +150,7 @@ def study(
         Where the identification does its work; by default a thread for each core.
     recall : Recall, optional
         A checkpoint's, for a study that can be resumed: it answers for the identification's steps and for the runs of
-        the comparison, but for those that are drawn.
+        the candidates.
     progress : callable, optional
         Told the stage and the share of the whole that is done.
 
@@ -163,17 +166,35 @@ def study(
         StudiedLog(name=name, log=log, held_out=held_out_stretches(log)) for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
-    make_plant = plant_factory(robot, plant)
-    found = _identify(robot, studied, checked, bounds, left_out, back_emf, seed, effort, spread, recall, tell)
-    by_log = _validate(found.robot, studied, seed, tell)
+    if effort.draws < 2:
+        raise InputError(f"The number of draws is {effort.draws}; it must be 2 or more, such as 20.")
     sample_time = studied[0].log.sample_time
-    design = design_gain(found.robot, sample_time=sample_time)
-    controllers: dict[str, Controller] = {
-        name: Controller(found.robot, design.gain, sample_time=sample_time, compensation=name)
-        for name in COMPENSATIONS
-    }
-    factory = make_plant or (lambda: Model(found.robot))
-    comparison, runs = _compare(factory(), controllers, seed, effort, recall, tell)
+    chosen_plant = available_plant(plant)
+    tried = sampled_at(scenario or Scenario.nominal(robot), sample_time)
+    _check_plant(robot, tried, chosen_plant)
+    identified, validated = _STAGES[chosen_plant]
+
+    def identifying(share: float) -> None:
+        tell("identifying friction", identified * share)
+
+    def validating(name: str, share: float) -> None:
+        tell(f"validating on {name}", identified + (validated - identified) * share)
+
+    def choosing(share: float) -> None:
+        tell("comparing controllers", validated + (1.0 - validated) * share)
+
+    found = _identify(
+        robot, studied, checked, bounds, left_out, back_emf, seed, effort, spread, recall, identifying
+    )
+    by_log = _validate(found.robot, studied, seed, validating)
+    choice = choose_controller(
+        candidates(found, sample_time=sample_time),
+        draw_plants(found, plant=chosen_plant, scenario=tried, count=effort.draws, seed=seed),
+        course=NamedCourse(name=SQUARE.name, duration=effort.duration),
+        ablation_plants=effort.ablation_draws,
+        recall=recall,
+        progress=choosing,
+    )
     tell("done", 1.0)
     return Study(
         robot=robot,
@@ -181,14 +202,20 @@ def study(
         found=found,
         by_log=by_log,
         validation=join_validations(by_log),
-        design=design,
-        plant=plant,
-        comparison=comparison,
-        runs=runs,
-        chosen=controllers[best_compensation(comparison)],
+        design=design_gain(found.robot, sample_time=sample_time),
+        plant=chosen_plant,
+        scenario=tried,
+        choice=choice,
         effort=effort,
         seed=seed,
     )
+
+
+def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:
+    """Return the scenario with sensors read at a sample time [s], its engine's steps a whole number in each."""
+    steps = max(1, round(sample_time / scenario.timestep))
+    sensors = replace(scenario.sensors, sample_time=sample_time)
+    return replace(scenario, sensors=sensors, timestep=sample_time / steps)
 
 
 def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
@@ -213,32 +240,9 @@ def check_columns(robot: Robot, logs: Sequence[StudiedLog]) -> None:
             raise InputError(f"{studied.name}: {error}") from None
 
 
-def plant_factory(robot: Robot, plant: PlantName) -> Callable[[], Plant] | None:
-    """Return what makes the twin, or None for the model, which needs the friction first.
-
-    Raises
-    ------
-    InputError
-        Where there is no such plant, or the twin's engine is not installed.
-    """
-    if plant == "model":
-        return None
-    if plant != "twin":
-        raise InputError(f"The plant is {plant!r}; it must be 'model' or 'twin'.")
-    from ballbot.twin import Scenario, Twin
-
-    scenario = Scenario.nominal(robot)
-    return lambda: Twin(robot, scenario)
-
-
-def best_compensation(comparison: Comparison) -> Compensation:
-    """Return the compensation with the fewest falls and, among these, the smallest peak position error."""
-
-    def badness(name: Compensation) -> tuple[int, float]:
-        summary = comparison.summary(name)
-        return summary.falls, float(np.nan_to_num(summary.peak_position_error, nan=np.inf))
-
-    return min(COMPENSATIONS, key=badness)
+def _check_plant(robot: Robot, scenario: Scenario, plant: PlantName) -> None:
+    """Raise InputError if the plant cannot be made, before minutes of work."""
+    PlantDraw(robot=robot, known=robot, scenario=scenario, plant=plant, seed=0).make("onboard")
 
 
 def _nobody(stage: str, share: float) -> None:
@@ -256,10 +260,10 @@ def _identify(
     effort: Effort,
     spread: Spread | None,
     recall: Recall,
-    tell: StudyProgress,
+    tell: Callable[[float], None],
 ) -> Identification:
     def told(progress: Progress) -> None:
-        tell("identifying friction", _IDENTIFIED * progress.share)
+        tell(progress.share)
 
     return identify(
         robot,
@@ -277,46 +281,10 @@ def _identify(
 
 
 def _validate(
-    robot: Robot, logs: Sequence[StudiedLog], seed: int, tell: StudyProgress
+    robot: Robot, logs: Sequence[StudiedLog], seed: int, tell: Callable[[str, float], None]
 ) -> tuple[Validation, ...]:
     validations, models = [], ModelPair.by_friction(Model(robot))
     for number, studied in enumerate(logs):
-        tell(f"validating on {studied.name}", _IDENTIFIED + (_VALIDATED - _IDENTIFIED) * number / len(logs))
+        tell(studied.name, number / len(logs))
         validations.append(validate_pair(models, studied.log, held_out=studied.held_out, seed=seed))
     return tuple(validations)
-
-
-def _compare(
-    plant: Plant | Model,
-    controllers: Mapping[str, Controller],
-    seed: int,
-    effort: Effort,
-    recall: Recall,
-    tell: StudyProgress,
-) -> tuple[Comparison, dict[str, Log]]:
-    """Compare on the 0.5 m square; the logs of the first seed's runs are kept, to be drawn."""
-    reference, seeds = square(), tuple(range(seed, seed + effort.runs))
-
-    def run(name: str, one: int) -> Log:
-        return simulate(
-            plant,
-            controllers[name],
-            reference,
-            duration=effort.duration,
-            initial_state=start(one),
-            seed=one,
-        )
-
-    runs: dict[str, Log] = {}
-    scores: dict[str, list[Score]] = {name: [] for name in controllers}
-    for number, (one, name) in enumerate(product(seeds, controllers)):
-        share = number / (len(seeds) * len(controllers))
-        tell("comparing compensations", _VALIDATED + (1.0 - _VALIDATED) * share)
-        if one == seed:
-            runs[name] = run(name, one)
-            scores[name].append(score(runs[name]))
-        else:
-            asked = np.array([list(controllers).index(name), one], dtype=float)
-            answer = recall("comparison", asked, lambda name=name, one=one: score(run(name, one)).to_arrays())
-            scores[name].append(Score.from_arrays(*answer))
-    return Comparison(seeds=seeds, scores={name: tuple(found) for name, found in scores.items()}), runs

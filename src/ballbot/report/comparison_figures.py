@@ -1,4 +1,4 @@
-"""Figures of the comparison of compensations, in the manner of the thesis's Figures 5.7 and 5.8, and of the poles."""
+"""Figures of the comparison of controllers, in the manner of the thesis's Figures 5.7 and 5.8, and of the poles."""
 
 from __future__ import annotations
 
@@ -15,18 +15,20 @@ from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, REFERENCE, SHA
 
 RUN_LINES: Mapping[str, Line] = {
     "none": {"color": ORANGE, "linestyle": "--", "linewidth": 1.2},
-    "full": {"color": BLUE, "linestyle": "-", "linewidth": 1.2},
+    "full": {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
     "partial": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
+    "precise": {"color": BLUE, "linestyle": "-", "linewidth": 1.2},
 }
 RUN_LABELS: Mapping[str, str] = {
     "none": "no compensation",
     "full": "full compensation",
     "partial": "partial compensation",
+    "precise": "precise",
 }
 
 
 def paths_figure(runs: Mapping[str, Log]) -> Figure:
-    """Return each compensation's path over the floor beside the reference (Figure 5.7)."""
+    """Return each controller's path over the floor beside the reference (Figure 5.7)."""
     figure = Figure(figsize=(7.4, 2.8), layout="constrained")
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):

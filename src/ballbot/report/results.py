@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
+import numpy as np
+
+from ballbot.experiments.controller_choice import Trial
 from ballbot.experiments.study import Study
 from ballbot.report.provenance import Provenance
 from ballbot.report.validation_results import validation_results
@@ -30,27 +35,49 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
 
 
 def _controller(study: Study) -> dict[str, object]:
+    """Return the chosen controller; its kind is None if every candidate falls on some plant."""
     poles = study.design.poles
+    chosen = study.choice.controller
     return {
-        "gain": study.design.gain,
-        "poles": [[pole.real, pole.imag] for pole in poles.tolist()],
+        "kind": study.choice.chosen,
+        "compensation": None if chosen is None else chosen.compensation,
+        "estimator": None if chosen is None else chosen.estimator,
+        "gain": None if chosen is None else chosen.gain,
         "sample_time": study.design.sample_time,
-        "compensation": study.chosen.compensation,
+        "nominal_gain": study.design.gain,
+        "nominal_poles": [[pole.real, pole.imag] for pole in poles.tolist()],
     }
 
 
 def _comparison(study: Study) -> dict[str, object]:
-    entries: dict[str, object] = {}
-    for name in study.comparison.scores:
-        summary = study.comparison.summary(name)
-        entries[name] = {
-            "peak_position_error": summary.peak_position_error,
-            "worst_position_error": summary.worst_position_error,
-            "rms_position_error": summary.rms_position_error,
-            "rms_torque": summary.rms_torque,
-            "rms_torque_change": summary.rms_torque_change,
-            "falls": summary.falls,
-            "runs": summary.runs,
-        }
-    entries["plant"] = study.plant
-    return entries
+    choice = study.choice
+    entries: dict[str, object] = {name: _trial(trial) for name, trial in choice.trials.items()}
+    gain = choice.gain
+    return entries | {
+        "plant": study.plant,
+        "scenario": study.scenario.name,
+        "draws": len(choice.plants),
+        "course": {"name": choice.course.name, "duration": choice.course.duration},
+        "chosen": choice.chosen,
+        "counted_as_equal": list(choice.equals),
+        "gain": None if gain is None else asdict(gain),
+        "ablation": {
+            part: _trial(trial) | {"ratio": asdict(choice.share_of(part))}
+            for part, trial in choice.ablation.items()
+        },
+    }
+
+
+def _trial(trial: Trial) -> dict[str, object]:
+    """Return a controller's errors [m] and roughness [N m]: medians over the plants with 95 % intervals."""
+    peaks = trial.peaks[np.isfinite(trial.peaks)]
+    return {
+        "estimator": trial.controller.estimator,
+        "peak_position_error": trial.peak.median,
+        "peak_position_error_interval": [trial.peak.low, trial.peak.high],
+        "worst_position_error": float(peaks.max()) if len(peaks) else np.nan,
+        "rms_position_error": trial.rms.median,
+        "rms_torque_change": trial.roughness.median,
+        "falls": trial.falls,
+        "runs": len(trial.scores),
+    }

@@ -1,4 +1,4 @@
-"""The four files that a study leaves: report.html, results.json, robot.toml and controller.toml."""
+"""The files that a study leaves: report.html, results.json, robot.toml, and controller.toml if one is recommended."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def write_study(study: Study, out: str | Path, *, made: Provenance) -> Path:
     """Write a study into a folder, each file whole or not at all, and return the report's path."""
     folder = Path(out)
     write_robot(study.found.robot, folder / "robot.toml")
-    write_controller(study.chosen, folder / "controller.toml")
+    if study.choice.controller is not None:
+        write_controller(study.choice.controller, folder / "controller.toml")
     write_text(folder / "results.json", as_json(study_results(study, made)))
     report = folder / "report.html"
     write_text(report, study_report(study, made))

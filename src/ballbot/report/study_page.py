@@ -5,7 +5,10 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ballbot.control.controller import Controller
+from ballbot.control.precise import design_integral_gain
 from ballbot.experiments.metrics import SETTLE
 from ballbot.experiments.study import Study
 from ballbot.log import STATE_NAMES
@@ -15,8 +18,22 @@ from ballbot.report.friction_figures import friction_figure, logs_figure
 from ballbot.report.page import figure_markup, render
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn
-from ballbot.report.summary import doubts_sentence, summary
-from ballbot.report.tables import compensation_rows, digits, parameter_rows, state_mark, with_symbols
+from ballbot.report.summary import (
+    STATES,
+    ablation_sentence,
+    controller_sentence,
+    doubts_sentence,
+    plants_words,
+    summary,
+)
+from ballbot.report.tables import (
+    ablation_rows,
+    candidate_rows,
+    digits,
+    parameter_rows,
+    state_mark,
+    with_symbols,
+)
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.report.validation_page import validation_values
 from ballbot.robot import Friction, Robot
@@ -29,7 +46,7 @@ _CONTENTS = (
     ("doubts", "What the data do not determine"),
     ("validation", "Validation"),
     ("controller", "Controller"),
-    ("compensation", "Compensation"),
+    ("comparison", "Comparison"),
     ("log-checks", "Checks of the logs"),
     ("provenance", "Provenance"),
 )
@@ -54,10 +71,14 @@ def study_report(study: Study, made: Provenance) -> str:
         "v": validation_values(study.validation, example_of=study.logs[0].name),
         "controller_words": _controller_words(study),
         "states": [state_mark(name) for name in STATE_NAMES],
-        "gain": [[f"{value + 0.0:.3f}" for value in row] for row in np.round(study.design.gain, 3)],
+        "gain": [[f"{value + 0.0:.3f}" for value in row] for row in np.round(_shown(study).gain, 3)],
         "poles_words": _poles_words(study),
         "comparison_words": _comparison_words(study),
-        "compensations": compensation_rows(study),
+        "candidates": candidate_rows(study.choice),
+        "ablation": ablation_rows(study.choice),
+        "ablation_plants": min(study.effort.ablation_draws, len(study.choice.plants)),
+        "ablation_words": ablation_sentence(study),
+        "choice_words": controller_sentence(study),
     }
     return render("study", values | _figures(study))
 
@@ -75,7 +96,7 @@ def robot_words(robot: Robot) -> str:
 
 
 def _figures(study: Study) -> dict[str, object]:
-    found, runs = study.found, study.runs
+    found, runs = study.found, study.choice.runs
     frictionless = study.robot.replace(friction=Friction.none(study.robot.wheel_count))
     open_loop_poles = Model(frictionless).linearize().poles()
     draw = {
@@ -85,7 +106,7 @@ def _figures(study: Study) -> dict[str, object]:
         "parameter_correlation_figure": partial(
             correlation_figure, _parameter_symbols(found.labels), found.correlation
         ),
-        "poles_figure": partial(poles_figure, open_loop_poles, study.design.poles),
+        "poles_figure": partial(poles_figure, open_loop_poles, _closed_loop_poles(study)),
         "paths_figure": partial(paths_figure, runs),
         "position_error_figure": partial(position_error_figure, runs),
     }
@@ -122,27 +143,52 @@ def _validation_words(study: Study) -> str:
     )
 
 
+def _shown(study: Study) -> Controller:
+    """Return the chosen controller; without one, the nominal one."""
+    return study.choice.controller or study.choice.trials["none"].controller
+
+
+def _closed_loop_poles(study: Study) -> NDArray[np.complex128]:
+    if study.choice.chosen != "precise":
+        return study.design.poles
+    chosen = _shown(study)
+    return design_integral_gain(chosen.robot, sample_time=chosen.sample_time).poles
+
+
 def _controller_words(study: Study) -> str:
+    chosen = _shown(study)
     words = (
-        f"The gain is the linear-quadratic regulator of the exact model without friction, sampled at "
-        f"{1e3 * study.chosen.sample_time:g} ms, with the weights of the nominal scenario: Q = diag(20, 20, 500, 500, "
-        "5, 30, 30, 20, 20, 2), R = 30."
+        "The gain is the linear-quadratic regulator of the exact model without friction, sampled at "
+        f"{1e3 * chosen.sample_time:g} ms, "
     )
+    if study.choice.chosen == "precise":
+        words += (
+            "with the stiff weights and the integral action of the precise controller; shaped references with "
+            "feed-forward, friction compensation, a disturbance observer and a lean limit are added."
+        )
+    else:
+        words += "with the weights of the nominal scenario: Q = diag(20, 20, 500, 500, 5, 30, 30, 20, 20, 2), R = 30."
+    if chosen.compensation != "none":
+        words += (
+            " It compensates the friction that is present with 95 % confidence: more would inject energy if the robot "
+            "has less."
+        )
+    words += f" It feeds back {STATES[chosen.estimator]}, and its file says so."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()
         far = float(np.abs(recovered.gain - study.design.gain).max() / scale)
         same = (
-            "the same"
+            "the nominal one"
             if far < 0.01
-            else f"different: entries differ by up to {100 * far:.0f} % of the largest entry of this gain"
+            else f"not the nominal one: entries differ by up to {100 * far:.0f} % of the nominal gain's largest entry"
         )
         words += f" The gain that {study.logs[0].name} was recorded with is {same}."
     return words
 
 
 def _poles_words(study: Study) -> str:
-    slowest = float(-study.design.poles[0].real)
+    slowest = float(-_closed_loop_poles(study)[0].real)
     return (
         f"Poles of the model without friction, by itself and with this gain. The slowest pole, "
         f"{slowest:.2f} rad/s, makes the robot settle in about {4.0 / slowest:.0f} s."
@@ -150,17 +196,13 @@ def _poles_words(study: Study) -> str:
 
 
 def _comparison_words(study: Study) -> str:
-    where = (
-        "the model with the identified friction, which the compensation therefore knows "
-        "exactly, and perfect sensors: an upper bound of what compensation can gain"
-        if study.plant == "model"
-        else "the physics-engine twin of the nominal scenario, with its own friction, rollers, play and sensors"
-    )
+    where = plants_words(study)
     return (
-        f"The controller drives {where}. It goes around a square of 0.5 m by steps, {study.effort.duration:.0f} s, "
-        f"{_count(study.effort.runs, 'run')} of each compensation from different small leans. Full compensation adds "
-        "each wheel's whole friction; partial adds it only while it works against the intended motion. Errors count "
-        f"from {SETTLE:.0f} s after a step on."
+        f"Each candidate drives {where}, once around a square of 0.5 m by steps in "
+        f"{study.choice.course.duration:.0f} s, all with the same seeds. Full compensation adds each wheel's whole "
+        "friction; partial adds it only while it works against the intended motion. A candidate that falls on any "
+        "plant is excluded; of those whose intervals overlap the best one's, the smoothest is chosen. Errors are those "
+        f"of the true position from {SETTLE:.0f} s after a step on."
     )
 
 

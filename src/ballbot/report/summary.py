@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.experiments.study import Study
-from ballbot.report.tables import digits
+from ballbot.report.tables import CANDIDATE_NAMES, digits, interval_words, millimetres
 from ballbot.robot import Robot
 from ballbot.validation.findings import better_in, weak_states
 
@@ -15,7 +15,8 @@ def summary(study: Study) -> list[tuple[str, str]]:
     return [
         ("Friction", friction_sentence(study.found.robot)),
         ("Model", model_sentence(study)),
-        ("Compensation", compensation_sentence(study)),
+        ("Controller", controller_sentence(study)),
+        ("Where the gain comes from", ablation_sentence(study)),
         ("Doubts", doubts_sentence(study)),
     ]
 
@@ -50,23 +51,73 @@ def model_sentence(study: Study) -> str:
     return " ".join([f"{sentence}. Over open-loop runs until a fall, {over_runs}.", *weak_states(validation)])
 
 
-def compensation_sentence(study: Study) -> str:
-    """Return what compensating the friction gains, on what, and where it fell."""
-    none = study.comparison.summary("none")
-    chosen = study.chosen.compensation
-    best = study.comparison.summary(chosen)
-    where = "the model with this friction" if study.plant == "model" else "the physics-engine twin"
-    falls = sum(study.comparison.summary(name).falls for name in study.comparison.scores)
-    runs = sum(study.comparison.summary(name).runs for name in study.comparison.scores)
-    fell = "No run fell." if falls == 0 else f"{falls} of {runs} runs fell."
+def controller_sentence(study: Study) -> str:
+    """Return which controller was chosen, what it gains, on which plants, and that this is a prediction."""
+    choice, where = study.choice, plants_words(study)
+    chosen, gain = choice.chosen, choice.gain
+    if chosen is None or gain is None:
+        falls = ", ".join(f"{name} in {trial.falls}" for name, trial in choice.trials.items())
+        return (
+            f"Every candidate falls on some of {where} ({falls} of {len(choice.plants)}), so that no controller.toml "
+            "is written. Check the robot file's masses, torque limit and delay, or try ballbot design --robust."
+        )
+    best = choice.trials[chosen]
     if chosen == "none":
-        return f"On {where}, no compensation does better than none; {fell[0].lower()}{fell[1:]}"
-    gain = none.peak_position_error / best.peak_position_error
+        return f"On {where}, no compensation does better than none, and none is smoother. {PREDICTION}"
+    others = [CANDIDATE_NAMES[name] for name in choice.equals if name != chosen]
+    equal = f" It is the smoothest of those that count as equal ({', '.join(others)})." if others else ""
+    none = choice.trials["none"]
     return (
-        f"Around a 0.5 m square on {where}, {chosen} compensation lowers the largest distance from the reference after "
-        f"settling from {digits(none.peak_position_error, 2)} m to {digits(best.peak_position_error, 2)} m, "
-        f"{gain:.1f} times. {fell} controller.toml holds this controller."
+        f"{CANDIDATE_NAMES[chosen][0].upper()}{CANDIDATE_NAMES[chosen][1:]}, with {STATES[best.controller.estimator]}: "
+        f"around a 0.5 m square on {where}, the largest distance from the reference after settling is "
+        f"{millimetres(best.peak.median)} mm instead of {millimetres(none.peak.median)} mm (medians), "
+        f"{digits(gain.median)} times smaller ({interval_words(gain)}). "
+        f"{_falls_words(study)}{equal} {PREDICTION}"
     )
+
+
+#: what every such result is until it is measured
+PREDICTION = "This is a prediction until a log of the robot confirms it."
+
+STATES = {"onboard": "the thesis's on-board state", "kalman": "the Kalman filter's state"}
+
+
+def plants_words(study: Study) -> str:
+    """Return on what the candidates were compared."""
+    kind = "robots on the equations of motion" if study.plant == "model" else "physics-engine twins"
+    return (
+        f"{len(study.choice.plants)} {kind} drawn from the identified uncertainty, with the delay, play, noise and "
+        f"floor of the scenario {study.scenario.name}"
+    )
+
+
+def _falls_words(study: Study) -> str:
+    falls = {name: trial.falls for name, trial in study.choice.trials.items() if trial.falls}
+    if not falls:
+        return "No run fell."
+    named = ", ".join(f"{CANDIDATE_NAMES[name]} in {count}" for name, count in falls.items())
+    return f"Excluded because they fall: {named} of {len(study.choice.plants)} runs."
+
+
+def ablation_sentence(study: Study) -> str:
+    """Return what the precise controller owes to which part, friction compensation with its own share only."""
+    choice = study.choice
+    if not choice.ablation:
+        return "No ablation was made."
+    shares = {part: choice.share_of(part) for part in choice.ablation}
+    falling = [part for part, trial in choice.ablation.items() if trial.falls]
+    clear = sorted(
+        (part for part in shares if part not in falling and shares[part].low > 1.0),
+        key=lambda part: -shares[part].median,
+    )
+    words = [f"Without its {part} the precise controller falls." for part in falling]
+    words += [
+        f"Without {part} its peak error is {digits(shares[part].median, 2)} times as large." for part in clear
+    ]
+    unclear = [part for part in shares if part not in falling and part not in clear]
+    if unclear:
+        words.append(f"No clear gain on this course: {', '.join(unclear)}.")
+    return " ".join(words)
 
 
 def doubts_sentence(study: Study) -> str:

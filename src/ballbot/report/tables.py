@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.experiments.study import Study
+from ballbot.experiments.controller_choice import ControllerChoice
+from ballbot.experiments.league.statistics import MedianEstimate
 from ballbot.identification.result import Identification
 from ballbot.log import STATE_NAMES
 from ballbot.validation import ErrorPair
@@ -21,6 +22,14 @@ _MEANINGS = {
     "delta": ("Stribeck exponent", "1"),
     "C_rr": ("rolling, ball on floor", "1"),
 }
+#: candidates and on-board states in words
+CANDIDATE_NAMES = {
+    "none": "nominal, no compensation",
+    "full": "nominal, full compensation",
+    "partial": "nominal, partial compensation",
+    "precise": "precise",
+}
+ESTIMATOR_NAMES = {"onboard": "the thesis's", "kalman": "Kalman filter"}
 SYMBOL_MARKS = {"v_s": "v<sub>s</sub>", "delta": "δ", "C_rr": "C<sub>rr</sub>"}
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
@@ -62,17 +71,30 @@ class ErrorRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompensationRow:
-    """A line of the comparison."""
+class CandidateRow:
+    """A controller on the perturbed plants; errors in millimetres."""
 
     name: str
-    peak: str
+    estimator: str
+    peak: str  #: median
+    interval: str  #: of the median, 95 %
     worst: str
     rms: str
-    torque: str
     roughness: str
     falls: str
-    gain: str  #: peak without compensation over this one's
+    gain: str  #: how many times smaller than the first candidate's
+
+
+@dataclass(frozen=True, kw_only=True)
+class AblationRow:
+    """The precise controller without one part."""
+
+    part: str
+    peak: str  #: median [mm]
+    ratio: str  #: to the whole controller's, with its interval
+    roughness: str
+    falls: str
+    reading: str  #: what that says, in a word or two
 
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
@@ -113,25 +135,64 @@ def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
     return rows
 
 
-def compensation_rows(study: Study) -> list[CompensationRow]:
-    """Return the scores of each compensation."""
+def candidate_rows(choice: ControllerChoice) -> list[CandidateRow]:
+    """Return the candidates' errors, roughness and falls."""
+    first = choice.trials["none"]
     rows = []
-    bare = study.comparison.summary("none").peak_position_error
-    for name in study.comparison.scores:
-        summary = study.comparison.summary(name)
+    for name, trial in choice.trials.items():
+        peak = trial.peak
+        gain = first.ratio_to(trial)
         rows.append(
-            CompensationRow(
-                name=name,
-                peak=digits(summary.peak_position_error),
-                worst=digits(summary.worst_position_error),
-                rms=digits(summary.rms_position_error),
-                torque=digits(summary.rms_torque),
-                roughness=digits(summary.rms_torque_change),
-                falls=f"{summary.falls} of {summary.runs}",
-                gain="–" if name == "none" else f"{bare / summary.peak_position_error:.1f} ×",
+            CandidateRow(
+                name=CANDIDATE_NAMES[name],
+                estimator=ESTIMATOR_NAMES[trial.controller.estimator],
+                peak=millimetres(peak.median),
+                interval=f"{millimetres(peak.low)} – {millimetres(peak.high)}",
+                worst=millimetres(float(np.nan_to_num(trial.peaks, nan=-np.inf).max())),
+                rms=millimetres(trial.rms.median),
+                roughness=digits(trial.roughness.median),
+                falls=f"{trial.falls} of {len(trial.scores)}",
+                gain="–" if name == "none" else f"{digits(gain.median)} ×",
             )
         )
     return rows
+
+
+def ablation_rows(choice: ControllerChoice) -> list[AblationRow]:
+    """Return what the precise controller is without each of its parts."""
+    rows = []
+    for part, trial in choice.ablation.items():
+        ratio = choice.share_of(part)
+        rows.append(
+            AblationRow(
+                part=part,
+                peak=millimetres(trial.peak.median),
+                ratio=f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})",
+                roughness=digits(trial.roughness.median),
+                falls=f"{trial.falls} of {len(trial.scores)}",
+                reading=_reading(trial.falls, ratio),
+            )
+        )
+    return rows
+
+
+def _reading(falls: int, ratio: MedianEstimate) -> str:
+    if falls:
+        return "needed: it falls without"
+    if ratio.low > 1.0:
+        return "lowers the error"
+    return "raises the error" if ratio.high < 1.0 else "no clear difference"
+
+
+def interval_words(estimate: MedianEstimate) -> str:
+    """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
+    bounds = f"{digits(estimate.low)} to {digits(estimate.high)}"
+    return f"95 % interval {bounds}" if estimate.runs >= 6 else f"{bounds} in {estimate.runs} draws"
+
+
+def millimetres(metres: float) -> str:
+    """Return a length in millimetres with three digits; a dash if it is not a number."""
+    return digits(1e3 * metres)
 
 
 def digits(value: float, count: int = 3) -> str:

@@ -7,12 +7,9 @@ is played. The games have an order, seeds outermost, in which their scores enter
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from types import TracebackType
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +19,10 @@ from ballbot.errors import InputError
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
+from ballbot.experiments.run_ahead import RunAhead
 from ballbot.experiments.score import Score, score
 from ballbot.identification.checkpoint import Arrays, Recall, afresh
-from ballbot.identification.spread import SpreadError
 from ballbot.log import Log
-from ballbot.processes import uninterrupted, worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 
@@ -111,10 +107,10 @@ def play(
     scores: dict[tuple[str, str], list[Score]] = {(g.course.name, g.name): [] for g in games}
     tracks: dict[tuple[str, str], Track] = {}
     done, whole = 0.0, sum(game.course.duration for game in games)
-    with _Players(robot, games, processes or os.cpu_count() or 1) as players:
+    with RunAhead(partial(_play, robot), games, processes=processes) as ahead:
         for place, game in enumerate(games):
             question = np.array([place, game.seed], dtype=np.float64)
-            numbers, codes, track = recall("game", question, lambda place=place: players.answer(place))
+            numbers, codes, track = recall("game", question, lambda place=place: ahead.result(place))
             key, found = (game.course.name, game.name), Score.from_arrays(numbers, codes)
             scores[key].append(found)
             if game.tracked:
@@ -139,41 +135,6 @@ class _Game:
     controller: Feedback
     seed: int
     tracked: bool
-
-
-class _Players:
-    """Plays games ahead: from the first whose answer is asked for, the rest are played in other processes."""
-
-    def __init__(self, robot: Robot, games: Sequence[_Game], processes: int) -> None:
-        self._robot, self._games, self._processes = robot, games, processes
-        self._pool: ProcessPoolExecutor | None = None
-        self._ahead: dict[int, Future[Arrays]] = {}
-
-    def __enter__(self) -> _Players:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._pool:
-            self._pool.shutdown(wait=kind is None, cancel_futures=True)
-
-    def answer(self, place: int) -> Arrays:
-        """Return what `_play` gives for the game at that place; those before it are not played any more."""
-        if min(self._processes, len(self._games) - place) < 2 and not self._pool:
-            return _play(self._robot, self._games[place])
-        if not self._pool:
-            self._pool = worker_pool(min(self._processes, len(self._games) - place))
-            with uninterrupted():
-                for later in range(place, len(self._games)):
-                    self._ahead[later] = self._pool.submit(_play, self._robot, self._games[later])
-        try:
-            return self._ahead.pop(place).result()
-        except BrokenProcessPool:
-            raise SpreadError(
-                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
-                "continue with --resume."
-            ) from None
 
 
 def _play(robot: Robot, game: _Game) -> Arrays:

@@ -27,6 +27,20 @@ class Estimate:
         return 1 if self.low > 0.0 else -1 if self.high < 0.0 else 0
 
 
+@dataclass(frozen=True, kw_only=True)
+class MedianEstimate:
+    """A median over runs and the 95 % interval of their distribution's; NaN if there is none."""
+
+    median: float
+    low: float
+    high: float
+    runs: int  #: that it is the median of
+
+    def overlaps(self, other: MedianEstimate) -> bool:
+        """Return whether the two intervals have a value in common."""
+        return self.low <= other.high and other.low <= self.high
+
+
 def mean_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
     """Return the mean of the values that are numbers, with Student's interval.
 
@@ -41,6 +55,27 @@ def mean_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Estimat
         return Estimate(mean=mean, low=np.nan, high=np.nan, runs=count)
     half = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * known.std(ddof=1) / np.sqrt(count))
     return Estimate(mean=mean, low=mean - half, high=mean + half, runs=count)
+
+
+def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> MedianEstimate:
+    """Return the median of the values that are numbers, with the interval between two of them by rank.
+
+    The number of n independent values below their distribution's median is binomial, whatever that distribution is: of
+    20 values the 6th and the 15th enclose it with 95.9 %. Below six values the smallest and the largest do, with less
+    than 95 % (five: 93.8 %).
+    """
+    known = np.sort(np.asarray(values, dtype=np.float64))
+    known = known[~np.isnan(known)]
+    count = len(known)
+    if count == 0:
+        return MedianEstimate(median=np.nan, low=np.nan, high=np.nan, runs=0)
+    skipped = max(int(stats.binom.ppf(0.5 - 0.5 * CONFIDENCE, count, 0.5)) - 1, 0)
+    return MedianEstimate(
+        median=float(np.median(known)),
+        low=float(known[skipped]),
+        high=float(known[count - 1 - skipped]),
+        runs=count,
+    )
 
 
 def paired_difference(values: Sequence[float], others: Sequence[float]) -> Estimate:
