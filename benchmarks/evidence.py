@@ -34,6 +34,7 @@ CAMPAIGNS = {
     "estimation": "benchmarks.estimation",
     "twin_speed": "benchmarks.twin_speed",
     "compensation": "benchmarks.compensation",
+    "prediction": "benchmarks.controller_prediction",
     "league": "benchmarks.league",
     "limits": "benchmarks.limits",
     "robust_design": "benchmarks.robust_design",

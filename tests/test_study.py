@@ -141,6 +141,7 @@ def test_the_files_read_back(folder: Path, small: Study):
         "results.json",
         "robot.toml",
         "controller.toml",
+        "previous_controller.toml",
     }
 
 

@@ -41,6 +41,7 @@ def check_input(
     accept: Sequence[str] | None,
     source: str | None = None,
     mappings: Mapping[Path, Path | None] = MappingProxyType({}),
+    show: bool = True,
 ) -> tuple[Finding, ...]:
     """Check the logs of a command, print accepted errors and warnings, and return all findings.
 
@@ -56,6 +57,8 @@ def check_input(
         The preset or file of the robot, as the command line names it.
     mappings : mapping of Path to Path or None, optional
         The mapping files of the logs, by the logs' files.
+    show : bool
+        Whether to print what was found; a command that says something else first prints it by `show_findings`.
 
     Raises
     ------
@@ -78,7 +81,8 @@ def check_input(
         return f"run `{shell_line(words)}`"
 
     findings = checked_logs(robot, named, accept=accept or (), going_on=as_options, more=listed_by).findings
-    show_findings(findings)
+    if show:
+        show_findings(findings)
     return findings
 
 

@@ -138,7 +138,7 @@ def study(
         )
         bar.show(1.0, doing="writing the report")
         with folder.replaced() as new:
-            write_study(result, new, made=made)
+            write_study(result, new, made=made, before=folder.path)
     for heading, sentences in summary(result):
         console.print(Text(f"{heading}: ", style="bold"), end="")
         console.print(sentences, soft_wrap=True)

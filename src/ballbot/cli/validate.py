@@ -12,6 +12,7 @@ from rich.table import Table
 from ballbot.cli.findings import Accept, accept_words, check_input
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.study import read_balancing_logs
+from ballbot.cli.validate_prediction import validate_prediction
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
@@ -45,7 +46,8 @@ def validate(
     robot: str,
     /,
     *logs: Path,
-    out: Path,
+    out: Path | None = None,
+    prediction: Path | None = None,
     against: str | None = None,
     formulation: Formulation = "exact",
     controller: Path | None = None,
@@ -64,26 +66,44 @@ def validate(
 
     Example: ballbot validate found/robot.toml step.csv --against thesis --out formulations
 
+    With --prediction it judges the controller of a study instead, by a log made with it on the course that the study
+    names: each predicted quantity inside or outside its 95 % interval, likely causes, and keep, weaken or revert.
+
+    Example: ballbot validate --prediction found/results.json new.csv
+
     Parameters
     ----------
     robot
-        A preset's name or a robot file, with friction: `ballbot study` and `ballbot identify` write one.
+        A preset's name or a robot file, with friction: `ballbot study` and `ballbot identify` write one. May be left
+        out with --prediction; it is then robot.toml beside the results.
     logs
-        One or more logs of the robot balancing, with torques and states.
+        One or more logs of the robot balancing, with torques and states; one with --prediction.
     out
-        The folder to write into.
+        The folder to write into. May be left out with --prediction; nothing is then written.
+    prediction
+        The results.json of a study, with what it predicts of its controller.
     against
         The second model: another robot (preset or file), or this robot in the other formulation, thesis or exact. By
         default the same robot without friction.
     formulation
         Equations of motion of both robots: exact, or as the thesis prints them.
     controller
-        The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log.
+        The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
+        with --prediction it is controller.toml beside the results.
     mapping
         A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it.
     seed
         Random seed of the noise floors. The same seed gives the same result.
     """
+    if prediction is not None:
+        _refuse_models(against, formulation, seed)
+        inputs = (robot, *map(str, logs))
+        validate_prediction(
+            prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
+        )
+        return
+    if out is None:
+        raise InputError("--out is missing; name the folder to write into, such as --out checked.")
     check_seed(seed)
     models = _models(robot, against, formulation)
     described = models.first.model.robot
@@ -120,6 +140,16 @@ def validate(
             write_text(new / "results.json", as_json(whole))
             write_text(new / "report.html", page)
     _show(validation, folder.path / "report.html")
+
+
+def _refuse_models(against: str | None, formulation: Formulation, seed: int) -> None:
+    """Refuse the options that choose models: a prediction is compared with a log, and no model is."""
+    given = {"--against": against is not None, "--formulation": formulation != "exact", "--seed": seed != 0}
+    for option, is_given in given.items():
+        if is_given:
+            raise InputError(
+                f"{option} does not go with --prediction, which compares no models; leave it out."
+            )
 
 
 def _models(robot: str, against: str | None, formulation: Formulation) -> ModelPair:

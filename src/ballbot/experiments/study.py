@@ -25,6 +25,7 @@ from ballbot.experiments.controller_choice import (
     candidates,
     choose_controller,
 )
+from ballbot.experiments.controller_prediction import Prediction, predict
 from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.experiments.league.course_file import PlantName
 from ballbot.experiments.plant_draws import PlantDraw, available_plant, draw_plants
@@ -93,6 +94,9 @@ class Study:
     plant: PlantName  #: on which the candidates were compared
     scenario: Scenario  #: whose delay, play, noise, sensors and floor the plants had
     choice: ControllerChoice
+    prediction: (
+        Prediction | None
+    )  #: of the chosen controller's next run; None if none is chosen or draws are few
     effort: Effort
     seed: int
 
@@ -206,6 +210,7 @@ def study(
         plant=chosen_plant,
         scenario=tried,
         choice=choice,
+        prediction=predict(choice, logs=[one.log for one in studied]),
         effort=effort,
         seed=seed,
     )

@@ -30,6 +30,7 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
         "validation": validation,
         "controller": _controller(study),
         "comparison": _comparison(study),
+        "prediction": study.prediction.to_dict() if study.prediction else None,
         "provenance": made.to_dict(),
     }
 

@@ -16,6 +16,7 @@ from ballbot.mechanics.model import Model
 from ballbot.report.comparison_figures import paths_figure, poles_figure, position_error_figure
 from ballbot.report.friction_figures import friction_figure, logs_figure
 from ballbot.report.page import figure_markup, render
+from ballbot.report.prediction_page import predicted_rows
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn
 from ballbot.report.summary import (
@@ -47,6 +48,7 @@ _CONTENTS = (
     ("validation", "Validation"),
     ("controller", "Controller"),
     ("comparison", "Comparison"),
+    ("prediction", "Prediction"),
     ("log-checks", "Checks of the logs"),
     ("provenance", "Provenance"),
 )
@@ -58,7 +60,7 @@ def study_report(study: Study, made: Provenance) -> str:
         "title": f"{study.robot.name}: friction, model and controller",
         "lead": _lead(study),
         "summary": [(heading, with_symbols(words)) for heading, words in summary(study)],
-        "contents": _CONTENTS,
+        "contents": [entry for entry in _CONTENTS if study.prediction or entry[0] != "prediction"],
         "made": made,
         "log_findings": study.log_findings,
         "wheel_count": study.robot.wheel_count,
@@ -79,8 +81,19 @@ def study_report(study: Study, made: Provenance) -> str:
         "ablation_plants": min(study.effort.ablation_draws, len(study.choice.plants)),
         "ablation_words": ablation_sentence(study),
         "choice_words": controller_sentence(study),
+        "prediction_rows": predicted_rows(study.prediction) if study.prediction else [],
+        "prediction_words": _prediction_words(study),
     }
     return render("study", values | _figures(study))
+
+
+def _prediction_words(study: Study) -> str:
+    course = study.choice.course
+    return (
+        f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
+        "--prediction results.json LOG`: it says of each quantity whether it lies in its interval, ranks likely causes "
+        "if not, and recommends to keep the controller, to weaken it, or to go back to previous_controller.toml."
+    )
 
 
 def robot_words(robot: Robot) -> str:

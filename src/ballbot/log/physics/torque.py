@@ -131,7 +131,7 @@ def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | 
     torque = rows.filtered(
         log, np.column_stack([log[name] for name in names]), late=0.5 * log.sample_time
     ).value
-    speed = _wheel_speeds(log, robot)
+    speed = smoothed_wheel_speeds(log, robot)
     sign = np.tanh(speed / SIGN)
     parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
     found = rows.filtered(log, np.hstack(parts)).value
@@ -238,7 +238,7 @@ def _needed(motion: Motion, robot: Robot) -> NDArray[np.float64]:
     return np.column_stack([-r_b * force.imag, r_b * force.real, -about_vertical])
 
 
-def _wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
+def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
     """Return each wheel's speed (len(log), n) [rad/s], smoothed; by the states if not logged."""
     from ballbot.log.kinematic_check import wheel_speeds_of_states
 

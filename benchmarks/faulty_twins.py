@@ -1,0 +1,370 @@
+"""Robots with faults that a study did not know: twins drawn at random, each with the logs of two controllers.
+
+The study is of the nominal twin (`studied`). Each faulty twin differs from it by one fault of `KINDS`, mild to severe,
+and in half of the cases by a second, mild one. Logs and the study are kept in build/controller_prediction.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ballbot.control.controller import Controller
+from ballbot.control.nominal import nominal_controller
+from ballbot.control.references import figure_eight, square
+from ballbot.estimation.named import named_estimator
+from ballbot.experiments.compare import start
+from ballbot.experiments.controller_choice import SQUARE, ControllerChoice, candidates, choose_controller
+from ballbot.experiments.plant_draws import draw_plants
+from ballbot.files import read_sealed, write_sealed
+from ballbot.identification import Identification, identify
+from ballbot.log import Log
+from ballbot.processes import worker_pool
+from ballbot.robot import Robot
+from ballbot.robot.scaled import scaled_body, scaled_friction
+from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.run import simulate
+from ballbot.simulation.sensors import SensorFaults
+from ballbot.twin import Scenario, Twin
+from ballbot.twin.faults import (
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+)
+
+KEPT = Path(__file__).parents[1] / "build" / "controller_prediction"
+ROBOT = Robot.load("alten")
+NOMINAL = Scenario.nominal(ROBOT)
+SAMPLE_TIME = 0.005
+#: of the study
+DRAWS, SEED = 20, 100
+#: share of severe faults
+SEVERE = 0.25
+CONTROLLERS = ("precise", "none")
+PROCESSES = min(2, os.cpu_count() or 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultyTwin:
+    """A robot that is not the one studied."""
+
+    seed: int  #: of its run
+    kind: str  #: of its main fault, one of `KINDS`
+    robot: Robot = ROBOT
+    scenario: Scenario = NOMINAL
+    torque_scale: tuple[float, ...] = (1.0, 1.0, 1.0)  #: what the motors give of the torques commanded
+
+
+T = TypeVar("T")
+Fault = Callable[[FaultyTwin, np.random.Generator, float], FaultyTwin]
+
+
+def _friction(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    factor = random.choice([max(1.0 - 0.4 * size, 0.1), 1.0 + 0.6 * size])
+    return _with(twin, replace(twin.scenario, friction=scaled_friction(twin.scenario.friction, factor)))
+
+
+def _asymmetry(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin, replace(twin.scenario, asymmetry=float(random.choice([-1.0, 1.0]) * min(0.4 * size, 0.9)))
+    )
+
+
+def _load_dependence(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(twin, replace(twin.scenario, load_dependence=LoadDependence(share=min(size, 1.0))))
+
+
+def _carpet(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    friction = replace(twin.scenario.friction, rolling=twin.scenario.friction.rolling * (1.0 + 2.0 * size))
+    floor = Roughness(height=2e-4 * size, wavelength=0.1, seed=int(random.integers(1000)))
+    return _with(twin, replace(twin.scenario, friction=friction, roughness=floor))
+
+
+def _body(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    mass, height = 1.0 + 0.15 * size * random.choice([-1.0, 1.0], 2)
+    return replace(
+        twin, robot=twin.robot.replace(body=scaled_body(twin.robot.body, mass=mass, height=height))
+    )
+
+
+def _payload(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    way = random.uniform(0.0, 2.0 * np.pi)
+    place = (0.05 * float(np.cos(way)), 0.05 * float(np.sin(way)), 0.6)
+    return _with(twin, replace(twin.scenario, payload=Payload(mass=2.0 * size, position=place)))
+
+
+def _wheels(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    rollers = twin.scenario.rollers
+    if random.random() < 0.5:
+        return _with(
+            twin, replace(twin.scenario, rollers=replace(rollers, rows=1, per_row=2 * rollers.per_row))
+        )
+    wide = rollers.row_spacing + min(size, 1.5) * (0.022 - rollers.row_spacing)
+    return _with(twin, replace(twin.scenario, rollers=replace(rollers, row_spacing=wide)))
+
+
+def _soft_ball(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin,
+        replace(
+            twin.scenario, softness=Softness(stiffness=3e4 / float(np.clip(size, 0.3, 1.5)), damping=200.0)
+        ),
+    )
+
+
+def _compliance(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin,
+        replace(
+            twin.scenario, compliance=Compliance(frequency=max(60.0 - 20.0 * size, 20.0), damping_ratio=0.1)
+        ),
+    )
+
+
+def _delay(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(twin, replace(twin.scenario, timing=Timing(delay=max(1, round(4.0 * size)))))
+
+
+def _slow_current(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin, replace(twin.scenario, current_loop=CurrentLoop(bandwidth=max(40.0 - 32.0 * size, 3.0)))
+    )
+
+
+def _late_sensors(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin,
+        replace(twin.scenario, sensor_faults=SensorFaults(latency=SAMPLE_TIME * max(1, round(3.0 * size)))),
+    )
+
+
+def _grip(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    grip = max(0.8 - 0.5 * size, 0.1)
+    return _with(twin, replace(twin.scenario, roller_grip=grip, floor_grip=grip))
+
+
+def _tilt(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    way = random.uniform(0.0, 2.0 * np.pi)
+    tilt = np.radians(size)
+    return _with(
+        twin, replace(twin.scenario, floor_tilt=(float(tilt * np.cos(way)), float(tilt * np.sin(way))))
+    )
+
+
+def _gyro_bias(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin,
+        replace(
+            twin.scenario, sensor_faults=SensorFaults(gyro_bias=0.02 * size, gyro_bias_walk=0.002 * size)
+        ),
+    )
+
+
+def _lean_error(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin,
+        replace(twin.scenario, sensor_faults=SensorFaults(lean_error=0.015 * size, lean_error_time=10.0)),
+    )
+
+
+def _noise(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    s, factor = twin.scenario.sensors, 1.0 + 6.0 * size
+    noisy = replace(s, gyro_noise=factor * s.gyro_noise, attitude_noise=factor * s.attitude_noise)
+    return _with(twin, replace(twin.scenario, sensors=noisy))
+
+
+def _supply(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
+    return _with(
+        twin, replace(twin.scenario, supply=Supply(winding_resistance=0.6, internal_resistance=1.5 * size))
+    )
+
+
+def _torque_scale(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
+    factor = float(random.choice([max(1.0 - 0.5 * size, 0.2), 1.0 + 0.6 * size]))
+    scale = [factor] * 3
+    if random.random() < 0.5:
+        scale = [1.0] * 3
+        scale[random.integers(3)] = factor
+    return replace(twin, torque_scale=tuple(scale))
+
+
+#: kinds of faults in the order in which they take turns, each with its cause among `ballbot`'s
+KINDS: dict[str, tuple[Fault, str]] = {
+    "delay": (_delay, "delay"),
+    "other friction": (_friction, "friction"),
+    "grip": (_grip, "grip"),
+    "gyro bias": (_gyro_bias, "sensor"),
+    "torque scale": (_torque_scale, "mapping"),
+    "mass and height": (_body, "body"),
+    "asymmetric friction": (_asymmetry, "friction"),
+    "lean error": (_lean_error, "sensor"),
+    "late sensors": (_late_sensors, "delay"),
+    "payload": (_payload, "body"),
+    "tilted floor": (_tilt, "floor"),
+    "carpet": (_carpet, "friction"),
+    "sensor noise": (_noise, "sensor"),
+    "slow current": (_slow_current, "delay"),
+    "wheels": (_wheels, "wheels"),
+    "load-dependent friction": (_load_dependence, "friction"),
+    "soft ball": (_soft_ball, "wheels"),
+    "compliance": (_compliance, "wheels"),
+    "supply sag": (_supply, "drive"),
+}
+
+
+def drawn(seed: int) -> FaultyTwin:
+    """Return the twin of a seed: kinds take turns.
+
+    A quarter of the main faults is severe, one to three times the size that a robot still has in use; the others are
+    a tenth to the whole of that.
+    """
+    random = np.random.default_rng([seed, 27])
+    chance = np.random.default_rng([seed, 28])
+    names = list(KINDS)
+    kind = names[seed % len(names)]
+    twin = FaultyTwin(seed=seed, kind=kind)
+    if random.random() < 0.5:  # a second fault first, so that the main one wins where both set a thing
+        second = names[random.integers(len(names))]
+        twin = KINDS[second][0](twin, random, random.uniform(0.05, 0.3))
+    size = random.uniform(0.1, 1.0)
+    return KINDS[kind][0](twin, random, chance.uniform(1.0, 3.0) if is_severe(seed) else size)
+
+
+def is_severe(seed: int) -> bool:
+    """Return whether the main fault of a seed's twin is severe."""
+    return bool(np.random.default_rng([seed, 29]).random() < SEVERE)
+
+
+def healthy(seed: int) -> FaultyTwin:
+    """Return the twin that was studied, with another seed."""
+    return FaultyTwin(seed=seed, kind="none")
+
+
+def _with(twin: FaultyTwin, scenario: Scenario) -> FaultyTwin:
+    return replace(twin, scenario=scenario)
+
+
+class WeakMotors:
+    """A plant whose motors give other torques than they are commanded: a wrong torque constant or gear ratio."""
+
+    def __init__(self, plant: Plant, scale: Sequence[float]) -> None:
+        self._plant, self._scale = plant, np.asarray(scale)
+        self.robot = plant.robot
+
+    def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
+        """Start as the plant does."""
+        return self._plant.reset(initial_state, seed=seed)
+
+    def step(self, torques: ArrayLike, duration: float) -> Measurement:
+        """Hold the scaled torques (n,) [N m] for a duration [s]."""
+        return self._plant.step(self._scale * np.asarray(torques), duration)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Studied:
+    """The study of the nominal twin: what it identified, and its candidates on perturbed plants."""
+
+    found: Identification
+    controllers: dict[str, Controller]
+    choice: ControllerChoice
+
+
+def studied() -> Studied:
+    """Return the study, from file if it is there."""
+    return _kept("study.pickle", _study)
+
+
+def study_logs() -> list[Log]:
+    """Return the logs that the study is of, from file if they are there."""
+    return _kept("study_logs.pickle", _study_logs)
+
+
+def _study_logs() -> list[Log]:
+    controller = nominal_controller(ROBOT)
+    return [
+        simulate(Twin(ROBOT), controller, reference, duration=48.0, seed=seed).without_truth()
+        for seed, reference in ((1, square(side=0.5, period=32.0)), (2, figure_eight()))
+    ]
+
+
+def _study() -> Studied:
+    found = identify(ROBOT, study_logs(), seed=0)
+    made = candidates(found, sample_time=SAMPLE_TIME)
+    controllers = {name: made[name] for name in CONTROLLERS}
+    plants = draw_plants(found, plant="twin", scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
+    choice = choose_controller(controllers, plants, ablation_plants=0, processes=PROCESSES)
+    return Studied(found=found, controllers=controllers, choice=choice)
+
+
+def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
+    """Return the log that a faulty twin's own sensors make of the square with a controller of the study."""
+    controller = study.controllers[name]
+    estimator = named_estimator(controller.estimator, study.found.robot, sample_time=SAMPLE_TIME)
+    plant = WeakMotors(Twin(twin.robot, twin.scenario, estimator=estimator), twin.torque_scale)
+    log = simulate(
+        plant,
+        controller,
+        SQUARE.asked.reference(),
+        duration=SQUARE.duration,
+        initial_state=start(twin.seed),
+        seed=twin.seed,
+    )
+    return log.without_truth()
+
+
+def recorded(twins: Sequence[FaultyTwin], *, of: str) -> list[dict[str, Log]]:
+    """Return each twin's logs by controller, recorded in processes beside this one if they are not on file.
+
+    Parameters
+    ----------
+    twins : sequence of FaultyTwin
+    of : str
+        Name of the folder within `KEPT`.
+    """
+    jobs = [(twin, name) for twin in twins for name in CONTROLLERS]
+    missing = [job for job in jobs if not _log_path(of, *job).exists()]
+    if missing:
+        with worker_pool(PROCESSES) as pool:
+            studied()  # on file before processes look for it
+            runs = [pool.submit(_record_one, of, *job) for job in missing]
+            for done, run in enumerate(as_completed(runs), start=1):
+                run.result()
+                print(f"{of}: {done} of {len(missing)} runs", file=sys.stderr, flush=True)
+    return [{name: _read(_log_path(of, twin, name)) for name in CONTROLLERS} for twin in twins]
+
+
+def _record_one(of: str, twin: FaultyTwin, name: str) -> None:
+    log = record(studied(), twin, name)
+    write_sealed(_log_path(of, twin, name), pickle.dumps(log))
+
+
+def _log_path(of: str, twin: FaultyTwin, name: str) -> Path:
+    return KEPT / of / f"{twin.seed:04d}_{name}.pickle"
+
+
+def _read(path: Path) -> Log:
+    return pickle.loads(read_sealed(path))
+
+
+def _kept(name: str, make: Callable[[], T]) -> T:
+    path = KEPT / name
+    if path.exists():
+        return pickle.loads(read_sealed(path))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    made = make()
+    write_sealed(path, pickle.dumps(made))
+    return made

@@ -1,0 +1,306 @@
+"""What the next log says of a controller: each predicted quantity inside or outside, and keep, weaken or revert.
+
+    revert   the run ended early, or its error is not clearly smaller than that predicted without compensation
+    weaken   a quantity is worse than predicted, but the error is still clearly smaller
+    keep     nothing is worse than predicted; better than predicted is a reason to keep, too
+
+"Clearly smaller" is below the prediction interval of the run without compensation.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.errors import InputError
+from ballbot.experiments.controller_causes import Cause, ranked_causes
+from ballbot.experiments.controller_prediction import Interval, Prediction, checksum_of
+from ballbot.experiments.log_signature import signature_of
+from ballbot.experiments.performance import QUANTITIES, Performance
+from ballbot.log import Log
+from ballbot.robot import Robot
+
+Recommendation = Literal["keep", "weaken", "revert"]
+
+#: what is better, by quantity
+BETTER: Mapping[str, Literal["below", "above"]] = MappingProxyType(
+    {
+        "peak_error": "below",
+        "rms_error": "below",
+        "roughness": "below",
+        "lean": "below",
+        "torque_margin": "above",
+    }
+)
+#: a log's reference may differ from the course's by this [m, rad]
+_SAME_POSE = 0.005
+#: share of the rows in which it may; jumps fall between samples
+_OTHER_ROWS = 0.005
+#: jumps of a log's reference at which the course is sought
+_MOST_JUMPS = 100
+#: a run that ends this much before the course has ended early [s]
+_SHORT = 0.05
+#: lean in the last half second from which a log that ends early is taken for a fall [rad]
+_FALLING, _LAST = 0.2, 0.5
+#: relative difference of sample times that is rounding
+_SAME_TIME = 0.01
+#: RMS of the torques that the controller does not give, over that of the torques, from which they are not its own
+_NOT_ITS_OWN = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedQuantity:
+    """A quantity of the new log beside its prediction."""
+
+    name: str
+    predicted: Interval
+    value: float  #: NaN if the run ended too early to show it
+    place: Literal["inside", "below", "above"]
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is outside, on the side that is no good."""
+        return self.place not in ("inside", BETTER[self.name])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What one log says of a controller."""
+
+    recommendation: Recommendation
+    reason: str  #: one sentence with the numbers that decide
+    quantities: tuple[JudgedQuantity, ...]
+    none: Mapping[str, Interval]  #: what is predicted without compensation; empty if that falls
+    ended: str | None  #: why the run ended before the course, or None
+    causes: tuple[Cause, ...]  #: of what is outside, the likeliest first; empty if nothing is
+    remarks: tuple[str, ...]  #: what limits the verdict
+
+    @property
+    def outside(self) -> tuple[JudgedQuantity, ...]:
+        """The quantities that lie outside their intervals."""
+        return tuple(one for one in self.quantities if one.place != "inside")
+
+
+def judge(
+    prediction: Prediction,
+    log: Log,
+    robot: Robot,
+    controller: Controller,
+    *,
+    codes: Sequence[str] = (),
+) -> Verdict:
+    """Return what a log made with a study's controller says of it.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    log : Log
+        Of the course, with states, torques and reference; rows before the course are left out.
+    robot : Robot
+        As identified by the study.
+    controller : Controller
+        The study's.
+    codes : sequence of str
+        Of errors that the checks found in the log and the user accepted.
+
+    Raises
+    ------
+    InputError
+        If the controller is not the one that was predicted, the log lacks a column, follows another course or has
+        another sample time, or ends before the course without a fall.
+    """
+    _check_controller(prediction, controller)
+    run = course_of(log, prediction, sample_time=controller.sample_time)
+    ended = why_ended(run, prediction)
+    seen = Performance.of(run, torque_limit=prediction.torque_limit)
+    values = dict(zip(QUANTITIES, seen.to_array().tolist(), strict=True))
+    quantities = tuple(_judged(name, prediction.chosen[name], values[name]) for name in QUANTITIES)
+    recommendation, reason = _recommended(prediction, quantities, ended)
+    causes: tuple[Cause, ...] = ()
+    if ended is not None or any(one.place != "inside" for one in quantities):
+        causes = ranked_causes(signature_of(run, robot), prediction.signature, codes=codes)
+    return Verdict(
+        recommendation=recommendation,
+        reason=reason,
+        quantities=quantities,
+        none=prediction.none,
+        ended=ended,
+        causes=causes,
+        remarks=_remarks(log, controller),
+    )
+
+
+def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
+    """Return the rows of a log that follow the predicted course, from its begin to its end or the log's.
+
+    Raises
+    ------
+    InputError
+        If the log lacks a column, has another sample time or follows another course.
+    """
+    course = prediction.course
+    log.require("ref_x", "ref_y", "ref_psi")
+    how = f"record {course.duration:g} s of `{course.name}` from its begin with this controller"
+    if abs(log.sample_time / sample_time - 1.0) > _SAME_TIME:
+        raise InputError(
+            f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
+            "each update."
+        )
+    asked = _asked(prediction, sample_time)
+    runs = {
+        begin: log.between(begin - 0.5 * sample_time, begin + course.duration - 0.5 * sample_time)
+        for begin in _begins(log, asked, sample_time)
+    }
+    apart = {begin: _apart(run, asked, begin, sample_time) for begin, run in runs.items() if len(run) > 1}
+    best = min(apart, key=lambda begin: apart[begin], default=None)
+    if best is None or apart[best] > _OTHER_ROWS:
+        raise InputError(
+            f"The log's reference is not the course {course.name!r} for which the performance is predicted; {how}."
+        )
+    return runs[best]
+
+
+def why_ended(run: Log, prediction: Prediction) -> str | None:
+    """Return why a run ended before its course did; None if it did not.
+
+    Raises
+    ------
+    InputError
+        If it ends early without a sign of a fall or a stop: the log is a part of a run.
+    """
+    duration = prediction.course.duration
+    lasted = float(run.t[-1] - run.t[0]) + run.sample_time
+    if lasted >= duration - _SHORT - run.sample_time:
+        return None
+    if run.ended is not None:
+        return run.ended
+    last = run.between(float(run.t[-1]) - _LAST, np.inf)
+    lean = float(np.hypot(last["theta"], last["phi"]).max())
+    if lean > _FALLING:
+        return f"fallen: a lean of {lean:.2g} rad at t = {lasted:.3g} s of the course"
+    raise InputError(
+        f"The log has {lasted:.3g} s of the course {prediction.course.name!r} of {duration:g} s, and the robot stands "
+        "at its end; record the whole course."
+    )
+
+
+def foreign_torque(log: Log, controller: Controller) -> float:
+    """Return the RMS of the torques that the controller does not give, over the RMS of the torques.
+
+    The controller is replayed on the logged states and references from the log's begin; rows in which it is given
+    nothing valid count as they are.
+    """
+    replayed = copy.deepcopy(controller)
+    replayed.reset()
+    reference = np.zeros((len(log), 10))
+    reference[:, [0, 1, 4]] = np.column_stack([log["ref_x"], log["ref_y"], log["ref_psi"]])
+    torques = log.torques
+    given = np.array(
+        [
+            replayed.update(t, state, asked)
+            for t, state, asked in zip(log.t.tolist(), log.states, reference, strict=True)
+        ]
+    )
+    known = np.isfinite(torques).all(axis=1)
+    size = float(np.sqrt(np.mean(torques[known] ** 2)))
+    return float(np.sqrt(np.mean((torques[known] - given[known]) ** 2))) / max(size, 1e-12)
+
+
+def _check_controller(prediction: Prediction, controller: Controller) -> None:
+    if checksum_of(controller) != prediction.checksum:
+        raise InputError(
+            "The controller's file is not the one whose performance is predicted: it was changed, or belongs to "
+            "another study. Give the controller.toml that stands beside the results.json, as `ballbot study` wrote it."
+        )
+
+
+def _asked(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:
+    """Return x, y and psi (N, 3) that the course asks for, a row for each sample."""
+    reference = prediction.course.asked.reference()
+    count = round(prediction.course.duration / sample_time)
+    return np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(count)])
+
+
+def _begins(log: Log, asked: NDArray[np.float64], sample_time: float) -> list[float]:
+    """Return times at which the course may begin in a log: its first row, and where the first jump fits [s]."""
+    begins = [float(log.t[0])]
+    jumps = np.flatnonzero(np.abs(np.diff(asked, axis=0)).max(axis=1) > _SAME_POSE)
+    if jumps.size:
+        logged = log.reference[:, [0, 1, 4]]
+        rows = np.flatnonzero(np.abs(np.diff(logged, axis=0)).max(axis=1) > _SAME_POSE) + 1
+        begins += [
+            float(log.t[row]) - float(jumps[0] + 1) * sample_time for row in rows.tolist()[:_MOST_JUMPS]
+        ]
+    return [begin for begin in begins if begin >= float(log.t[0]) - 0.5 * sample_time]
+
+
+def _apart(run: Log, asked: NDArray[np.float64], begin: float, sample_time: float) -> float:
+    """Return the share of a run's rows whose reference is not the course's."""
+    rows = np.clip(np.round((run.t - begin) / sample_time).astype(int), 0, len(asked) - 1)
+    apart = np.abs(run.reference[:, [0, 1, 4]] - asked[rows]).max(axis=1)
+    return float(np.mean(apart > _SAME_POSE))
+
+
+def _judged(name: str, predicted: Interval, value: float) -> JudgedQuantity:
+    return JudgedQuantity(name=name, predicted=predicted, value=value, place=predicted.place(value))
+
+
+def _recommended(
+    prediction: Prediction, quantities: Sequence[JudgedQuantity], ended: str | None
+) -> tuple[Recommendation, str]:
+    if ended is not None:
+        return "revert", f"The run ended before the course did ({ended})."
+    by_name = {one.name: one for one in quantities}
+    peak, none = by_name["peak_error"], prediction.none.get("peak_error")
+    if prediction.controller != "none" and none is not None and not peak.value < none.low:
+        return "revert", (
+            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than without compensation "
+            f"({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
+        )
+    worse = [one for one in quantities if one.worse]
+    better = [one for one in quantities if one.place != "inside" and not one.worse]
+    if worse:
+        return "weaken", (
+            f"{_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted, and the peak error is still "
+            "clearly smaller than without compensation."
+        )
+    if better:
+        return (
+            "keep",
+            f"Nothing is worse than predicted, and {_listed(better)} {'is' if len(better) == 1 else 'are'} better.",
+        )
+    return "keep", "All quantities lie inside their prediction intervals."
+
+
+#: names of the quantities in sentences
+WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "peak_error": "peak error",
+        "rms_error": "RMS error",
+        "roughness": "torque roughness",
+        "lean": "lean",
+        "torque_margin": "torque margin",
+    }
+)
+
+
+def _listed(quantities: Sequence[JudgedQuantity]) -> str:
+    words = [WORDS[one.name] for one in quantities]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _remarks(log: Log, controller: Controller) -> tuple[str, ...]:
+    share = foreign_torque(log, controller)
+    if share <= _NOT_ITS_OWN:
+        return ()
+    return (
+        f"The torques are not those that the controller gives for the logged states (RMS difference {100 * share:.0f} "
+        "% of the torques): the log may have been made with another controller, or begin in the middle of a run.",
+    )

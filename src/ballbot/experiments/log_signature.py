@@ -1,0 +1,183 @@
+"""What a log of balancing shows of the robot that made it, in numbers that its faults move.
+
+The torques are held against the motion, and the ball's acceleration against the lean (`ballbot.log.physics`), each by
+a least-squares fit whose factors are one, or zero, for the robot as identified:
+
+    u_i = k_i n_i + s f(w_i) + o_i                     n what the motion needs, f the identified friction
+    v_dot + C w_dot = -gamma Lambda g - r v/|v| + e     no driveline is in it
+
+The lag at which the first fits best is the delay from torque to motion. A log's signature differs from one by what
+noise, play and rollers do, so that it is compared with that of a simulated run of the same controller, and not with
+one and zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log import Log
+from ballbot.log.columns import torque_names
+from ballbot.log.physics.motion import Motion, Rows, as_complex, as_plane, motion_of, usable_rows
+from ballbot.log.physics.torque import SIGN, Driving, driving_of, smoothed_wheel_speeds
+from ballbot.mechanics.contact_momentum import contact_momentum
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.robot import Robot
+
+#: how much less rows count if a wheel did not turn for certain all the filter's time
+_TURNED_POWER = 4
+#: samples by which the torques may act later than logged; a filter of the state makes them seem early
+EARLIEST, LATEST = -10, 14
+#: ball speed under which the direction of rolling friction is not known [m/s]
+_ROLLING = 0.01
+#: blocks over which a lean's error is averaged [s]
+_SLOW = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signature:
+    """Numbers of one log; NaN if it does not show one."""
+
+    delay: float  #: from torque to motion, beyond the sample's own [s]
+    torque_gain: float  #: torque over what the motion needs [-]
+    torque_spread: float  #: the largest wheel's gain over the smallest's [-]
+    friction: float  #: over the identified one [-]
+    asymmetry: (
+        float  #: constant torque that all wheels need alike, as friction that is larger forward makes [N m]
+    )
+    rolling: float  #: deceleration of the ball that the lean does not explain [m/s^2]
+    force: float  #: constant torques along the floor that the motion does not need, as a slope makes [N m]
+    gravity: float  #: ball acceleration over that which the lean causes [-]
+    turn: float  #: of the lean against the ball's acceleration, about the vertical [rad]
+    lean_offset: float  #: constant error of the lean [rad]
+    lean_wander: float  #: its slow change, standard deviation [rad]
+    gyro_noise: float  #: standard deviation of a sample [rad/s]
+    gyro_bias: float  #: mean rate of a lean that stays [rad/s]
+    slip: float  #: largest acceleration that the lean does not explain, over the usual one [-]
+    unexplained: float  #: share of the torques that the fit leaves
+
+
+#: numbers that are of the robot's friction alone, whatever controls it
+OF_FRICTION = ("friction", "rolling")
+
+
+def signature_of(log: Log, robot: Robot) -> Signature | None:
+    """Return a log's signature; None if it has too little motion, or lacks states or torques.
+
+    Parameters
+    ----------
+    log : Log
+    robot : Robot
+        As identified.
+    """
+    rows = usable_rows(log, robot)
+    if rows is None or not set(torque_names(robot.wheel_count)) <= set(log.names):
+        return None
+    motion = motion_of(log, rows)
+    driving = driving_of(log, rows, motion, robot)
+    if driving is None:
+        return None
+    law = _torque_law(log, rows, driving, robot)
+    lean = _lean_law(motion, robot)
+    noise, bias = _gyro(log)
+    return Signature(**law, **lean, gyro_noise=noise, gyro_bias=bias)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    """The torque law at one lag."""
+
+    late: float  #: [s]
+    left: float  #: share of the torques that is left
+    gains: NDArray[np.float64]  #: k (n,)
+    friction: float  #: s
+    constants: NDArray[np.float64]  #: o (n,) [N m]
+
+
+def _torque_law(log: Log, rows: Rows, driving: Driving, robot: Robot) -> dict[str, float]:
+    speeds = smoothed_wheel_speeds(log, robot)
+    friction = rows.filtered(
+        log, np.abs(wheel_friction(speeds, robot.friction)) * np.tanh(speeds / SIGN)
+    ).value
+    step = log.sample_time
+    fits = [_fitted(log, rows, driving, friction, late=k * step) for k in range(EARLIEST, LATEST + 1)]
+    best = min(range(len(fits)), key=lambda k: fits[k].left)
+    found, delay = fits[best], fits[best].late
+    if 0 < best < len(fits) - 1:  # the vertex of the parabola through the three best
+        before, here, after = (fits[k].left for k in (best - 1, best, best + 1))
+        delay += 0.5 * step * (before - after) / (before - 2.0 * here + after)
+    along = found.constants - found.constants.mean()
+    return {
+        "delay": float(delay),
+        "torque_gain": float(found.gains.mean()),
+        "torque_spread": _spread(found.gains),
+        "friction": found.friction,
+        "asymmetry": float(found.constants.mean()),
+        "force": float(np.linalg.norm(along)),
+        "unexplained": found.left,
+    }
+
+
+def _fitted(log: Log, rows: Rows, driving: Driving, friction: NDArray[np.float64], *, late: float) -> _Fit:
+    """Fit all torques at once: a gain and a constant for each wheel, one factor of the friction (N, n)."""
+    n = friction.shape[1]
+    acting = late + 0.5 * log.sample_time
+    torque = rows.filtered(log, np.column_stack([log[name] for name in torque_names(n)]), late=acting).value
+    weight = driving.turning**_TURNED_POWER
+    zero = np.zeros_like(friction)
+    blocks = []
+    for i in range(n):
+        gain, constant = zero.copy(), zero.copy()
+        gain[:, i], constant[:, i] = driving.needed[:, i], 1.0
+        blocks.append(np.column_stack([gain, constant, friction[:, i]]) * weight[:, [i]])
+    X, u = np.vstack(blocks), (torque * weight).T.ravel()
+    fit = np.asarray(np.linalg.lstsq(X, u, rcond=None)[0], dtype=np.float64)
+    left = float(np.sum((u - X @ fit) ** 2)) / max(float(np.sum(u**2)), 1e-30)
+    return _Fit(late=late, left=left, gains=fit[:n], constants=fit[n : 2 * n], friction=float(fit[-1]))
+
+
+def _lean_law(motion: Motion, robot: Robot) -> dict[str, float]:
+    law = contact_momentum(robot)
+    v, turning = motion.velocity, 1j * motion.turning
+    theta, phi = motion.lean
+    w = [one.value for one in motion.lean_rate]
+    w_dot = [one.rate for one in motion.lean_rate]
+    rate = as_complex(as_plane(w_dot[0] + 1j * w_dot[1]) @ law.lever[:, :2].T)
+    rate += turning * as_complex(as_plane(w[0] + 1j * w[1]) @ law.lever[:, :2].T)
+    pull = as_complex(as_plane(1j * theta - phi) @ law.pull.T)
+    rolling = v.value / np.maximum(np.abs(v.value), _ROLLING)
+    y = v.rate + turning * v.value + rate
+    X = np.column_stack([-pull, -rolling, np.ones_like(pull)])
+    gravity, friction, constant = np.linalg.lstsq(X, y, rcond=None)[0]
+    error = y - X[:, :2] @ np.array([gravity, friction])
+    size = float(np.sqrt(np.abs(np.linalg.det(law.pull))))
+    slow = np.unique(np.floor(motion.t / _SLOW).astype(int), return_inverse=True)[1]
+    counts = np.bincount(slow)
+    means = (np.bincount(slow, weights=error.real) + 1j * np.bincount(slow, weights=error.imag)) / counts
+    residual = np.abs(error - constant)
+    return {
+        "rolling": float(friction.real),
+        "gravity": float(abs(gravity)),
+        "turn": float(np.angle(gravity)),
+        "lean_offset": float(abs(constant)) / size,
+        "lean_wander": float(np.std(means)) / size,
+        "slip": float(residual.max() / max(float(np.median(residual)), 1e-9)),
+    }
+
+
+def _gyro(log: Log) -> tuple[float, float]:
+    """Return the noise of a gyro's sample and the mean of its lean rates [rad/s]; NaN without a gyro."""
+    names = ("gyro_x", "gyro_y")
+    if not set(names) <= set(log.names):
+        return np.nan, np.nan
+    rates = np.column_stack([log[name] for name in names])
+    rates = rates[np.isfinite(rates).all(axis=1)]
+    # second differences leave noise and take the motion away; theirs is sqrt(6) times as large
+    change = np.diff(rates, n=2, axis=0)
+    return float(np.sqrt(np.mean(change**2) / 6.0)), float(np.linalg.norm(rates.mean(axis=0)))
+
+
+def _spread(values: NDArray[np.float64]) -> float:
+    return float(values.max() / values.min()) if values.min() > 0.0 else np.nan

@@ -1,0 +1,387 @@
+"""Predicted performance: intervals that hold, files that read back, verdicts on logs whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import Robot
+from ballbot.cli.main import main
+from ballbot.control.controller import Controller
+from ballbot.control.file import controller_text, write_controller
+from ballbot.control.nominal import nominal_controller
+from ballbot.control.precise import precise_controller
+from ballbot.errors import InputError
+from ballbot.experiments.controller_causes import POSSIBLE, SYMPTOMS, ranked_causes
+from ballbot.experiments.controller_choice import NamedCourse
+from ballbot.experiments.controller_prediction import (
+    DISCREPANCY,
+    Interval,
+    Prediction,
+    checksum_of,
+    lognormal_interval,
+    performance_intervals,
+    read_prediction,
+)
+from ballbot.experiments.controller_verdict import course_of, foreign_torque, judge
+from ballbot.experiments.log_signature import Signature, signature_of
+from ballbot.experiments.performance import Performance, performance_of
+from ballbot.experiments.previous_controller import previous_controller_text
+from ballbot.files import write_text
+from ballbot.log import Log
+from ballbot.mechanics.model import Model
+from ballbot.report.json_text import as_json
+from ballbot.report.prediction_page import StudyFolder, next_steps
+from ballbot.robot.file import write_robot
+from ballbot.simulation.run import simulate
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin import Scenario
+from ballbot.twin.imperfections import imperfections_of
+
+ALTEN = Robot.load("alten")
+SCENARIO = Scenario.nominal(ALTEN)
+KNOWN = ALTEN.replace(friction=SCENARIO.friction)
+#: a corner of the square, so that a run takes half a second
+COURSE = NamedCourse(name="square", duration=10.0)
+
+
+def run(controller: Controller, *, scenario: Scenario = SCENARIO, duration: float = COURSE.duration) -> Log:
+    plant = SensedPlant(Model(KNOWN), imperfections_of(scenario), known=KNOWN, estimator=controller.estimator)
+    log = simulate(plant, controller, COURSE.asked.reference(), duration=duration, seed=1)
+    return log.without_truth()
+
+
+@pytest.fixture(scope="module")
+def controller() -> Controller:
+    return precise_controller(KNOWN)
+
+
+@pytest.fixture(scope="module")
+def log(controller: Controller) -> Log:
+    return run(controller)
+
+
+@pytest.fixture(scope="module")
+def prediction(controller: Controller, log: Log) -> Prediction:
+    """Return a prediction about what that log shows, and without compensation forty times its errors."""
+    seen = performance_of(log, controller)
+    random = np.random.default_rng(0)
+    similar = [
+        Performance.from_array(seen.to_array() * np.exp(0.1 * random.standard_normal(5))) for _ in range(20)
+    ]
+    without = [
+        replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar
+    ]
+    factor = dict.fromkeys(asdict(seen), (0.6, 1.7))
+    signature = signature_of(log, KNOWN)
+    assert signature is not None
+    return Prediction(
+        course=COURSE,
+        controller="precise",
+        checksum=checksum_of(controller),
+        torque_limit=controller.torque_limit,
+        plant="model",
+        scenario="nominal",
+        draws=20,
+        chosen=performance_intervals(similar, discrepancy=factor),
+        none=performance_intervals(without, discrepancy=factor),
+        signature=asdict(signature),
+    )
+
+
+# --- intervals ---
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    spread=st.floats(0.01, 2.0),
+    center=st.floats(-10.0, 10.0),
+    count=st.integers(6, 40),
+)
+def test_interval_holds_95_percent_of_new_lognormal_values(seed, spread, center, count):
+    random = np.random.default_rng(seed)
+    trials, inside = 400, 0
+    for _ in range(trials):
+        *sample, new = np.exp(center + spread * random.standard_normal(count + 1))
+        inside += lognormal_interval(np.array(sample)).place(float(new)) == "inside"
+    # 380 expected, standard deviation 4.4; five of them
+    assert abs(inside - 0.95 * trials) < 22
+
+
+@given(
+    values=st.lists(st.floats(1e-6, 1e6), min_size=2, max_size=30),
+    low=st.floats(0.01, 1.0),
+    high=st.floats(1.0, 100.0),
+)
+def test_discrepancy_only_widens_an_interval(values, low, high):
+    plain = lognormal_interval(np.array(values))
+    wide = lognormal_interval(np.array(values), discrepancy=(low, high))
+    # rounding of the logarithms, relative
+    assert wide.low <= plain.low * (1 + 1e-9)
+    assert wide.high >= plain.high * (1 - 1e-9)
+    assert wide.low <= wide.median * min(low, 1.0) * (1 + 1e-9)
+    assert wide.high >= wide.median * high * (1 - 1e-9)
+
+
+def test_interval_of_a_margin_never_leaves_zero_to_one():
+    random = np.random.default_rng(0)
+    similar = [
+        Performance(peak_error=0.01, rms_error=0.01, roughness=0.1, lean=0.1, torque_margin=margin)
+        for margin in random.uniform(0.0, 0.3, 20)
+    ]
+    found = performance_intervals(similar, discrepancy=DISCREPANCY["precise"])["torque_margin"]
+    assert 0.0 <= found.low <= found.median <= found.high <= 1.0
+
+
+def test_constants_are_factors_about_one():
+    for table in DISCREPANCY.values():
+        assert set(table) == {"peak_error", "rms_error", "roughness", "lean", "torque_margin"}
+        assert all(0.0 < low <= 1.0 <= high for low, high in table.values())
+
+
+def test_too_few_runs_give_no_interval():
+    one = Performance(peak_error=0.01, rms_error=0.01, roughness=0.1, lean=0.1, torque_margin=0.5)
+    with pytest.raises(InputError, match="Only 5 runs did not end early"):
+        performance_intervals([one] * 5, discrepancy=DISCREPANCY["none"])
+
+
+# --- files ---
+
+
+def stored(prediction: Prediction, path: Path) -> Path:
+    write_text(path, as_json({"prediction": prediction.to_dict()}))
+    return path
+
+
+def test_stored_prediction_reads_back(prediction: Prediction, tmp_path: Path):
+    found = read_prediction(stored(prediction, tmp_path / "results.json"))
+    assert found == prediction
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda tree: tree.clear(), "holds no prediction; give the results.json of `ballbot study`"),
+        (lambda tree: tree.update(prediction=[1]), "prediction"),
+        (lambda tree: tree["prediction"].pop("course"), "course is missing"),
+        (lambda tree: tree["prediction"]["chosen"]["lean"].update(low="a"), r"chosen\.lean\.low is 'a'"),
+        (lambda tree: tree["prediction"].update(checksum="12"), "checksum is '12'"),
+        (lambda tree: tree["prediction"]["course"].update(duration=-1.0), r"course\.duration is -1"),
+        (lambda tree: tree["prediction"].update(more=1), "more is not a key"),
+    ],
+)
+def test_wrong_files_get_one_sentence(change, sentence, prediction: Prediction, tmp_path: Path):
+    path = stored(prediction, tmp_path / "results.json")
+    tree = json.loads(path.read_text(encoding="utf-8"))
+    change(tree)
+    path.write_text(json.dumps(tree), encoding="utf-8")
+    with pytest.raises(InputError, match=sentence) as refusal:
+        read_prediction(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_previous_controller_is_the_one_replaced(tmp_path: Path, controller: Controller):
+    baseline = nominal_controller(KNOWN)
+    first = previous_controller_text(tmp_path, new=controller, baseline=baseline)
+    assert first.endswith(controller_text(baseline))
+    assert first.startswith("# The controller without friction compensation")
+    older = controller.with_compensation("partial")
+    write_controller(older, tmp_path / "controller.toml")
+    assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
+    # the same study once more keeps what was before it
+    write_controller(controller, tmp_path / "controller.toml")
+    write_controller(older, tmp_path / "previous_controller.toml")
+    assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
+
+
+# --- verdicts ---
+
+
+def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: Controller):
+    verdict = judge(prediction, log, KNOWN, controller)
+    assert verdict.recommendation == "keep"
+    assert not verdict.outside
+    assert not verdict.causes
+    assert not verdict.remarks
+
+
+def test_run_better_than_predicted_is_kept_and_said_so(
+    prediction: Prediction, log: Log, controller: Controller
+):
+    seen = performance_of(log, controller).peak_error
+    high = replace(prediction.chosen["peak_error"], low=2.0 * seen, median=3.0 * seen, high=4.0 * seen)
+    worse = replace(prediction, chosen={**prediction.chosen, "peak_error": high})
+    verdict = judge(worse, log, KNOWN, controller)
+    assert verdict.recommendation == "keep"
+    assert "peak error is better" in verdict.reason
+
+
+def displaced(log: Log, size: float) -> Log:
+    """Return a log whose robot stands that far from where it is asked to be [m]."""
+    return log.with_columns({"x": log["x"] + size})
+
+
+def test_larger_error_weakens_and_one_like_none_reverts(
+    prediction: Prediction, log: Log, controller: Controller
+):
+    low = prediction.none["peak_error"].low
+    assert judge(prediction, displaced(log, 0.7 * low), KNOWN, controller).recommendation == "weaken"
+    assert judge(prediction, displaced(log, 1.1 * low), KNOWN, controller).recommendation == "revert"
+
+
+def test_fall_reverts_even_if_its_reason_is_not_logged(
+    prediction: Prediction, log: Log, controller: Controller
+):
+    part = log.between(0.0, 7.0)
+    fallen = part.with_columns({"theta": part["theta"] + 0.4 * np.maximum(part.t - 6.0, 0.0)})
+    verdict = judge(prediction, fallen, KNOWN, controller)
+    assert verdict.recommendation == "revert"
+    assert verdict.ended is not None
+    assert "fallen" in verdict.ended
+
+
+def test_a_part_of_a_course_is_refused(prediction: Prediction, log: Log, controller: Controller):
+    with pytest.raises(InputError, match="record the whole course"):
+        judge(prediction, log.between(0.0, 7.0), KNOWN, controller)
+
+
+def test_another_course_is_refused(prediction: Prediction, log: Log, controller: Controller):
+    other = log.with_columns({"ref_x": log["ref_x"] + 0.3})
+    with pytest.raises(InputError, match="is not the course 'square'"):
+        judge(prediction, other, KNOWN, controller)
+
+
+def test_another_controller_is_refused(prediction: Prediction, log: Log, controller: Controller):
+    with pytest.raises(InputError, match="not the one whose performance is predicted"):
+        judge(prediction, log, KNOWN, controller.with_compensation("partial"))
+
+
+def test_another_sample_time_is_refused(prediction: Prediction, log: Log, controller: Controller):
+    with pytest.raises(InputError, match=r"sample time is 0\.01 s and the controller's 0\.005 s"):
+        judge(prediction, log.select(slice(None, None, 2)), KNOWN, controller)
+
+
+@settings(max_examples=10, deadline=None)
+@given(before=st.integers(1, 400), shift=st.floats(-100.0, 100.0))
+def test_course_is_found_after_rows_before_it(before, shift, prediction: Prediction, log: Log):
+    h = log.sample_time
+    columns = {name: np.concatenate([np.repeat(log[name][0], before), log[name]]) for name in log.names}
+    columns["t"] = shift + h * np.arange(len(log) + before)
+    found = course_of(Log(columns), prediction, sample_time=h)
+    assert len(found) == len(log)
+    np.testing.assert_array_equal(found["x"], log["x"])
+
+
+def test_torques_are_the_controllers_own_or_not(log: Log, controller: Controller):
+    # the same controller on the same numbers: rounding
+    assert foreign_torque(log, controller) < 1e-6
+    assert foreign_torque(log, nominal_controller(KNOWN)) > 0.5
+
+
+# --- causes ---
+
+
+def test_unchanged_signature_has_no_cause(prediction: Prediction):
+    assert ranked_causes(Signature(**prediction.signature), prediction.signature) == ()
+
+
+@pytest.mark.parametrize("symptom", SYMPTOMS, ids=lambda one: one.number)
+def test_each_number_is_evidence_for_its_cause(symptom, prediction: Prediction):
+    size = 2.0 * POSSIBLE * symptom.usual
+    before = prediction.signature[symptom.number]
+    after = before * np.exp(size) if symptom.ratio else before + size
+    seen = Signature(**{**prediction.signature, symptom.number: after})
+    cause = ranked_causes(seen, prediction.signature)[0]
+    assert cause.name == symptom.cause
+    # twice the least, but for rounding
+    assert cause.clearness == pytest.approx(2.0 * POSSIBLE)
+
+
+def test_an_error_of_the_logs_checks_comes_first(prediction: Prediction):
+    seen = replace(Signature(**prediction.signature), gyro_noise=1.0)
+    causes = ranked_causes(seen, prediction.signature, codes=["torque-order"])
+    assert [cause.name for cause in causes] == ["mapping", "sensor"]
+
+
+def test_delay_shows_in_the_signature(prediction: Prediction, controller: Controller):
+    from ballbot.twin.faults import Timing
+
+    late = signature_of(run(controller, scenario=replace(SCENARIO, timing=Timing(delay=4))), KNOWN)
+    assert late is not None
+    # four samples of 5 ms; a sample and a half of uncertainty from 10 s of motion
+    assert late.delay - prediction.signature["delay"] == pytest.approx(0.02, abs=0.0075)
+
+
+# --- the command ---
+
+
+@pytest.fixture
+def folder(tmp_path: Path, prediction: Prediction, log: Log, controller: Controller) -> Path:
+    found = tmp_path / "found"
+    found.mkdir()
+    stored(prediction, found / "results.json")
+    write_robot(KNOWN, found / "robot.toml")
+    write_controller(controller, found / "controller.toml")
+    log.write(tmp_path / "new.csv")
+    return found
+
+
+def test_command_prints_the_verdict_first(folder: Path, capsys):
+    results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
+    assert main(["validate", "--prediction", results, new]) == 0
+    said = capsys.readouterr().out
+    assert said.splitlines()[0].startswith("Keep this controller.")
+    assert "peak error (mm)" in said
+
+
+def test_command_writes_results_and_a_page(folder: Path, capsys):
+    results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
+    assert main(["validate", "--prediction", results, new, "--out", out]) == 0
+    capsys.readouterr()
+    written = json.loads(Path(out, "results.json").read_text(encoding="utf-8"))
+    assert written["prediction"]["recommendation"] == "keep"
+    assert set(written["prediction"]["quantities"]) == set(DISCREPANCY["none"])
+    page = Path(out, "report.html").read_text(encoding="utf-8")
+    assert "Keep this controller." in page
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (["--against", "thesis"], "--against does not go with --prediction"),
+        (["more.csv", "new.csv"], "--prediction judges one log"),
+    ],
+)
+def test_command_refuses_what_does_not_go_together(more, sentence, folder: Path, capsys):
+    results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
+    assert main(["validate", "--prediction", results, new, *more]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_without_a_prediction_the_folder_is_needed(folder: Path, capsys):
+    assert main(["validate", str(folder / "robot.toml"), str(folder.parent / "new.csv")]) == 2
+    assert "--out is missing" in capsys.readouterr().err
+
+
+def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, controller: Controller):
+    files = StudyFolder(
+        results=folder / "results.json", robot=folder / "robot.toml", controller=folder / "controller.toml"
+    )
+    bad = judge(prediction, displaced(log, 10.0), KNOWN, controller)
+    assert "ballbot design" in next_steps(bad, prediction, files)[0]
+    write_text(files.previous, "")
+    assert str(files.previous) in next_steps(bad, prediction, files)[0]
+    low = prediction.none["peak_error"].low
+    weak = judge(prediction, displaced(log, 0.7 * low), KNOWN, controller)
+    assert "--compensation-gain 0.8" in next_steps(weak, prediction, files)[0]
+
+
+def test_value_that_is_not_a_number_is_above():
+    assert Interval(median=1.0, low=0.5, high=2.0).place(float("nan")) == "above"
