@@ -192,7 +192,7 @@ def test_without_a_gyro_the_angles_tell_and_without_angles_the_gyro_does():
     for found in (by_angles, by_gyro):
         assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
         assert off(found.motion.body_marker, setup.body_marker) < TENTH_OF_A_DEGREE
-        assert any("turned by 90 degrees about z" in sentence for sentence in alignment_findings(found))
+        assert any("rotated by 90 degrees about z" in sentence for sentence in alignment_findings(found))
     assert by_angles.sensors is not None
     assert by_angles.sensors.position is None
     assert by_gyro.frame is None

@@ -71,7 +71,7 @@ def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
 def test_a_sweep_that_tells_nothing_is_refused(sweep):
     # far above what such a wheel has, so that every parameter ends at its least
     bounds = DrivelineBounds(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
-    with pytest.raises(InputError, match="wheel 1 tells none of b, c, s, v_s, delta"):
+    with pytest.raises(InputError, match="wheel 1 identifies none of b, c, s, v_s, delta"):
         fit_driveline(sweep, bounds=bounds, seed=0, generations=5, progress=silent)
 
 

@@ -175,7 +175,7 @@ def test_check_refuses_nonsense(
 @pytest.mark.parametrize(
     ("tokens", "says"),
     [
-        (("chekc", "alten"), "there is no command 'chekc'; did you mean 'check'?"),
+        (("chekc", "alten"), "There is no command 'chekc'; did you mean 'check'?"),
         (("zzz",), "the commands are study, new, check"),
         (("check",), "ballbot check --help"),
         (("check", "alten", "--fig", "a.svg"), "--figure"),

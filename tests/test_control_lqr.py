@@ -105,7 +105,7 @@ def test_a_matrix_and_its_diagonal_are_one_weight(model):
         (["many"] * 10, R, None, "not an array of numbers"),
         (Q, R, np.ones((3, 10)), "N has the shape"),
         (Q, R, np.full((10, 3), 100.0), "Q, R and N together"),
-        (np.zeros(10), R, None, "costs nothing"),
+        (np.zeros(10), R, None, "has no weight"),
     ],
 )
 @pytest.mark.parametrize("sample_time", [None, 0.005])

@@ -150,5 +150,5 @@ def test_a_run_with_a_controllers_file_says_where_it_may_feed_the_motion(tmp_pat
         given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
         assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
         words.append(capsys.readouterr().out)
-    assert "may feed the motion" not in words[0]
-    assert "may feed the motion" in words[1]
+    assert "injects energy" not in words[0]
+    assert "injects energy" in words[1]

@@ -137,7 +137,7 @@ class TestKnownRobots:
         remarks = geometry_remarks(found)
         assert "would show which of the two radii" in remarks[0]
         assert "need a balancing run" in remarks[-1]
-        with pytest.raises(InputError, match=r"did not give ball\.radius"):
+        with pytest.raises(InputError, match=r"do not determine ball\.radius"):
             found.find("ball.radius")
 
     def test_balancing_alone_says_what_it_cannot_tell(self):

@@ -115,7 +115,7 @@ def test_bounds_are_kept_and_told_where_they_bind():
     found = quick(log, bounds=bounds)
     assert found.parameters["C_rr"] == 0.012
     assert math.isnan(found.standard_errors["C_rr"])
-    assert any(sentence.startswith("C_rr stands at its lower bound 0.012") for sentence in found.warnings)
+    assert any(sentence.startswith("C_rr is at its lower bound 0.012") for sentence in found.warnings)
     assert all(0.0 <= b <= 0.03 for b in found.parameters["b"])
 
 
@@ -158,7 +158,7 @@ def test_motion_without_torque_is_refused():
         ({"held_out": 0.0}, "held_out is 0.0"),
         ({"polish_steps": 0}, "polish_steps is 0"),
         ({"window": 0.001}, "The window is 0.001 s long"),
-        ({"window": 10.0}, "the logs' 2 windows of 10 s"),
+        ({"window": 10.0}, "The logs have 2 windows of 10 s"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(change, sentence):

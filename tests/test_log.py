@@ -102,7 +102,7 @@ def test_truth_takes_the_sensors_place():
     np.testing.assert_array_equal(both.truth().torques, log.torques)
     assert not any(name.startswith("true_") for name in both.truth())
     assert both.without_truth().names == log.names
-    with pytest.raises(InputError, match="carries no truth"):
+    with pytest.raises(InputError, match="has no true states"):
         log.truth()
 
 

@@ -15,6 +15,7 @@ from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.experiments.league import play as playing
 from ballbot.experiments.own_controller import OwnController
+from ballbot.experiments.run_ahead import RunAhead
 
 PLAIN = """
 class Mine:
@@ -171,21 +172,21 @@ def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_p
 def test_games_that_were_played_outlive_a_killed_worker(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("courses.toml").write_text(COURSE)
-    whole = playing._Players.answer
+    whole = RunAhead.result
 
-    def killed_after_one(players, place):
+    def killed_after_one(ahead, place):
         if place == 0:
-            return whole(players, place)
+            return whole(ahead, place)
         broken: Future = Future()
         broken.set_exception(BrokenProcessPool())
-        players._pool, players._ahead = ThreadPoolExecutor(1), {place: broken}
-        return whole(players, place)
+        ahead._pool, ahead._ahead = ThreadPoolExecutor(1), {place: broken}
+        return whole(ahead, place)
 
-    monkeypatch.setattr(playing._Players, "answer", killed_after_one)
+    monkeypatch.setattr(RunAhead, "result", killed_after_one)
     words = ["compare", "alten", "none", "full", "--scenarios", "courses.toml", "--seeds", "1"]
     words += ["--processes", "1", "--out", "league"]
     assert main(words) == 2
     assert "continue with --resume" in capsys.readouterr().err
     assert Path("league/checkpoint.jsonl").exists()
-    monkeypatch.setattr(playing._Players, "answer", whole)
+    monkeypatch.setattr(RunAhead, "result", whole)
     assert main([*words, "--resume"]) == 0

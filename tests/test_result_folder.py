@@ -110,7 +110,7 @@ def test_a_move_that_is_killed_never_mixes_two_results_and_is_finished_later(tmp
 
 def test_another_commands_result_is_refused(tmp_path):
     leave(tmp_path, OLD, command="identify")
-    with pytest.raises(InputError, match=r"holds a result of ballbot identify; choose another folder"):
+    with pytest.raises(InputError, match=r"holds a result of ballbot identify\. Choose another folder"):
         leave(tmp_path, NEW)
     assert shown(tmp_path) == OLD
 
@@ -124,7 +124,7 @@ def test_files_of_the_users_are_not_replaced(tmp_path):
 def test_a_result_that_was_edited_is_not_replaced(tmp_path):
     leave(tmp_path, OLD)
     (tmp_path / "results.json").write_text("edited")
-    with pytest.raises(InputError, match=r"results\.json was changed since ballbot study wrote it"):
+    with pytest.raises(InputError, match=r"results\.json has changed since ballbot study wrote it"):
         leave(tmp_path, NEW)
 
 

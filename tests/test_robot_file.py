@@ -175,7 +175,7 @@ COULOMB = 'coulomb = { value = [0.0, 0.0, 0.0], unit = "N m"'
 #: what is changed in the preset's text, into what, and what the sentence must say
 MISTAKES = [
     (RADIUS, "radius = 0.11", r"ball\.radius is 0\.11, without a unit and a source; write radius = \{"),
-    (RADIUS, "", r"ball\.radius is missing; add radius = \{ value .* below \[ball\]"),
+    (RADIUS, "", r"ball\.radius is missing; add radius = \{ value .* under \[ball\]"),
     (
         RADIUS,
         RADIUS.replace("radius =", "raduis ="),
@@ -227,9 +227,9 @@ def test_a_mistake_ends_in_one_sentence_that_names_the_file(
         (b"", "name is missing"),
         (b"a = " + b"[" * 100_000, "nested too deeply|not valid TOML"),
         (b"a = " + b"9" * 10_000, "not valid TOML"),
-        (b"ball = 3", r"ball must be a table: write its keys below a line \[ball\]"),
-        (b"zzz = 3", "the top holds ball, body"),
-        (b"[ball]\nqqq = 3", r"\[ball\] holds radius, mass, inertia"),
+        (b"ball = 3", r"ball must be a table: write its keys under a line \[ball\]"),
+        (b"zzz = 3", "the top level has ball, body"),
+        (b"[ball]\nqqq = 3", r"\[ball\] has radius, mass, inertia"),
     ],
 )
 def test_a_file_that_is_no_robot_file_is_told_so(content: bytes, says: str, tmp_path: Path) -> None:

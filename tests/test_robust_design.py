@@ -206,7 +206,7 @@ def test_a_measure_that_falls_itself_is_told():
 
 
 def test_a_robot_that_cannot_be_perturbed_so_far_is_told():
-    with pytest.raises(InputError, match="-1 robots"):
+    with pytest.raises(InputError, match="number of perturbed robots is -1"):
         draw_perturbed(alten(), -1, spread=Spread(), seed=0)
     with pytest.raises(InputError, match="whole number"):
         replace(Spread(), delay=1.5)  # pyright: ignore[reportArgumentType]

@@ -145,7 +145,7 @@ def test_the_heading_error_is_a_turn_by_minus_psi():
 def test_another_controller_than_the_logs_is_refused():
     own, other = Controller(true_robot(), gain()), Controller(true_robot(), 3.0 * gain())
     assert delay_of(own, perfect_log()) == 0
-    with pytest.raises(InputError, match="the one that recorded the log"):
+    with pytest.raises(InputError, match="the controller that recorded the log"):
         delay_of(other, perfect_log())
 
 

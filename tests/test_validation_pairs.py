@@ -72,7 +72,7 @@ def test_models_that_cannot_be_compared_are_refused():
     model = Model(true_robot())
     with pytest.raises(InputError, match="are the same"):
         ModelPair.of_two(model, model, files=("a", "b"))
-    with pytest.raises(InputError, match="tell them apart"):
+    with pytest.raises(InputError, match="give them different names"):
         ModelPair.of_two(model, Model(_viscous()))
     with pytest.raises(InputError, match="no friction to validate"):
         ModelPair.by_friction(Model(Robot.load("alten")))

@@ -231,7 +231,7 @@ class Log:
         missing = [name for name in true_names if name not in self.columns]
         if missing:
             raise InputError(
-                f"The log has no truth (no column {missing[0]}): only logs of simulated runs do."
+                f"The log has no true states (no column {missing[0]}): only logs of simulated runs have them."
             )
         kept = dict(self.without_truth().columns)
         return Log(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended)

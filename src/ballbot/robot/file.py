@@ -135,7 +135,7 @@ def _nearest(key: str, table: str) -> str:
     near = get_close_matches(key, siblings, n=1)
     if near:
         return f"did you mean {near[0]!r}?"
-    place = f"[{table}]" if table else "the top"
+    place = f"[{table}]" if table else "the top level"
     return f"{place} has {', '.join(siblings)}."
 
 
