@@ -84,7 +84,7 @@ def test_refuses_a_sample_time_of_zero() -> None:
 def test_estimators_by_their_names() -> None:
     assert isinstance(named_estimator("onboard", ALTEN, sample_time=0.005), OnboardState)
     assert isinstance(named_estimator("kalman", ALTEN, sample_time=0.005), KalmanFilter)
-    with pytest.raises(InputError, match="there are onboard, kalman"):
+    with pytest.raises(InputError, match="the estimators are onboard, kalman"):
         named_estimator("kalmann", ALTEN, sample_time=0.005)  # type: ignore[arg-type]
 
 

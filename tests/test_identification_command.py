@@ -39,7 +39,7 @@ def test_files_tables_and_exit_code(tmp_path, log_file, capsys):
     assert list(robot.friction.coulomb) == results["parameters"]["c"]
     shown = capsys.readouterr().out
     assert "standard error" in shown
-    assert "held out" in shown
+    assert "held-out windows" in shown
 
 
 @pytest.mark.slow
