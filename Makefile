@@ -4,10 +4,13 @@ BIN := .venv/bin
 
 .PHONY: demo test bench evidence format types clean
 
-demo: .venv/.demo  ## record a balancing robot on the twin, then study its logs
-	$(BIN)/ballbot record nominal --reference square --duration 48 --seed 1 --out demo/square
-	$(BIN)/ballbot record nominal --reference figure_eight --duration 48 --seed 2 --out demo/figure_eight
-	$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
+demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name the report
+	@echo "1 of 3: record 48 s around a square on the physics-engine twin"
+	@$(BIN)/ballbot record nominal --reference square --duration 48 --seed 1 --out demo/square
+	@echo "2 of 3: record 48 s along a figure of eight"
+	@$(BIN)/ballbot record nominal --reference figure_eight --duration 48 --seed 2 --out demo/figure_eight
+	@echo "3 of 3: identify the friction, validate the model, choose a controller on 20 twins"
+	@$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
 
 test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not slow" -n auto --dist worksteal

@@ -1,40 +1,46 @@
-"""Friction compensation on the twin as a picture: the one in the README.
+"""What a study's controller does on the twin, as a picture: the one in the README.
 
     make demo
-    python examples/04_twin_picture.py demo/robot.toml docs/images/compensation.svg
+    python examples/04_twin_picture.py demo docs/images/square_on_twin.svg
 
-The robot file holds the friction that the demo's study identified from recorded logs.
+The folder is a study's, with the robot as identified from recorded logs and the controller that was chosen.
 """
 
 import sys
+from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 import ballbot
-from ballbot.control.nominal import design_gain
+from ballbot.control.file import read_controller
+from ballbot.control.nominal import nominal_controller
 from ballbot.control.references import square
+from ballbot.estimation.named import named_estimator
 from ballbot.experiments.score import score
 from ballbot.twin import Twin
 
 mpl.rcParams["svg.hashsalt"] = "ballbot"  # the same picture, the same bytes
 
-robot_path, picture_path = sys.argv[1], sys.argv[2]
-robot = ballbot.Robot.load(robot_path)
-gain = design_gain(robot).gain
+study, picture_path = Path(sys.argv[1]), sys.argv[2]
+robot = ballbot.Robot.load(study / "robot.toml")
+controllers = {
+    "soft gain as in the thesis": nominal_controller(robot),
+    "controller chosen by study": read_controller(study / "controller.toml", robot),
+}
 figure = Figure(figsize=(9.0, 3.4), layout="constrained")
 panels = figure.subplots(1, 2, sharex=True, sharey=True)
-titles = {"none": "without compensation", "partial": "identified friction compensated"}
-for axes, (compensation, title) in zip(panels, titles.items(), strict=True):
-    controller = ballbot.Controller(robot, gain, compensation=compensation)
-    log = ballbot.simulate(Twin(robot), controller, square(side=0.5, period=32.0), duration=72.0, seed=7)
+for axes, (title, controller) in zip(panels, controllers.items(), strict=True):
+    estimator = named_estimator(controller.estimator, robot, sample_time=controller.sample_time)
+    twin = Twin(robot, estimator=estimator)
+    log = ballbot.simulate(twin, controller, square(side=0.5, period=32.0), duration=72.0, seed=7)
     truth, peak = log.truth(), score(log).peak_position_error
     axes.plot(
         log["ref_x"], log["ref_y"], color="0.6", linewidth=4, solid_joinstyle="miter", label="reference"
     )
     axes.plot(truth["x"], truth["y"], color="#1b5e9e", linewidth=1.1, label="ball")
-    axes.set_title(f"{title}: {100 * peak:.0f} cm at most", fontsize=10)
+    axes.set_title(f"{title}: off by at most {1e3 * peak:.0f} mm", fontsize=10)
     axes.set_xlabel("x [m]")
     axes.set_aspect("equal")
     axes.grid(color="0.92")

@@ -267,5 +267,8 @@ def test_a_study_refuses_before_it_works():
         study(robot, {"walk": Log({name: v for name, v in log.columns.items() if name != "u3"})})
     with pytest.raises(InputError, match=r"walk: .*u4"):
         study(robot, {"walk": log.with_columns({"u4": log["u3"]})})
+    for draws in (1, 1001):
+        with pytest.raises(InputError, match="must be 2 to 1000"):
+            study(robot, {"walk": log}, effort=Effort(draws=draws))
     with pytest.raises(InputError, match=r"model.*twin"):
         study(robot, {"walk": log}, plant="moon")  # pyright: ignore[reportArgumentType]

@@ -46,6 +46,8 @@ from ballbot.validation.windows import Interval
 #: told what is being done and the share of the whole that is done
 StudyProgress = Callable[[str, float], None]
 
+#: plants that candidates can be compared on; a run of each takes a second or more
+MOST_DRAWS = 1000
 #: shares of the whole that are done when the friction is identified, and when it is validated, from timings of the demo
 _STAGES: Mapping[PlantName, tuple[float, float]] = {"model": (0.45, 0.5), "twin": (0.25, 0.28)}
 #: share of the windows that identification keeps for its own verdict; the study's is on the stretches held out
@@ -170,8 +172,8 @@ def study(
         StudiedLog(name=name, log=log, held_out=held_out_stretches(log)) for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
-    if effort.draws < 2:
-        raise InputError(f"The number of draws is {effort.draws}; it must be 2 or more, such as 20.")
+    if not 2 <= effort.draws <= MOST_DRAWS:
+        raise InputError(f"The number of draws is {effort.draws}; it must be 2 to {MOST_DRAWS}, such as 20.")
     sample_time = studied[0].log.sample_time
     chosen_plant = available_plant(plant)
     tried = sampled_at(scenario or Scenario.nominal(robot), sample_time)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ballbot.experiments.controller_choice import ControllerChoice
 from ballbot.experiments.study import Study
-from ballbot.report.tables import CANDIDATE_NAMES, digits, interval_words, millimetres
+from ballbot.report.tables import CANDIDATE_NAMES, digits, has_confidence, interval_words, millimetres
 from ballbot.robot import Robot
 from ballbot.validation.findings import better_in, weak_states
 
@@ -105,19 +106,38 @@ def ablation_sentence(study: Study) -> str:
     if not choice.ablation:
         return "No ablation was made."
     shares = {part: choice.share_of(part) for part in choice.ablation}
-    falling = [part for part, trial in choice.ablation.items() if trial.falls]
-    clear = sorted(
-        (part for part in shares if part not in falling and shares[part].low > 1.0),
-        key=lambda part: -shares[part].median,
-    )
+    falling = [part for part in shares if choice.ablation[part].falls]
+    rest = sorted((part for part in shares if part not in falling), key=lambda part: -shares[part].median)
     words = [f"Without its {part} the precise controller falls." for part in falling]
     words += [
-        f"Without {part} its peak error is {digits(shares[part].median, 2)} times as large." for part in clear
+        f"Without {part} its peak error is {digits(shares[part].median, 2)} times as large."
+        for part in rest
+        if has_confidence(shares[part]) and shares[part].low > 1.0
     ]
-    unclear = [part for part in shares if part not in falling and part not in clear]
+    words += [
+        f"Without {part} it is smaller on this course ({digits(shares[part].median, 2)} times), and the torques are "
+        f"{_rougher(choice, part)}."
+        for part in rest
+        if has_confidence(shares[part]) and shares[part].high < 1.0
+    ]
+    unclear = [
+        part
+        for part in rest
+        if not has_confidence(shares[part]) or shares[part].low <= 1.0 <= shares[part].high
+    ]
     if unclear:
-        words.append(f"No clear gain on this course: {', '.join(unclear)}.")
+        words.append(f"No clear difference on this course: {', '.join(unclear)}.")
     return " ".join(words)
+
+
+def _rougher(choice: ControllerChoice, part: str) -> str:
+    """Return how rough the torques are without a part, compared with the whole controller on the same plants."""
+    without = choice.ablation[part]
+    whole = np.median(
+        [one.rms_torque_change for one in choice.trials["precise"].scores[: len(without.scores)]]
+    )
+    ratio = without.roughness.median / float(whole)
+    return f"{digits(1.0 / ratio, 2)} times smoother" if ratio < 1.0 else f"{digits(ratio, 2)} times rougher"
 
 
 def doubts_sentence(study: Study) -> str:

@@ -179,6 +179,8 @@ def ablation_rows(choice: ControllerChoice) -> list[AblationRow]:
 def _reading(falls: int, ratio: MedianEstimate) -> str:
     if falls:
         return "needed: it falls without"
+    if not has_confidence(ratio):
+        return "too few draws to say"
     if ratio.low > 1.0:
         return "lowers the error"
     return "raises the error" if ratio.high < 1.0 else "no clear difference"
@@ -187,7 +189,12 @@ def _reading(falls: int, ratio: MedianEstimate) -> str:
 def interval_words(estimate: MedianEstimate) -> str:
     """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
     bounds = f"{digits(estimate.low)} to {digits(estimate.high)}"
-    return f"95 % interval {bounds}" if estimate.runs >= 6 else f"{bounds} in {estimate.runs} draws"
+    return f"95 % interval {bounds}" if has_confidence(estimate) else f"{bounds} in {estimate.runs} draws"
+
+
+def has_confidence(estimate: MedianEstimate) -> bool:
+    """Return whether the interval is one of 95 %: the range of fewer than six values is not."""
+    return estimate.runs >= 6
 
 
 def millimetres(metres: float) -> str:
