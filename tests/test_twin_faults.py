@@ -74,7 +74,7 @@ def test_softer_balls_still_carry_a_balancing_robot() -> None:
 
 
 def test_refuses_contacts_too_stiff_for_the_step() -> None:
-    with pytest.raises(InputError, match="timestep shorter"):
+    with pytest.raises(InputError, match="Reduce them or the timestep"):
         Twin(ALTEN, ideal(softness=Softness(stiffness=1e9, damping=100.0)))
 
 
@@ -251,7 +251,7 @@ DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
 @pytest.mark.parametrize(
     ("faults", "sentence"),
     [
-        ({"compliance": Compliance(frequency=400.0, damping_ratio=0.1)}, "timestep shorter"),
+        ({"compliance": Compliance(frequency=400.0, damping_ratio=0.1)}, "Reduce them or the timestep"),
         ({"compliance": Compliance(frequency=-1.0, damping_ratio=0.1)}, r"compliance\.frequency is -1"),
         ({"timing": Timing(jitter=0.003)}, "half a sample"),
         ({"timing": Timing(delay=-1)}, r"timing\.delay"),

@@ -153,7 +153,7 @@ class TestPlant:
         ("change", "sentence"),
         [
             ({"friction": [ROW[:-1]]}, "rows of 11 numbers"),
-            ({"friction": [-ROW]}, "below zero"),
+            ({"friction": [-ROW]}, "none may be negative"),
             ({"initial": [[np.nan, 0.0, 0.0]]}, "finite"),
             ({"sample_time": 0.0}, "sample time"),
             ({"every": 0}, "1 or more"),

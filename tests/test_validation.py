@@ -318,7 +318,7 @@ def test_a_log_without_a_reference_has_no_closed_loop_and_says_why():
 
 def test_what_cannot_be_validated_is_refused():
     log = perfect_log()
-    with pytest.raises(InputError, match="held out"):
+    with pytest.raises(InputError, match="held-out intervals"):
         validate(true_robot(), log, held_out=[(100.0, 120.0)])
     with pytest.raises(InputError, match="phi"):
         validate(true_robot(), log.with_columns({"phi": np.full(len(log), np.nan)}))

@@ -221,7 +221,7 @@ def test_lines_above_half_the_sampling_rate_are_named_where_they_fold_to():
     )
     causes = [peak.cause for peak in named_peaks(found, clues)]
     assert causes[0].startswith("the control rate")
-    assert causes[1].startswith("what comes back 18 times a turn")
+    assert causes[1].startswith("something that recurs 18 times per turn")
     assert causes[2].startswith("a resonance")
 
 
