@@ -17,9 +17,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.experiments.controller_causes import SYMPTOMS, Cause, clearness, ranked_causes
+from ballbot.experiments.controller_causes import SYMPTOMS, Cause, clearness
 from ballbot.experiments.controller_prediction import Prediction, lognormal_interval, predict
-from ballbot.experiments.controller_verdict import WORDS, JudgedQuantity, Verdict, judge
+from ballbot.experiments.controller_verdict import WORDS, JudgedQuantity, Verdict, causes_in, judge
 from ballbot.experiments.league.statistics import share_with_interval
 from ballbot.experiments.log_signature import signature_of
 from ballbot.experiments.performance import QUANTITIES, Performance, performance_of
@@ -95,7 +95,7 @@ def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dic
         fell=log.ended is not None,
         without=performance_of(without, study.controllers["none"]),
         without_fell=without.ended is not None,
-        causes=ranked_causes(signature_of(log, robot), prediction.signature),
+        causes=causes_in(log, robot, prediction, ended=log.ended is not None),
     )
 
 
@@ -109,41 +109,44 @@ def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section
     stood = [one for one in found if not one.fell]
     inside = [sum(_quantity(one, name).place == "inside" for one in stood) for name in QUANTITIES]
     rows = [
-        [
-            WORDS[name],
-            f"{count} of {len(stood)} ({100 * count / len(stood):.0f} %)",
-            _share(count, len(stood)),
-            _ratios(stood, name),
-        ]
+        _row(WORDS[name], count, len(stood), _outside(stood, name), _ratios(stood, name))
         for name, count in zip(QUANTITIES, inside, strict=True)
     ]
-    pairs = len(QUANTITIES) * len(stood)
-    rows.append(
-        [
-            "all",
-            f"{sum(inside)} of {pairs} ({100 * sum(inside) / pairs:.0f} %)",
-            _share(sum(inside), pairs),
-            "",
-        ]
-    )
+    every = sum(one.place == "inside" for each in found for one in each.verdict.quantities)
+    rows += [
+        _row("all", sum(inside), len(QUANTITIES) * len(stood)),
+        _row("all, with the runs that ended early", every, len(QUANTITIES) * len(found)),
+    ]
     return Section(
         title="A study's prediction of its controller on robots with unknown faults",
         before=f"One study of the nominal twin predicts the precise controller's square (32 s) from 20 perturbed"
         f" plants; {len(found)} twins with faults that the study did not know ({len(KINDS)} kinds, mild to severe, half"
         " of them with a second, mild fault) run it once each. The model discrepancy and the usual sizes of symptoms"
-        f" are those of {len(development)} other faulty twins and {len(HEALTHY)} without faults. Coverage is of the"
-        " runs that did not end early; the interval of all quantities together takes them for independent, which those"
-        " of one run are not.",
+        f" were chosen on {len(development)} other faulty twins and {len(HEALTHY)} without faults. The interval of a"
+        " share of all quantities takes them for independent, which those of one run are not. Errors are those of the"
+        " logged state, as the robot itself has them.",
         columns=[
             "quantity",
             "inside its 95 % interval",
             "95 % interval of the share",
+            "better, worse",
             "measured over predicted",
         ],
         rows=rows,
         after=f"{_verdict_words(found)}\n\n{_cause_words('the judged twins', found)}"
         f" {_cause_words('the development set', development)}",
     )
+
+
+def _row(name: str, count: int, runs: int, outside: str = "", ratios: str = "") -> list[str]:
+    share = f"{count} of {runs} ({100 * count / runs:.0f} %)"
+    return [name, share, _share(count, runs), outside, ratios]
+
+
+def _outside(found: Sequence[Outcome], name: str) -> str:
+    places = [_quantity(one, name) for one in found if _quantity(one, name).place != "inside"]
+    worse = sum(one.worse for one in places)
+    return f"{len(places) - worse}, {worse}"
 
 
 def _verdict_words(found: Sequence[Outcome]) -> str:
@@ -159,8 +162,18 @@ def _verdict_words(found: Sequence[Outcome]) -> str:
         f"Verdicts: {', '.join(f'{count} {name}' for name, count in counts.items())}."
         f" {len(bad)} controllers fall ({sum(one.fell for one in bad)}) or have a larger peak error than none on the"
         f" same twin ({sum(not one.fell for one in bad)}): {kinds}; {len(reverted)} of them get `revert`. Of the"
-        f" {len(good)} good ones {len(wrong)} do ({_share(len(wrong), len(good))})."
+        f" {len(good)} good ones {len(wrong)} do ({_share(len(wrong), len(good))}){_named(wrong)}."
     )
+
+
+def _named(wrong: Sequence[Outcome]) -> str:
+    """Return which good controllers are wrongly reverted, and how good they are."""
+    words = [
+        f"{one.twin.kind} (seed {one.twin.seed}), peak error {one.seen.peak_error:.2f} m and without compensation"
+        f" {one.without.peak_error:.2f} m"
+        for one in wrong
+    ]
+    return f": {'; '.join(words)}" if words else ""
 
 
 def _cause_words(of: str, found: Sequence[Outcome]) -> str:

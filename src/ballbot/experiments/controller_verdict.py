@@ -23,8 +23,10 @@ from ballbot.errors import InputError
 from ballbot.experiments.controller_causes import Cause, ranked_causes
 from ballbot.experiments.controller_prediction import Interval, Prediction, checksum_of
 from ballbot.experiments.log_signature import signature_of
+from ballbot.experiments.metrics import rms
 from ballbot.experiments.performance import QUANTITIES, Performance
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names
 from ballbot.robot import Robot
 
 Recommendation = Literal["keep", "weaken", "revert"]
@@ -39,6 +41,16 @@ BETTER: Mapping[str, Literal["below", "above"]] = MappingProxyType(
         "torque_margin": "above",
     }
 )
+#: names of the quantities in sentences
+WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "peak_error": "peak error",
+        "rms_error": "RMS error",
+        "roughness": "torque roughness",
+        "lean": "lean",
+        "torque_margin": "torque margin",
+    }
+)
 #: a log's reference may differ from the course's by this [m, rad]
 _SAME_POSE = 0.005
 #: share of the rows in which it may; jumps fall between samples
@@ -47,8 +59,12 @@ _OTHER_ROWS = 0.005
 _MOST_JUMPS = 100
 #: a run that ends this much before the course has ended early [s]
 _SHORT = 0.05
+#: share of rows with missing values that a verdict bears
+_MOST_MISSING = 0.02
 #: lean in the last half second from which a log that ends early is taken for a fall [rad]
 _FALLING, _LAST = 0.2, 0.5
+#: seconds of a fall, which show its effects
+_FALL = 2.0
 #: relative difference of sample times that is rounding
 _SAME_TIME = 0.01
 #: RMS of the torques that the controller does not give, over that of the torques, from which they are not its own
@@ -114,18 +130,18 @@ def judge(
     ------
     InputError
         If the controller is not the one that was predicted, the log lacks a column, follows another course or has
-        another sample time, or ends before the course without a fall.
+        another sample time, has many rows with missing values, or ends before the course without a fall.
     """
     _check_controller(prediction, controller)
+    log = _complete(log, robot)
     run = course_of(log, prediction, sample_time=controller.sample_time)
     ended = why_ended(run, prediction)
     seen = Performance.of(run, torque_limit=prediction.torque_limit)
     values = dict(zip(QUANTITIES, seen.to_array().tolist(), strict=True))
     quantities = tuple(_judged(name, prediction.chosen[name], values[name]) for name in QUANTITIES)
     recommendation, reason = _recommended(prediction, quantities, ended)
-    causes: tuple[Cause, ...] = ()
-    if ended is not None or any(one.place != "inside" for one in quantities):
-        causes = ranked_causes(signature_of(run, robot), prediction.signature, codes=codes)
+    outside = ended is not None or any(one.place != "inside" for one in quantities)
+    causes = causes_in(run, robot, prediction, ended=ended is not None, codes=codes) if outside else ()
     return Verdict(
         recommendation=recommendation,
         reason=reason,
@@ -137,6 +153,27 @@ def judge(
     )
 
 
+def causes_in(
+    run: Log, robot: Robot, prediction: Prediction, *, ended: bool, codes: Sequence[str] = ()
+) -> tuple[Cause, ...]:
+    """Return what a run shows of why it is not as predicted, the clearest first.
+
+    Parameters
+    ----------
+    run : Log
+    robot : Robot
+        As identified.
+    prediction : Prediction
+    ended : bool
+        Whether it ended early: its last two seconds, in a fall, are then left out.
+    codes : sequence of str
+        Of errors that the log's checks found; of a fall, they are its effects, and do not count.
+    """
+    rows = int(np.searchsorted(run.t, float(run.t[-1]) - _FALL)) if ended else len(run)
+    signature = signature_of(run.select(slice(0, rows)), robot) if rows > 1 else None
+    return ranked_causes(signature, prediction.signature, codes=() if ended else codes)
+
+
 def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
     """Return the rows of a log that follow the predicted course, from its begin to its end or the log's.
 
@@ -146,7 +183,6 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
         If the log lacks a column, has another sample time or follows another course.
     """
     course = prediction.course
-    log.require("ref_x", "ref_y", "ref_psi")
     how = f"record {course.duration:g} s of `{course.name}` from its begin with this controller"
     if abs(log.sample_time / sample_time - 1.0) > _SAME_TIME:
         raise InputError(
@@ -187,30 +223,26 @@ def why_ended(run: Log, prediction: Prediction) -> str | None:
         return f"fallen: a lean of {lean:.2g} rad at t = {lasted:.3g} s of the course"
     raise InputError(
         f"The log has {lasted:.3g} s of the course {prediction.course.name!r} of {duration:g} s, and the robot stands "
-        "at its end; record the whole course."
+        "at its end; record the whole course, or go back to the previous controller if this one stops by itself."
     )
 
 
 def foreign_torque(log: Log, controller: Controller) -> float:
     """Return the RMS of the torques that the controller does not give, over the RMS of the torques.
 
-    The controller is replayed on the logged states and references from the log's begin; rows in which it is given
-    nothing valid count as they are.
+    The controller is replayed on the logged states and references from the log's begin.
     """
     replayed = copy.deepcopy(controller)
     replayed.reset()
     reference = np.zeros((len(log), 10))
     reference[:, [0, 1, 4]] = np.column_stack([log["ref_x"], log["ref_y"], log["ref_psi"]])
-    torques = log.torques
     given = np.array(
         [
             replayed.update(t, state, asked)
             for t, state, asked in zip(log.t.tolist(), log.states, reference, strict=True)
         ]
     )
-    known = np.isfinite(torques).all(axis=1)
-    size = float(np.sqrt(np.mean(torques[known] ** 2)))
-    return float(np.sqrt(np.mean((torques[known] - given[known]) ** 2))) / max(size, 1e-12)
+    return rms(log.torques - given) / max(rms(log.torques), 1e-12)
 
 
 def _check_controller(prediction: Prediction, controller: Controller) -> None:
@@ -219,6 +251,20 @@ def _check_controller(prediction: Prediction, controller: Controller) -> None:
             "The controller's file is not the one whose performance is predicted: it was changed, or belongs to "
             "another study. Give the controller.toml that stands beside the results.json, as `ballbot study` wrote it."
         )
+
+
+def _complete(log: Log, robot: Robot) -> Log:
+    """Return the rows of a log in which nothing is missing that a verdict needs."""
+    names = ("ref_x", "ref_y", "ref_psi", *STATE_NAMES, *torque_names(robot.wheel_count))
+    log.require(*(name for name in names if name not in log))
+    known = np.isfinite(np.column_stack([log[name] for name in names])).all(axis=1)
+    missing = len(log) - int(known.sum())
+    if missing > _MOST_MISSING * len(log):
+        raise InputError(
+            f"{missing} of the log's {len(log)} rows lack a state, a torque or the reference; a verdict needs nearly "
+            "all. Record the course again."
+        )
+    return log if not missing else Log({name: log[name][known] for name in log.names}, log.ended)
 
 
 def _asked(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:
@@ -268,27 +314,13 @@ def _recommended(
     better = [one for one in quantities if one.place != "inside" and not one.worse]
     if worse:
         return "weaken", (
-            f"{_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted, and the peak error is still "
-            "clearly smaller than without compensation."
+            f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted, and the peak error is "
+            "still clearly smaller than without compensation."
         )
     if better:
-        return (
-            "keep",
-            f"Nothing is worse than predicted, and {_listed(better)} {'is' if len(better) == 1 else 'are'} better.",
-        )
+        are = "is" if len(better) == 1 else "are"
+        return "keep", f"Nothing is worse than predicted, and the {_listed(better)} {are} better."
     return "keep", "All quantities lie inside their prediction intervals."
-
-
-#: names of the quantities in sentences
-WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        "peak_error": "peak error",
-        "rms_error": "RMS error",
-        "roughness": "torque roughness",
-        "lean": "lean",
-        "torque_margin": "torque margin",
-    }
-)
 
 
 def _listed(quantities: Sequence[JudgedQuantity]) -> str:

@@ -13,7 +13,7 @@ one and zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,10 @@ from ballbot.robot import Robot
 _TURNED_POWER = 4
 #: samples by which the torques may act later than logged; a filter of the state makes them seem early
 EARLIEST, LATEST = -10, 14
+#: share of the torques that is left from which the torque law shows nothing
+_UNCLEAR = 0.2
+#: width of the filter that leaves quick motion in, by which a delay shows [s]
+_QUICK = 0.02
 #: ball speed under which the direction of rolling friction is not known [m/s]
 _ROLLING = 0.01
 #: blocks over which a lean's error is averaged [s]
@@ -38,15 +42,14 @@ _SLOW = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Signature:
-    """Numbers of one log; NaN if it does not show one."""
+    """Numbers of one log; NaN if it does not show it."""
 
-    delay: float  #: from torque to motion, beyond the sample's own [s]
+    delay: float  #: from torque to motion, by quick motion [s]; that of a filtered state is negative
+    frequency: float  #: mean frequency of the torques' changes, by their power [Hz]
     torque_gain: float  #: torque over what the motion needs [-]
     torque_spread: float  #: the largest wheel's gain over the smallest's [-]
     friction: float  #: over the identified one [-]
-    asymmetry: (
-        float  #: constant torque that all wheels need alike, as friction that is larger forward makes [N m]
-    )
+    asymmetry: float  #: constant torque that all wheels need alike, as one-sided friction makes [N m]
     rolling: float  #: deceleration of the ball that the lean does not explain [m/s^2]
     force: float  #: constant torques along the floor that the motion does not need, as a slope makes [N m]
     gravity: float  #: ball acceleration over that which the lean causes [-]
@@ -81,8 +84,11 @@ def signature_of(log: Log, robot: Robot) -> Signature | None:
         return None
     law = _torque_law(log, rows, driving, robot)
     lean = _lean_law(motion, robot)
+    delay = _delay(log, replace(rows, width=_QUICK), robot)
     noise, bias = _gyro(log)
-    return Signature(**law, **lean, gyro_noise=noise, gyro_bias=bias)
+    return Signature(
+        delay=delay, frequency=_frequency(log, robot), **law, **lean, gyro_noise=noise, gyro_bias=bias
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,20 +103,12 @@ class _Fit:
 
 
 def _torque_law(log: Log, rows: Rows, driving: Driving, robot: Robot) -> dict[str, float]:
-    speeds = smoothed_wheel_speeds(log, robot)
-    friction = rows.filtered(
-        log, np.abs(wheel_friction(speeds, robot.friction)) * np.tanh(speeds / SIGN)
-    ).value
-    step = log.sample_time
-    fits = [_fitted(log, rows, driving, friction, late=k * step) for k in range(EARLIEST, LATEST + 1)]
-    best = min(range(len(fits)), key=lambda k: fits[k].left)
-    found, delay = fits[best], fits[best].late
-    if 0 < best < len(fits) - 1:  # the vertex of the parabola through the three best
-        before, here, after = (fits[k].left for k in (best - 1, best, best + 1))
-        delay += 0.5 * step * (before - after) / (before - 2.0 * here + after)
+    found = min(_fits(log, rows, driving, robot), key=lambda fit: fit.left)
+    if found.left > _UNCLEAR:
+        names = ("torque_gain", "torque_spread", "friction", "asymmetry", "force")
+        return dict.fromkeys(names, np.nan) | {"unexplained": found.left}
     along = found.constants - found.constants.mean()
     return {
-        "delay": float(delay),
         "torque_gain": float(found.gains.mean()),
         "torque_spread": _spread(found.gains),
         "friction": found.friction,
@@ -118,6 +116,39 @@ def _torque_law(log: Log, rows: Rows, driving: Driving, robot: Robot) -> dict[st
         "force": float(np.linalg.norm(along)),
         "unexplained": found.left,
     }
+
+
+def _delay(log: Log, rows: Rows, robot: Robot) -> float:
+    """Return the lag at which the torque law fits quick motion best [s]; NaN if it is beyond those tried."""
+    driving = driving_of(log, rows, motion_of(log, rows), robot)
+    if driving is None:
+        return np.nan
+    fits = _fits(log, rows, driving, robot)
+    best = min(range(len(fits)), key=lambda k: fits[k].left)
+    if not 0 < best < len(fits) - 1:
+        return np.nan
+    # the vertex of the parabola through the three best
+    before, here, after = (fits[k].left for k in (best - 1, best, best + 1))
+    return fits[best].late + 0.5 * log.sample_time * (before - after) / (before - 2.0 * here + after)
+
+
+def _fits(log: Log, rows: Rows, driving: Driving, robot: Robot) -> list[_Fit]:
+    """Return the torque law's fits at all lags."""
+    speeds = smoothed_wheel_speeds(log, robot)
+    friction = rows.filtered(
+        log, np.abs(wheel_friction(speeds, robot.friction)) * np.tanh(speeds / SIGN)
+    ).value
+    lags = [k * log.sample_time for k in range(EARLIEST, LATEST + 1)]
+    return [_fitted(log, rows, driving, friction, late=late) for late in lags]
+
+
+def _frequency(log: Log, robot: Robot) -> float:
+    """Return the mean frequency of the torques' changes [Hz]: a loop that is late swings more slowly."""
+    torques = np.column_stack([log[name] for name in torque_names(robot.wheel_count)])
+    changes = np.diff(torques[np.isfinite(torques).all(axis=1)], axis=0)
+    power = np.sum(np.abs(np.fft.rfft(changes, axis=0)) ** 2, axis=1)
+    frequencies = np.fft.rfftfreq(len(changes), log.sample_time)
+    return float(np.sum(frequencies * power) / max(float(power.sum()), 1e-30))
 
 
 def _fitted(log: Log, rows: Rows, driving: Driving, friction: NDArray[np.float64], *, late: float) -> _Fit:

@@ -77,10 +77,11 @@ class Rows:
     even: NDArray[np.float64]  #: (M,) [s], at `INTERVAL`
     usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
     known: NDArray[np.bool_]  #: rows of the log without a missing value in what is needed
+    width: float = WIDTH  #: standard deviation of the filter's weights [s]
 
     def filtered(self, log: Log, values: NDArray[np.float64], *, late: float = 0.0) -> Smooth:
         """Return signals (len(log), c) filtered at the usable rows; `late` is when they hold after their row [s]."""
-        found = smooth(self.even, log.t[self.known] + late, values[self.known], width=WIDTH)
+        found = smooth(self.even, log.t[self.known] + late, values[self.known], width=self.width)
         return Smooth(
             value=found.value[self.usable],
             rate=found.rate[self.usable],
