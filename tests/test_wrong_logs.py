@@ -134,7 +134,10 @@ WRONG_LOGS = {
         lambda log: scaled(log, -1.0, *LEAN, *LEAN_RATES), "lean-axes", "theta and phi have the opposite sign"
     ),
     "theta negated, its rate not": wrong(
-        lambda log: scaled(log, -1.0, "theta"), "sign", "theta and theta_dot have opposite signs"
+        lambda log: scaled(log, -1.0, "theta"),
+        "sign",
+        "theta and theta_dot have opposite signs",
+        "Negate theta.",
     ),
     "IMU turned by 30 degrees": wrong(
         lambda log: turned_imu(log, 30.0), "lean-axes", "30 degrees", "IMU is mounted turned"
@@ -182,7 +185,10 @@ WRONG_LOGS = {
     ),
     "place in mm": wrong(lambda log: scaled(log, 1e3, "x", "y"), "scale", "x is in mm, not in m"),
     "place by wheels of another radius": wrong(
-        lambda log: scaled(log, 1.25, *PLACE), "lean-scale", "wheel radius, ball radius, gear ratio"
+        lambda log: scaled(log, 1.25, *PLACE),
+        "lean-scale",
+        "wheel radius, ball radius, gear ratio",
+        "x_dot and y_dot",
     ),
     "wheels 20 % smaller": wrong(lambda log: scaled(log, 1.25, *WHEELS, *SPEEDS), "wheels", "1.25", "radius"),
     "wheel speeds in rpm": wrong(
@@ -262,6 +268,33 @@ def test_wrong_log_gets_the_sentence_that_names_its_cause(correct, name):
     found = errors(correct, row.spoil(correct))
     sentences = [one.text for one in found if one.code == row.code]
     assert any(all(word in text for word in row.words) for text in sentences), found
+
+
+@pytest.mark.parametrize(
+    ("columns", "factor", "code"),
+    [
+        (PLACE, 0.7, "lean-scale"),
+        (PLACE, 1.4, "lean-scale"),
+        (("theta",), -1.0, "sign"),
+        (("phi",), -1.0, "sign"),
+        ((*SPEEDS, *WHEELS), 0.8, "wheels"),
+    ],
+)
+def test_one_cause_gets_one_error(correct, columns, factor, code):
+    (error,) = errors(correct, scaled(correct.log, factor, *columns))
+    assert error.code == code
+    assert set(error.where.columns) >= {name for name in columns if name not in WHEELS}
+
+
+def test_both_angles_negated_get_an_error_each(correct):
+    found = errors(correct, scaled(correct.log, -1.0, *LEAN))
+    assert [one.code for one in found] == ["sign", "sign"]
+    assert all(f"Negate {name}." in one.text for name, one in zip(LEAN, found, strict=True))
+
+
+def test_negated_rate_is_named_beside_its_contradiction(correct):
+    found = errors(correct, scaled(correct.log, -1.0, "theta_dot"))
+    assert not any("Negate theta." in one.text for one in found)
 
 
 def test_correct_logs_are_not_stopped(correct):

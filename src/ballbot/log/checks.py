@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from ballbot.findings import Finding, Place, by_severity
 from ballbot.log.angle_checks import check_lean, check_wrap
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names, wheel_speed_names
+from ballbot.log.common_causes import join_common_causes
 from ballbot.log.course_checks import check_jumps, check_lean_course
 from ballbot.log.disturbance_check import check_disturbance
 from ballbot.log.kinematic_check import check_wheels
@@ -20,6 +22,9 @@ from ballbot.log.time_checks import check_gaps, check_jitter, check_missing_valu
 from ballbot.log.torque_checks import check_torques
 from ballbot.log.value_checks import check_constant, check_names, check_saturation, check_speed_limit
 from ballbot.robot import Robot
+
+if TYPE_CHECKING:
+    from ballbot.log.physics import Examined
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
@@ -33,10 +38,10 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
         With it, the wheels' columns are held against the robot's kinematics and the torques against its
         limit.
     """
-    return _checked(log, robot, _physics_of(log, robot) if robot else ())
+    return _checked(log, robot, _physics_of(log, robot) if robot else None)
 
 
-def _checked(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> tuple[Finding, ...]:
+def _checked(log: Log, robot: Robot | None, examined: Examined | None) -> tuple[Finding, ...]:
     limit = robot.drive.torque_limit if robot else None
     rates = check_rates(log)
     findings = [
@@ -56,10 +61,12 @@ def _checked(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> tuple
         *check_jumps(log),
         *check_lean_course(log),
         *check_saturation(log, torque_limit=limit),
-        *(_of_motion(log, robot, physics) if _in_seconds(rates) else []),
+        *(_of_motion(log, robot, examined.findings if examined else ()) if _in_seconds(rates) else []),
         *check_names(log),
         *check_uses(log, wheel_count=robot.wheel_count if robot else _wheels_of(log)),
     ]
+    if examined:
+        findings = join_common_causes(findings, examined)
     # beside an error it would be one of its effects, and it takes the longest
     if robot and not any(finding.severity == "error" for finding in findings):
         findings += check_disturbance(log, robot)
@@ -82,15 +89,15 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
     findings = [
         replace(finding, where=replace(finding.where, file=name))
         for name, log in logs.items()
-        for finding in _checked(log, robot, examined[name].findings)
+        for finding in _checked(log, robot, examined[name])
     ]
     return by_severity([*findings, *different_robots(examined)])
 
 
-def _physics_of(log: Log, robot: Robot) -> tuple[Finding, ...]:
+def _physics_of(log: Log, robot: Robot) -> Examined:
     from ballbot.log.physics import examine
 
-    return examine(log, robot).findings
+    return examine(log, robot)
 
 
 def _in_seconds(rates: Sequence[Finding]) -> bool:

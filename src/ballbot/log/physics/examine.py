@@ -108,4 +108,6 @@ def _wheel_gain(log: Log, robot: Robot) -> float | None:
     found = wheel_agreement(log, robot)
     if found is None or min(found.correlations) < 0.98 or min(found.signs) < 0:
         return None
+    if list(found.order) != sorted(found.order):
+        return None
     return float(np.mean(found.gains))
