@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +18,21 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.experiments.controller_choice import ABLATIONS, CANDIDATES
+from ballbot.experiments.controller_prediction import (
+    DISCREPANCY,
+    Prediction,
+    checksum_of,
+    performance_intervals,
+)
 from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.experiments.plant_draws import draw_plants, parameter_covariance
 from ballbot.experiments.study import Effort, Study, study
 from ballbot.identification.checkpoint import open_checkpoint
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.provenance import provenance
+from ballbot.report.results import study_results
 from ballbot.report.study_files import write_study
+from ballbot.report.study_page import study_report
 from ballbot.robot import Robot
 
 SMALL = Effort(generations=12, duration=8.0, draws=2, ablation_draws=1)
@@ -164,6 +172,31 @@ def test_the_files_read_back(folder: Path, small: Study):
         "controller.toml",
         "previous_controller.toml",
     }
+
+
+def test_the_report_shows_what_is_predicted(small: Study):
+    seen = small.choice.trials["precise"].performances
+    intervals = performance_intervals(seen * 3, discrepancy=DISCREPANCY["precise"])
+    controller = small.choice.controller
+    assert controller is not None
+    assert small.prediction is None  # two plants are too few
+    prediction = Prediction(
+        course=small.choice.course,
+        controller="precise",
+        checksum=checksum_of(controller),
+        torque_limit=controller.torque_limit,
+        plant="model",
+        scenario="nominal",
+        draws=6,
+        chosen=intervals,
+        none={},
+        signature={},
+    )
+    made = provenance(command="ballbot study", files=[], seed=3)
+    page = study_report(replace(small, prediction=prediction), made)
+    assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
+    assert "--prediction results.json LOG" in page
+    assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction.to_dict()
 
 
 def test_the_report_needs_nothing_but_itself(folder: Path):
