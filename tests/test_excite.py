@@ -238,7 +238,18 @@ def test_a_design_that_a_square_beats_is_not_praised():
 @pytest.mark.slow
 def test_the_command_tries_it_on_the_twin(tmp_path, capsys):
     pytest.importorskip("mujoco")
-    words = ["excite", "alten", "--duration", "9", "--generations", "1", "--population", "4"]
+    words = [
+        "excite",
+        "alten",
+        "--duration",
+        "6",
+        "--law",
+        "coulomb",
+        "--generations",
+        "1",
+        "--population",
+        "4",
+    ]
     assert main([*words, "--out", str(tmp_path)]) == 0
     results = json.loads((tmp_path / "results.json").read_text())
     assert results["limits_held_on_twin"] is True
