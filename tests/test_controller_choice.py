@@ -186,5 +186,7 @@ def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
     )  # about 0.05: the two add in squares
     assert found.torque_margin == pytest.approx(0.8)
     assert found.roughness == pytest.approx(np.sqrt(np.mean(np.diff(torques["u1"]) ** 2)))
+    # measured torques beyond the limit leave no margin, and not less
+    assert Performance.of(log, torque_limit=0.099).torque_margin == 0.0
     assert Performance.from_array(found.to_array()) == found
     assert len(QUANTITIES) == 5

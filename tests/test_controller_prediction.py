@@ -179,6 +179,16 @@ def test_stored_prediction_reads_back(prediction: Prediction, tmp_path: Path):
         (lambda tree: tree["prediction"]["chosen"]["lean"].update(low="a"), r"chosen\.lean\.low is 'a'"),
         (lambda tree: tree["prediction"].update(checksum="12"), "checksum is '12'"),
         (lambda tree: tree["prediction"]["course"].update(duration=-1.0), r"course\.duration is -1"),
+        (lambda tree: tree["prediction"]["course"].update(duration=0.001), r"course\.duration is 0\.001"),
+        (
+            lambda tree: tree["prediction"]["course"].update(duration=1e12),
+            "course.duration is .* at most 3600",
+        ),
+        (
+            lambda tree: tree["prediction"]["course"].update(name="cube"),
+            "course.name is 'cube'; it must be one of",
+        ),
+        (lambda tree: tree["prediction"]["none"]["lean"].update(low=5.0), "none.lean is 5, .* must ascend"),
         (lambda tree: tree["prediction"].update(more=1), "more is not a key"),
     ],
 )
@@ -203,6 +213,9 @@ def test_previous_controller_is_the_one_replaced(tmp_path: Path, controller: Con
     # the same study once more keeps what was before it
     write_controller(controller, tmp_path / "controller.toml")
     write_controller(older, tmp_path / "previous_controller.toml")
+    assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
+    # and so does one after a study that recommends none
+    (tmp_path / "controller.toml").unlink()
     assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
 
 
@@ -239,6 +252,16 @@ def test_larger_error_weakens_and_one_like_none_reverts(
     low = prediction.none["peak_error"].low
     assert judge(prediction, displaced(log, 0.7 * low), KNOWN, controller).recommendation == "weaken"
     assert judge(prediction, displaced(log, 1.1 * low), KNOWN, controller).recommendation == "revert"
+
+
+def test_nothing_is_said_of_a_comparison_that_is_not_made(
+    prediction: Prediction, log: Log, controller: Controller
+):
+    large = displaced(log, 0.7 * prediction.none["peak_error"].low)
+    for alone in (replace(prediction, none={}), replace(prediction, controller="none")):
+        verdict = judge(alone, large, KNOWN, controller)
+        assert verdict.recommendation == "weaken"
+        assert "without compensation" not in verdict.reason
 
 
 def test_fall_reverts_even_if_its_reason_is_not_logged(
@@ -294,6 +317,17 @@ def test_course_is_found_after_rows_before_it(before, shift, prediction: Predict
     found = course_of(Log(columns), prediction, sample_time=h)
     assert len(found) == len(log)
     np.testing.assert_array_equal(found["x"], log["x"])
+
+
+def test_a_whole_course_is_preferred_to_a_few_rows_that_fit_better(prediction: Prediction, log: Log):
+    # the course, whose jump is logged a row late, and the first 100 rows of another that fits exactly
+    h, late = log.sample_time, int(np.flatnonzero(np.diff(log["ref_x"]))[0]) + 1
+    columns = {name: np.concatenate([log[name], log[name][: late + 100]]) for name in log.names}
+    columns["ref_x"][late] = 0.0
+    columns["t"] = h * np.arange(len(columns["t"]))
+    found = course_of(Log(columns), prediction, sample_time=h)
+    assert len(found) == len(log)
+    assert found.t[0] == 0.0
 
 
 def test_torques_are_the_controllers_own_or_not(log: Log, controller: Controller):
@@ -409,12 +443,36 @@ def test_command_writes_results_and_a_page(folder: Path, capsys):
     [
         (["--against", "thesis"], "--against does not go with --prediction"),
         (["more.csv", "new.csv"], "--prediction judges one log"),
+        (["more.csv"], "--prediction judges one log"),
     ],
 )
 def test_command_refuses_what_does_not_go_together(more, sentence, folder: Path, capsys):
     results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
     assert main(["validate", "--prediction", results, new, *more]) == 2
     assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("missing", "sentence"),
+    [
+        ("robot.toml", "robot.toml is missing; keep a study's files in one folder, or give the robot"),
+        ("controller.toml", "controller.toml is missing; keep a study's files in one folder, or name"),
+    ],
+)
+def test_command_names_the_file_that_is_missing_beside_the_results(missing, sentence, folder: Path, capsys):
+    (folder / missing).unlink()
+    assert (
+        main(["validate", "--prediction", str(folder / "results.json"), str(folder.parent / "new.csv")]) == 2
+    )
+    assert sentence in capsys.readouterr().err
+
+
+def test_command_blames_the_controllers_file_and_not_the_log(folder: Path, controller: Controller, capsys):
+    write_controller(controller.with_compensation("partial"), folder / "controller.toml")
+    assert (
+        main(["validate", "--prediction", str(folder / "results.json"), str(folder.parent / "new.csv")]) == 2
+    )
+    assert f"{folder / 'controller.toml'}: The controller's file is not the one" in capsys.readouterr().err
 
 
 def test_without_a_prediction_the_folder_is_needed(folder: Path, capsys):
@@ -428,6 +486,7 @@ def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, 
     )
     bad = judge(prediction, displaced(log, 10.0), KNOWN, controller)
     assert "ballbot design" in next_steps(bad, prediction, files)[0]
+    assert "--out nominal`" in next_steps(bad, prediction, files)[0]
     write_text(files.previous, "")
     assert str(files.previous) in next_steps(bad, prediction, files)[0]
     low = prediction.none["peak_error"].low

@@ -33,6 +33,7 @@ from ballbot.report.provenance import provenance
 from ballbot.report.results import study_results
 from ballbot.report.study_files import write_study
 from ballbot.report.study_page import study_report
+from ballbot.report.summary import controller_sentence
 from ballbot.robot import Robot
 
 SMALL = Effort(generations=12, duration=8.0, draws=2, ablation_draws=1)
@@ -172,6 +173,25 @@ def test_the_files_read_back(folder: Path, small: Study):
         "controller.toml",
         "previous_controller.toml",
     }
+
+
+def test_choosing_no_compensation_is_not_said_to_beat_candidates_that_fall(small: Study):
+    trials = dict(small.choice.trials)
+    fallen = tuple(replace(one, ended="fallen") for one in trials["precise"].scores)
+    trials["precise"] = replace(trials["precise"], scores=fallen)
+    choice = replace(small.choice, trials=trials, chosen="none", equals=("none",))
+    words = controller_sentence(replace(small, choice=choice))
+    assert "no other candidate that never falls has a clearly smaller peak error" in words
+    assert "Excluded because they fall: precise in 2 of 2 runs." in words
+
+
+def test_a_gain_over_runs_that_all_fell_is_not_shown(small: Study):
+    trials = dict(small.choice.trials)
+    fallen = tuple(replace(one, ended="fallen") for one in trials["none"].scores)
+    trials["none"] = replace(trials["none"], scores=fallen)
+    words = controller_sentence(replace(small, choice=replace(small.choice, trials=trials)))
+    assert "mm (median)." in words
+    assert "times smaller" not in words
 
 
 def test_the_report_shows_what_is_predicted(small: Study):

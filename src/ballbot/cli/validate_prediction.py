@@ -10,11 +10,12 @@ from rich.text import Text
 from ballbot.cli.findings import Accept, accept_words, check_input, show_findings
 from ballbot.cli.output import standard_output, table
 from ballbot.cli.study import read_balancing_log
+from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.experiments.controller_causes import EXPLAINED_CODES
 from ballbot.experiments.controller_prediction import Prediction, read_prediction
-from ballbot.experiments.controller_verdict import Verdict, judge
+from ballbot.experiments.controller_verdict import Verdict, check_controller, judge
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.printable import shell_line
@@ -33,6 +34,8 @@ from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 
 _WRITTEN = ("report.html", "results.json")
+#: endings of a log's name, by which a second log is known from a robot's file
+_LOG_SUFFIXES = (".csv", ".parquet", ".txt", ".tsv", ".dat", ".log")
 _HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
 
 
@@ -72,7 +75,7 @@ def validate_prediction(
     files = StudyFolder(
         results=results, robot=Path(source), controller=controller or results.with_name("controller.toml")
     )
-    driver = read_controller(files.controller, robot)
+    driver = _controller(files.controller, prediction, robot)
     log = read_balancing_log(log_path, mapping, robot)
     # what the robot does wrong, the verdict is about
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
@@ -97,13 +100,30 @@ def validate_prediction(
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
+    beside = results.with_name("robot.toml")
     if len(inputs) == 1:
-        return str(results.with_name("robot.toml")), Path(inputs[0])
-    if len(inputs) == 2:
+        if not beside.exists():
+            raise InputError(
+                f"{beside} is missing; keep a study's files in one folder, or give the robot before the log."
+            )
+        return str(beside), Path(inputs[0])
+    if len(inputs) == 2 and Path(inputs[0]).suffix.lower() not in _LOG_SUFFIXES:
         return inputs[0], Path(inputs[1])
-    raise InputError(
-        f"--prediction judges one log, not {len(inputs) - 1}: give the log, or the robot and the log."
-    )
+    raise InputError("--prediction judges one log: give the log, or the robot and the log.")
+
+
+def _controller(path: Path, prediction: Prediction, robot: Robot) -> Controller:
+    """Return the controller in a file, if it is the one that was predicted."""
+    if not path.exists():
+        raise InputError(
+            f"{path} is missing; keep a study's files in one folder, or name the controller's file with --controller."
+        )
+    controller = read_controller(path, robot)
+    try:
+        check_controller(prediction, controller)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return controller
 
 
 def _show(verdict: Verdict, steps: Sequence[str]) -> None:

@@ -26,6 +26,7 @@ from scipy import stats
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.control.parts_file import Table
+from ballbot.control.references import REFERENCES
 from ballbot.errors import InputError
 from ballbot.experiments.controller_choice import ControllerChoice, NamedCourse
 from ballbot.experiments.log_signature import OF_FRICTION, signature_of
@@ -37,6 +38,8 @@ from ballbot.schema import validated
 CONFIDENCE = 0.95
 #: fewest performances that an interval can be made of
 LEAST_RUNS = 6
+#: longest course that is read from a file [s]; a row for each sample is compared with the log
+_LONGEST_COURSE = 3600.0
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the plants drawn, at the 2.5th
 #: and 97.5th percentile of the faulty twins whose run did not end early, beyond the spread of the draws; of the torque
@@ -251,7 +254,7 @@ class _QuantitiesTable(Table):
 
 class _CourseTable(Table):
     name: str
-    duration: PositiveFloat
+    duration: float = Field(ge=1.0, le=_LONGEST_COURSE)
 
 
 class _PredictionTable(Table):
@@ -280,7 +283,7 @@ def read_prediction(path: str | Path) -> Prediction:
     """
     tree = read_json(path)
     found = tree.get("prediction") if isinstance(tree, dict) else None
-    if found is None:
+    if not isinstance(found, dict):
         raise InputError(
             f"{path} holds no prediction; give the results.json of `ballbot study`, which predicts what its controller "
             f"does if it draws {LEAST_RUNS} plants or more."
@@ -289,6 +292,7 @@ def read_prediction(path: str | Path) -> Prediction:
         table = validated(_PredictionTable, found, of="the prediction in a results.json")
     except InputError as error:
         raise InputError(f"{path}: prediction: {error}") from None
+    _check_table(table, path)
     return Prediction(
         course=NamedCourse(name=table.course.name, duration=table.course.duration),
         controller=table.controller,
@@ -301,6 +305,22 @@ def read_prediction(path: str | Path) -> Prediction:
         none=_intervals(table.none) if table.none else {},
         signature={name: np.nan if one is None else one for name, one in table.signature.items()},
     )
+
+
+def _check_table(table: _PredictionTable, path: str | Path) -> None:
+    """Raise InputError if the course is unknown, or an interval's bounds are not about its median."""
+    where = f"{path}: prediction"
+    if table.course.name not in REFERENCES:
+        raise InputError(
+            f"{where}: course.name is {table.course.name!r}; it must be one of {', '.join(REFERENCES)}."
+        )
+    for key, intervals in (("chosen", table.chosen), ("none", table.none)):
+        for name, one in _intervals(intervals).items() if intervals else ():
+            if not one.low <= one.median <= one.high:
+                raise InputError(
+                    f"{where}: {key}.{name} is {one.low:g}, {one.median:g}, {one.high:g}; low, median and high must "
+                    "ascend."
+                )
 
 
 def _intervals(table: _QuantitiesTable) -> dict[str, Interval]:

@@ -132,7 +132,7 @@ def judge(
         If the controller is not the one that was predicted, the log lacks a column, follows another course or has
         another sample time, has many rows with missing values, or ends before the course without a fall.
     """
-    _check_controller(prediction, controller)
+    check_controller(prediction, controller)
     log = _complete(log, robot)
     run = course_of(log, prediction, sample_time=controller.sample_time)
     ended = why_ended(run, prediction)
@@ -195,8 +195,10 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
         for begin in _begins(log, asked, sample_time)
     }
     apart = {begin: _apart(run, asked, begin, sample_time) for begin, run in runs.items() if len(run) > 1}
-    best = min(apart, key=lambda begin: apart[begin], default=None)
-    if best is None or apart[best] > _OTHER_ROWS:
+    # the most rows that fit: one that begins near the log's end has few, and they fit easily
+    fitting = [begin for begin, share in apart.items() if share <= _OTHER_ROWS]
+    best = max(fitting, key=lambda begin: (1.0 - apart[begin]) * len(runs[begin]), default=None)
+    if best is None:
         raise InputError(
             f"The log's reference is not the course {course.name!r} for which the performance is predicted; {how}."
         )
@@ -245,7 +247,8 @@ def foreign_torque(log: Log, controller: Controller) -> float:
     return rms(log.torques - given) / max(rms(log.torques), 1e-12)
 
 
-def _check_controller(prediction: Prediction, controller: Controller) -> None:
+def check_controller(prediction: Prediction, controller: Controller) -> None:
+    """Raise InputError if the controller is not the one whose performance is predicted."""
     if checksum_of(controller) != prediction.checksum:
         raise InputError(
             "The controller's file is not the one whose performance is predicted: it was changed, or belongs to "
@@ -304,8 +307,9 @@ def _recommended(
     if ended is not None:
         return "revert", f"The run ended before the course did ({ended})."
     by_name = {one.name: one for one in quantities}
-    peak, none = by_name["peak_error"], prediction.none.get("peak_error")
-    if prediction.controller != "none" and none is not None and not peak.value < none.low:
+    peak = by_name["peak_error"]
+    none = prediction.none.get("peak_error") if prediction.controller != "none" else None
+    if none is not None and not peak.value < none.low:
         return "revert", (
             f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than without compensation "
             f"({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
@@ -313,9 +317,9 @@ def _recommended(
     worse = [one for one in quantities if one.worse]
     better = [one for one in quantities if one.place != "inside" and not one.worse]
     if worse:
+        still = ", and the peak error is still clearly smaller than without compensation" if none else ""
         return "weaken", (
-            f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted, and the peak error is "
-            "still clearly smaller than without compensation."
+            f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted{still}."
         )
     if better:
         are = "is" if len(better) == 1 else "are"

@@ -27,7 +27,8 @@ class Performance:
     rms_error: float  #: its root mean square [m]
     roughness: float  #: RMS change of the torques from one sample to the next [N m]
     lean: float  #: largest lean from the vertical [rad]
-    #: share of the torque limit that the torques of any wheel leave in all but a thousandth of the samples
+    #: share of the torque limit that the torques of any wheel leave in all but a thousandth of the samples; measured
+    #: torques beyond the limit leave none
     torque_margin: float
 
     @staticmethod
@@ -53,7 +54,7 @@ class Performance:
             rms_error=rms(error) if counted.any() else np.nan,
             roughness=rms_torque_change(seen),
             lean=float(np.arccos(np.clip(upright.min(), -1.0, 1.0))),
-            torque_margin=1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit,
+            torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),
         )
 
     def to_array(self) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ def previous_controller_text(folder: Path, *, new: Controller | None, baseline: 
     """Return the text of the previous_controller.toml that a study writes.
 
     It is the controller.toml that the folder holds from an earlier study. If that is the new one itself, as after the
-    same study again, the folder's previous_controller.toml stays; without either it is the baseline.
+    same study again, or there is none, as after a study that recommends none, the folder's previous_controller.toml
+    stays; without either it is the baseline.
 
     Parameters
     ----------
@@ -34,9 +35,7 @@ def previous_controller_text(folder: Path, *, new: Controller | None, baseline: 
     if held is not None and (new is None or held != controller_text(new)):
         return held
     before = _text(folder / "previous_controller.toml")
-    if held is not None and before is not None:
-        return before
-    return _BASELINE + controller_text(baseline)
+    return _BASELINE + controller_text(baseline) if before is None else before
 
 
 def _text(path: Path) -> str | None:

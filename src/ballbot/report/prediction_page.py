@@ -139,7 +139,10 @@ def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> 
     before = (
         f"Go back to {files.previous}, the controller before this one."
         if files.previous.exists()
-        else f"Go back to the controller before this one, or to none: {_design(files, 'nominal', 'none')}."
+        else (
+            "Go back to the controller before this one, or to none: "
+            f"`{_design(files, 'nominal', 'none')} --out nominal`."
+        )
     )
     causes = [cause.name for cause in verdict.causes[:1]]
     repair = [_REPAIRS[name].format(robot=files.robot) for name in causes]
@@ -156,7 +159,10 @@ def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> 
 
 
 _REPAIRS = {
-    "delay": "Find the delay with `ballbot identify {robot} LOG --free delays`; give it to `ballbot design --delay`.",
+    "delay": (
+        "Find the delay with `ballbot identify {robot} LOG --free delays --out delays`; give it to "
+        "`ballbot design --delay`."
+    ),
     "grip": "Clean ball and wheels, or press them together more firmly, and record the course again.",
     "friction": "Run `ballbot study` on new logs: the friction identified is not that of the robot as it is now.",
     "sensor": "Check the IMU's mounting and its calibration at rest, and record the course again.",

@@ -63,16 +63,24 @@ def controller_sentence(study: Study) -> str:
             "is written. Check the robot file's masses, torque limit and delay, or try ballbot design --robust."
         )
     best = choice.trials[chosen]
-    if chosen == "none":
-        return f"On {where}, no compensation does better than none, and none is smoother. {PREDICTION}"
     others = [CANDIDATE_NAMES[name] for name in choice.equals if name != chosen]
     equal = f" It is the smoothest of those that count as equal ({', '.join(others)})." if others else ""
+    if chosen == "none":
+        return (
+            f"The nominal gain without compensation: on {where}, no other candidate that never falls has a clearly "
+            f"smaller peak error. {_falls_words(study)}{equal} {PREDICTION}"
+        )
     none = choice.trials["none"]
+    compared = (
+        f" instead of {millimetres(none.peak.median)} mm (medians), {digits(gain.median)} times smaller "
+        f"({interval_words(gain)})"
+        if gain.runs
+        else " (median)"
+    )
     return (
         f"{CANDIDATE_NAMES[chosen][0].upper()}{CANDIDATE_NAMES[chosen][1:]}, with {STATES[best.controller.estimator]}: "
         f"around a 0.5 m square on {where}, the largest distance from the reference after settling is "
-        f"{millimetres(best.peak.median)} mm instead of {millimetres(none.peak.median)} mm (medians), "
-        f"{digits(gain.median)} times smaller ({interval_words(gain)}). "
+        f"{millimetres(best.peak.median)} mm{compared}. "
         f"{_falls_words(study)}{equal} {PREDICTION}"
     )
 
