@@ -65,7 +65,7 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interval:
+class PredictionInterval:
     """What a quantity will be in one new run."""
 
     median: float
@@ -90,8 +90,8 @@ class Prediction:
     plant: str  #: "model" or "twin"
     scenario: str  #: name of what is true of the plants
     draws: int  #: number of plants
-    chosen: Mapping[str, Interval]  #: by quantity of `Performance`
-    none: Mapping[str, Interval]  #: the same without friction compensation; empty if that falls
+    chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
+    none: Mapping[str, PredictionInterval]  #: the same without friction compensation; empty if that falls
     signature: Mapping[
         str, float
     ]  #: what the log of a predicted run shows; see `ballbot.experiments.log_signature`
@@ -163,7 +163,7 @@ def checksum_of(controller: Controller) -> str:
     return hashlib.sha256(controller_text(controller).encode()).hexdigest()
 
 
-def intervals_of(choice: ControllerChoice, candidate: str) -> dict[str, Interval]:
+def intervals_of(choice: ControllerChoice, candidate: str) -> dict[str, PredictionInterval]:
     """Return the intervals of a candidate's quantities; runs that ended early do not count.
 
     Raises
@@ -178,7 +178,7 @@ def intervals_of(choice: ControllerChoice, candidate: str) -> dict[str, Interval
 
 def performance_intervals(
     performances: Sequence[Performance], *, discrepancy: Mapping[str, tuple[float, float]]
-) -> dict[str, Interval]:
+) -> dict[str, PredictionInterval]:
     """Return the prediction interval of each quantity for one new run on a robot with unknown faults.
 
     Parameters
@@ -205,7 +205,7 @@ def performance_intervals(
 
 def lognormal_interval(
     values: NDArray[np.float64], *, discrepancy: tuple[float, float] = (1.0, 1.0)
-) -> Interval:
+) -> PredictionInterval:
     """Return the 95 % prediction interval of one new value, lognormal like those of a sample.
 
     Parameters
@@ -221,20 +221,24 @@ def lognormal_interval(
     quantile = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1))
     half = quantile * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / count)
     down, up = (float(np.hypot(half, np.log(factor))) for factor in discrepancy)
-    return Interval(
+    return PredictionInterval(
         median=float(np.exp(center)), low=float(np.exp(center - down)), high=float(np.exp(center + up))
     )
 
 
-def _of_quantity(name: str, values: NDArray[np.float64], discrepancy: tuple[float, float]) -> Interval:
+def _of_quantity(
+    name: str, values: NDArray[np.float64], discrepancy: tuple[float, float]
+) -> PredictionInterval:
     if name != "torque_margin":
         return lognormal_interval(values, discrepancy=discrepancy)
     used = lognormal_interval(1.0 - values, discrepancy=discrepancy)
     # no motor gives more than its limit
-    return Interval(median=1.0 - min(used.median, 1.0), low=1.0 - min(used.high, 1.0), high=1.0 - used.low)
+    return PredictionInterval(
+        median=1.0 - min(used.median, 1.0), low=1.0 - min(used.high, 1.0), high=1.0 - used.low
+    )
 
 
-def _as_dict(intervals: Mapping[str, Interval]) -> dict[str, object]:
+def _as_dict(intervals: Mapping[str, PredictionInterval]) -> dict[str, object]:
     return {name: {"median": one.median, "low": one.low, "high": one.high} for name, one in intervals.items()}
 
 
@@ -323,9 +327,9 @@ def _check_table(table: _PredictionTable, path: str | Path) -> None:
                 )
 
 
-def _intervals(table: _QuantitiesTable) -> dict[str, Interval]:
-    found: dict[str, Interval] = {}
+def _intervals(table: _QuantitiesTable) -> dict[str, PredictionInterval]:
+    found: dict[str, PredictionInterval] = {}
     for name in QUANTITIES:
         one: _IntervalTable = getattr(table, name)
-        found[name] = Interval(median=one.median, low=one.low, high=one.high)
+        found[name] = PredictionInterval(median=one.median, low=one.low, high=one.high)
     return found

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.experiments.controller_causes import Cause, ranked_causes
-from ballbot.experiments.controller_prediction import Interval, Prediction, checksum_of
+from ballbot.experiments.controller_prediction import Prediction, PredictionInterval, checksum_of
 from ballbot.experiments.log_signature import signature_of
 from ballbot.experiments.metrics import rms
 from ballbot.experiments.performance import QUANTITIES, Performance
@@ -76,7 +76,7 @@ class JudgedQuantity:
     """A quantity of the new log beside its prediction."""
 
     name: str
-    predicted: Interval
+    predicted: PredictionInterval
     value: float  #: NaN if the run ended too early to show it
     place: Literal["inside", "below", "above"]
 
@@ -93,7 +93,7 @@ class Verdict:
     recommendation: Recommendation
     reason: str  #: one sentence with the numbers that decide
     quantities: tuple[JudgedQuantity, ...]
-    none: Mapping[str, Interval]  #: what is predicted without compensation; empty if that falls
+    none: Mapping[str, PredictionInterval]  #: what is predicted without compensation; empty if that falls
     ended: str | None  #: why the run ended before the course, or None
     causes: tuple[Cause, ...]  #: of what is outside, the likeliest first; empty if nothing is
     remarks: tuple[str, ...]  #: what limits the verdict
@@ -175,7 +175,7 @@ def causes_in(
 
 
 def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
-    """Return the rows of a log that follow the predicted course, from its begin to its end or the log's.
+    """Return the rows of a log that follow the predicted course, from its start to its end or the log's.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
         If the log lacks a column, has another sample time or follows another course.
     """
     course = prediction.course
-    how = f"record {course.duration:g} s of `{course.name}` from its begin with this controller"
+    how = f"record {course.duration:g} s of `{course.name}` from its start with this controller"
     if abs(log.sample_time / sample_time - 1.0) > _SAME_TIME:
         raise InputError(
             f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
@@ -224,8 +224,9 @@ def why_ended(run: Log, prediction: Prediction) -> str | None:
     if lean > _FALLING:
         return f"fallen: a lean of {lean:.2g} rad at t = {lasted:.3g} s of the course"
     raise InputError(
-        f"The log has {lasted:.3g} s of the course {prediction.course.name!r} of {duration:g} s, and the robot stands "
-        "at its end; record the whole course, or go back to the previous controller if this one stops by itself."
+        f"The log has {lasted:.3g} s of the course {prediction.course.name!r} of {duration:g} s, and the robot is "
+        "upright at its end; record the whole course, or go back to the previous controller if this one stops by "
+        "itself."
     )
 
 
@@ -297,7 +298,7 @@ def _apart(run: Log, asked: NDArray[np.float64], begin: float, sample_time: floa
     return float(np.mean(apart > _SAME_POSE))
 
 
-def _judged(name: str, predicted: Interval, value: float) -> JudgedQuantity:
+def _judged(name: str, predicted: PredictionInterval, value: float) -> JudgedQuantity:
     return JudgedQuantity(name=name, predicted=predicted, value=value, place=predicted.place(value))
 
 

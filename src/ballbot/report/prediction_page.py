@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ballbot.experiments.controller_causes import MEANING, Cause
-from ballbot.experiments.controller_prediction import Interval, Prediction
+from ballbot.experiments.controller_prediction import Prediction, PredictionInterval
 from ballbot.experiments.controller_verdict import BETTER, WORDS, JudgedQuantity, Verdict
 from ballbot.findings import Finding
 from ballbot.printable import shell_line
@@ -134,6 +134,14 @@ def cause_lines(verdict: Verdict) -> list[str]:
 
 def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
     """Return what to do, in sentences that name the study's files."""
+    steps = _advice(verdict, prediction, files)
+    if not verdict.remarks:
+        return steps
+    own = f"Make sure first that the log was made with {files.controller}: the verdict is on no other controller."
+    return [own, *steps]
+
+
+def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
     if verdict.recommendation == "keep":
         return [f"Go on with {files.controller}."]
     before = (
@@ -192,8 +200,8 @@ def _place(one: JudgedQuantity) -> str:
 
 def _number(name: str, value: float) -> str:
     factor, _, decimals = _SHOWN[name]
-    return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "none"
+    return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "–"
 
 
-def _interval(name: str, one: Interval) -> str:
+def _interval(name: str, one: PredictionInterval) -> str:
     return f"{_number(name, one.low)} to {_number(name, one.high)}"
