@@ -174,7 +174,8 @@ def study(
     check_columns(robot, studied)
     if not 2 <= effort.draws <= MOST_DRAWS:
         raise InputError(f"The number of draws is {effort.draws}; it must be 2 to {MOST_DRAWS}, such as 20.")
-    sample_time = studied[0].log.sample_time
+    # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
+    sample_time = round(studied[0].log.sample_time, 9)
     chosen_plant = available_plant(plant)
     tried = sampled_at(scenario or Scenario.nominal(robot), sample_time)
     _check_plant(robot, tried, chosen_plant)

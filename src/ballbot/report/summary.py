@@ -113,6 +113,9 @@ def ablation_sentence(study: Study) -> str:
     choice = study.choice
     if not choice.ablation:
         return "No ablation was made."
+    whole_falls = choice.trials["precise"].falls
+    if whole_falls:
+        return f"The precise controller itself falls on {whole_falls} of {len(choice.plants)} plants."
     shares = {part: choice.share_of(part) for part in choice.ablation}
     falling = [part for part in shares if choice.ablation[part].falls]
     rest = sorted((part for part in shares if part not in falling), key=lambda part: -shares[part].median)

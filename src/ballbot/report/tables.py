@@ -170,14 +170,20 @@ def ablation_rows(choice: ControllerChoice) -> list[AblationRow]:
                 ratio=f"{digits(ratio.median)} ({digits(ratio.low)} – {digits(ratio.high)})",
                 roughness=digits(trial.roughness.median),
                 falls=f"{trial.falls} of {len(trial.scores)}",
-                reading=_reading(trial.falls, ratio),
+                reading=_reading(trial.falls > _falls_of_whole(choice), ratio),
             )
         )
     return rows
 
 
-def _reading(falls: int, ratio: MedianEstimate) -> str:
-    if falls:
+def _falls_of_whole(choice: ControllerChoice) -> int:
+    """Return the falls of the whole precise controller on the plants of the ablation."""
+    plants = max(len(trial.scores) for trial in choice.ablation.values())
+    return sum(one.ended is not None for one in choice.trials["precise"].scores[:plants])
+
+
+def _reading(falls_more: bool, ratio: MedianEstimate) -> str:
+    if falls_more:
         return "needed: it falls without"
     if not has_confidence(ratio):
         return "too few draws to say"
