@@ -62,7 +62,7 @@ class Outcome:
 
     @property
     def rank(self) -> int | None:
-        """Place of the true cause, from 1; None if it is not told."""
+        """Place of the true cause, from 1; None if it is not named."""
         names = [cause.name for cause in self.causes]
         cause = KINDS[self.twin.kind][1]
         return names.index(cause) + 1 if cause in names else None

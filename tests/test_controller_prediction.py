@@ -35,12 +35,12 @@ from ballbot.experiments.controller_verdict import Verdict, course_of, foreign_t
 from ballbot.experiments.log_signature import Signature, signature_of
 from ballbot.experiments.performance import Performance, performance_of
 from ballbot.experiments.plant_draws import PlantDraw
-from ballbot.experiments.previous_controller import previous_controller_text
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.report.json_text import as_json
 from ballbot.report.prediction_page import StudyFolder, next_steps
+from ballbot.report.study_files import previous_controller_text
 from ballbot.robot.file import write_robot
 from ballbot.robot.scaled import scaled_friction
 from ballbot.simulation.run import simulate

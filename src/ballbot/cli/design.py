@@ -234,20 +234,20 @@ def _margin(margin: Margin) -> str:
     shares = ", ".join(f"{100.0 * share:.0f} %" for share in (*margin.shares, margin.rolling))
     amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
     returned = ", ".join(f"{100.0 * one.share:.0f} %" for one in margin.swings)
-    told = (
+    text = (
         "Compensated at most, of each wheel's friction and of the rolling "
         f"friction: {shares}\nReturned at most, of the energy that friction "
         f"takes from a wheel that oscillates by {amplitudes} rad/s: {returned}"
     )
     if margin.adapted:
-        told += (
+        text += (
             "\nAdaptation and load scaling may raise that up to "
             f"{100.0 * margin.adapted:.0f} % of each wheel's friction"
         )
     return (
-        f"{told}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
+        f"{text}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
         if margin.pumps
-        else told
+        else text
     )
 
 

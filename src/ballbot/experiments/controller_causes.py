@@ -19,7 +19,7 @@ from ballbot.experiments.log_signature import Signature
 CauseName = Literal["delay", "grip", "friction", "sensor", "mapping", "body", "floor"]
 Confidence = Literal["likely", "possible"]
 
-#: usual sizes from which evidence is told, and from which it makes a cause likely
+#: evidence, in usual sizes, from which a cause is named as possible, and as likely
 POSSIBLE, LIKELY = 3.0, 6.0
 
 #: what each cause is, for those who read it

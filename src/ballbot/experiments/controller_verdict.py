@@ -55,7 +55,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
 _SAME_POSE = 0.005
 #: share of the rows in which it may; jumps fall between samples
 _OTHER_ROWS = 0.005
-#: jumps of a log's reference at which the course is sought
+#: jumps of a log's reference that may be the beginning of the course
 _MOST_JUMPS = 100
 #: a run that ends this much before the course has ended early [s]
 _SHORT = 0.05

@@ -1,6 +1,6 @@
 """What a log of balancing shows of the robot that made it, in numbers that its faults move.
 
-The torques are held against the motion, and the ball's acceleration against the lean (`ballbot.log.physics`), each by
+The torques are compared with the motion, and the ball's acceleration with the lean (`ballbot.log.physics`), each by
 a least-squares fit whose factors are one, or zero, for the robot as identified:
 
     u_i = k_i n_i + s f(w_i) + o_i                     n what the motion needs, f the identified friction

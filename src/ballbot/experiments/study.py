@@ -2,7 +2,7 @@
 
     identify -> validate on what was held out -> design the candidates -> choose one on perturbed plants
 
-The nominal gain is designed with the weights of the nominal scenario (design section 11) on the exact model without
+The nominal gain is designed with the weights of the nominal scenario on the exact model without
 friction, at the logs' sample time, whatever gain the logs were recorded with: so that studies of different robots
 can be compared. The logs' own gain is recovered for the closed-loop validation, and the report shows both.
 """

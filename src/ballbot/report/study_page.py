@@ -20,7 +20,6 @@ from ballbot.report.prediction_page import predicted_rows
 from ballbot.report.provenance import Provenance
 from ballbot.report.style import drawn
 from ballbot.report.summary import (
-    STATES,
     ablation_sentence,
     controller_sentence,
     doubts_sentence,
@@ -28,6 +27,7 @@ from ballbot.report.summary import (
     summary,
 )
 from ballbot.report.tables import (
+    STATE_WORDS,
     ablation_rows,
     candidate_rows,
     digits,
@@ -186,7 +186,7 @@ def _controller_words(study: Study) -> str:
             " It compensates the friction that is present with 95 % confidence: more would inject energy if the robot "
             "has less."
         )
-    words += f" It feeds back {STATES[chosen.estimator]}, and its file says so."
+    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, and its file says so."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()

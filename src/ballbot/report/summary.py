@@ -6,7 +6,14 @@ import numpy as np
 
 from ballbot.experiments.controller_choice import ControllerChoice
 from ballbot.experiments.study import Study
-from ballbot.report.tables import CANDIDATE_NAMES, digits, has_confidence, interval_words, millimetres
+from ballbot.report.tables import (
+    CANDIDATE_NAMES,
+    STATE_WORDS,
+    digits,
+    has_confidence,
+    interval_words,
+    millimetres,
+)
 from ballbot.robot import Robot
 from ballbot.validation.findings import better_in, weak_states
 
@@ -78,7 +85,8 @@ def controller_sentence(study: Study) -> str:
         else " (median)"
     )
     return (
-        f"{CANDIDATE_NAMES[chosen][0].upper()}{CANDIDATE_NAMES[chosen][1:]}, with {STATES[best.controller.estimator]}: "
+        f"{CANDIDATE_NAMES[chosen][0].upper()}{CANDIDATE_NAMES[chosen][1:]}, "
+        f"with {STATE_WORDS[best.controller.estimator]}: "
         f"around a 0.5 m square on {where}, the largest distance from the reference after settling is "
         f"{millimetres(best.peak.median)} mm{compared}. "
         f"{_falls_words(study)}{equal} {PREDICTION}"
@@ -87,8 +95,6 @@ def controller_sentence(study: Study) -> str:
 
 #: what every such result is until it is measured
 PREDICTION = "This is a prediction until a log of the robot confirms it."
-
-STATES = {"onboard": "the thesis's on-board state", "kalman": "the Kalman filter's state"}
 
 
 def plants_words(study: Study) -> str:

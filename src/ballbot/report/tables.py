@@ -29,6 +29,7 @@ CANDIDATE_NAMES = {
     "partial": "nominal, partial compensation",
     "precise": "precise",
 }
+STATE_WORDS = {"onboard": "the thesis's on-board state", "kalman": "the Kalman filter's state"}
 ESTIMATOR_NAMES = {"onboard": "the thesis's", "kalman": "Kalman filter"}
 SYMBOL_MARKS = {"v_s": "v<sub>s</sub>", "delta": "δ", "C_rr": "C<sub>rr</sub>"}
 

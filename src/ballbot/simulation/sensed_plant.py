@@ -42,7 +42,7 @@ from ballbot.simulation.fixes import FixSource
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensor_suite import SensorSuite
+from ballbot.simulation.sensor_suite import SensorSuite, sensor_samples
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.sizes import SHORTEST_SAMPLE
 
@@ -204,13 +204,7 @@ class SensedPlant:
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
-        sample_time = self.imperfections.sensors.sample_time
-        samples = round(duration / sample_time)
-        if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
-            raise InputError(
-                f"The sensors are read every {sample_time:g} s, so a controller's sample time must be a whole number "
-                f"of that, not {duration:g} s."
-            )
+        samples = sensor_samples(duration, self.imperfections.sensors.sample_time)
         for _ in range(samples - 1):
             self._advance(held)
             self._measure()

@@ -5,12 +5,30 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot.robot import Robot, Sensors
 from ballbot.simulation.accelerometer import AccelerationSensor, Accelerometer
 from ballbot.simulation.fixes import FixSensor, FixSource
 from ballbot.simulation.sensors import AttitudeSensor, Encoders, SensorFaults
+
+
+def sensor_samples(duration: float, sample_time: float) -> int:
+    """Return how many samples of the sensors [s] a controller holds its torques for.
+
+    Raises
+    ------
+    InputError
+        If the duration [s] is not a whole multiple of the sample time, at least one.
+    """
+    samples = round(duration / sample_time)
+    if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
+        raise InputError(
+            f"The sensors are sampled every {sample_time:g} s, so a controller's sample time must be a whole number of "
+            f"these samples, not {duration:g} s."
+        )
+    return samples
 
 
 class SensorSuite:

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.robot import Robot
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensor_suite import SensorSuite
+from ballbot.simulation.sensor_suite import SensorSuite, sensor_samples
 from ballbot.twin.disturbances import disturbances
 from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine
@@ -127,13 +126,7 @@ class Twin:
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
-        sample_time = self.scenario.sensors.sample_time
-        samples = round(duration / sample_time)
-        if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
-            raise InputError(
-                f"The twin's sensors are sampled every {sample_time} s, so a controller's "
-                f"sample time must be a whole multiple of that, not {duration} s."
-            )
+        samples = sensor_samples(duration, self.scenario.sensors.sample_time)
         for _ in range(samples - 1):
             self._advance(held)
             self._measure()

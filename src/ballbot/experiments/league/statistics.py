@@ -29,7 +29,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class MedianEstimate:
-    """A median over runs and the 95 % interval of their distribution's; NaN if there is none."""
+    """The median over runs with the 95 % interval of their distribution's median; NaN without a run."""
 
     median: float
     low: float
