@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot, simulate
-from ballbot.control.adaptive import adaptive
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import start
@@ -179,7 +177,7 @@ def campaign() -> Section:
         f"the pivoting) or polished (less than a third, half). RMS position error from {LATE:g} s later on, settled, "
         "mean over the seeds [mm], beside that of the same runs on the unchanged floor; and what the change adds, mean "
         "and 95 % interval of the differences seed by seed, by the robot's own state, which leaves out its drift. "
-        "Adaptive is `ballbot.control.adaptive`: the floor's drag and the drivelines' scales.",
+        "Adaptive is `ballbot.control.presets`: the floor's drag and the drivelines' scales.",
         columns=[
             "controller, reference, floor",
             "unchanged: fixed",

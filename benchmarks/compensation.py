@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.control.references import figure_eight, square
 from ballbot.experiments.compare import Comparison, compare
 from ballbot.identification import Identification, identify

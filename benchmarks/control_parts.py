@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from scipy.stats import t
 
 from ballbot import Controller, Robot, simulate
-from ballbot.control.adaptive import adaptive
 from ballbot.control.controller import Compensation
 from ballbot.control.interface import Feedback
-from ballbot.control.load_scaling import LoadScaling
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import score, start

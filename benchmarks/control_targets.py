@@ -15,8 +15,7 @@ from functools import partial
 import numpy as np
 
 from ballbot import Robot, simulate
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.nominal import TORQUE_WEIGHT, design_gain
+from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.log import Log
 from ballbot.robot import Robot
@@ -60,7 +60,7 @@ def drawn(seed: int) -> Draw:
         scenario=scenario,
         robot=robot,
         compensation=COMPENSATIONS[random.integers(len(COMPENSATIONS))],
-        torque_weight=TORQUE_WEIGHT * 3.0 ** random.uniform(-1.0, 1.0),
+        torque_weight=NOMINAL_TORQUE_WEIGHT * 3.0 ** random.uniform(-1.0, 1.0),
         duration=float(random.integers(10, 17)),
     )
 

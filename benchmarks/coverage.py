@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.onboard import OnboardState

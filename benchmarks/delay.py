@@ -15,9 +15,8 @@ from functools import partial
 import numpy as np
 
 from ballbot import Controller, Model, Robot, simulate
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
-from ballbot.control.prediction import DelayPrediction
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
@@ -125,8 +124,9 @@ def campaign() -> Section:
         before=f"The nominal twin with torques that come late, friction identified from two of its logs, on-board "
         f"sensors only (Kalman filter), {len(SEEDS)} seeds of 32 s of a 0.5 m square: RMS error of the true position "
         "once settled and its peak [mm], torque above 10 Hz [N m], means. `prediction` feeds back the state in which "
-        "the torque will act (`ballbot.control.prediction`); the others take the delay for a sample less or more. "
-        "Lean: the largest at rest from which the exact model with the friction known comes back, torques as late.",
+        "the torque will act (`ballbot.control.parts.prediction`); the others take the delay for a sample less or "
+        "more. Lean: the largest at rest from which the exact model with the friction known comes back, "
+        "torques as late.",
         columns=[
             "controller, delay",
             "RMS",

@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.nominal import design_gain, nominal_controller
-from ballbot.control.references import Reference, named, square
+from ballbot.control.presets import design_gain, nominal_controller
+from ballbot.control.references import Reference, named_reference, square
 from ballbot.estimation.errors import StateErrors, state_errors
 from ballbot.estimation.interface import Estimator, Reading
 from ballbot.estimation.kalman import KalmanFilter
@@ -158,7 +158,7 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
 
     def run(job: tuple[tuple[str, Scenario, str], int]) -> dict[str, StateErrors]:
         (_, scenario, reference), seed = job
-        return side_by_side(robot, scenario, named(reference), seed=seed, duration=duration)
+        return side_by_side(robot, scenario, named_reference(reference), seed=seed, duration=duration)
 
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(run, product(cases, seeds)))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import start

@@ -16,10 +16,15 @@ from scipy.optimize import linprog
 
 from ballbot import Controller, Log, Model, Robot, lqr, simulate
 from ballbot.control.interface import Feedback
-from ballbot.control.lean_bound import LeanBound
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.parts import Parts
-from ballbot.control.precise import STATE_WEIGHTS, TORQUE_WEIGHT, precise_controller, sure_torque
+from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.presets import (
+    PRECISE_STATE_WEIGHTS,
+    PRECISE_TORQUE_WEIGHT,
+    grip_torque_limit,
+    precise_controller,
+)
 from ballbot.control.references import change_pose, hold
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.loop import top_speed
@@ -42,7 +47,7 @@ KNOWING = ROBOT.replace(friction=NOMINAL.friction)
 LIMITS = (6.0, 2.0)  # [N m]
 DIRECTIONS = (0.0, 0.5 * math.pi)
 SEEDS = (1, 2, 3)
-BOUND = LeanBound()
+BOUND = LeanLimit()
 #: a step has arrived within this [m] for good
 ARRIVED = 0.05
 _PLAIN = ("alone", "bound", "predictive")
@@ -74,7 +79,12 @@ class WithSpeedLimit:
 
 def stiff() -> LqrDesign:
     """Return the precise controller's weights as a plain LQR, whose Riccati equation the predictive one needs."""
-    return lqr(Model(ROBOT), STATE_WEIGHTS, (TORQUE_WEIGHT,) * 3, sample_time=ROBOT.sensors.sample_time)
+    return lqr(
+        Model(ROBOT),
+        PRECISE_STATE_WEIGHTS,
+        (PRECISE_TORQUE_WEIGHT,) * 3,
+        sample_time=ROBOT.sensors.sample_time,
+    )
 
 
 def made(name: str, limit: float, robot: Robot = ROBOT) -> Controller | Predictive:
@@ -82,7 +92,7 @@ def made(name: str, limit: float, robot: Robot = ROBOT) -> Controller | Predicti
     design, parts = stiff(), Parts(lean_bound=BOUND) if name == "bound" else Parts()
     compensation = "full" if max(robot.friction.coulomb) > 0.0 else "none"
     law = Controller(robot, design.gain, torque_limit=limit, compensation=compensation, parts=parts)
-    return Predictive(law, design, torque_weight=TORQUE_WEIGHT) if name == "predictive" else law
+    return Predictive(law, design, torque_weight=PRECISE_TORQUE_WEIGHT) if name == "predictive" else law
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +219,7 @@ def campaign() -> Section:
     """Run everything and return the section of docs/evidence.md."""
     models = [(name, limit) for limit in LIMITS for name in ("alone", "bound", "predictive")]
     twins = [(limit, bound) for limit in LIMITS for bound in (False, True)]
-    twins.append((sure_torque(KNOWING), True))  # as it comes
+    twins.append((grip_torque_limit(KNOWING), True))  # as it comes
     with worker_pool(os.cpu_count()) as pool:
         on_twins = pool.map(on_twin, twins)
         plain = pool.map(steps_on_twin, _PLAIN)
@@ -230,7 +240,7 @@ def campaign() -> Section:
     return Section(
         title="Feedback when much is asked for: a bound on the lean, a predictive controller, a notch",
         before="The precise controller's weights as a plain LQR on the model with perfect sensors, its motors' highest"
-        " speed and wheels that always hold: alone, with `LeanBound` as it is made, and with a predictive correction"
+        " speed and wheels that always hold: alone, with `LeanLimit` as it is made, and with a predictive correction"
         " (`benchmarks/predictive.py`). Then the precise controller on the nominal twin, the true friction compensated."
         " The least of two directions of the lean at rest and of the blow that are survived; the step to [1 -1 pi] all"
         f" at once: until it stays within {1e3 * ARRIVED:.0f} mm, by seed on the twin, and how far past it goes.",

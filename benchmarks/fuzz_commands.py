@@ -16,7 +16,7 @@ from random import Random
 
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from ballbot.control.file import controller_text, read_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_file import read_reference, reference_text
-from ballbot.control.references import named
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError
 from ballbot.experiments.excite.deviations import deviations_found
 from ballbot.experiments.league.course_file import built_in_sets, read_courses
@@ -167,7 +166,7 @@ def _log(rows: int = 60) -> Log:
     run = simulate(
         Model(ALTEN),
         controller,
-        named("square"),
+        named_reference("square"),
         duration=rows * controller.sample_time,
         initial_state=lean,
     )

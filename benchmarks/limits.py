@@ -13,7 +13,7 @@ from time import perf_counter, process_time
 import numpy as np
 
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
 from ballbot.experiments.limits.starts import leaning

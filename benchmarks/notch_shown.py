@@ -11,9 +11,9 @@ from scipy.signal import welch
 
 from ballbot import Controller, Log, Model, Robot, simulate
 from ballbot.control.lqr import held
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
+from ballbot.control.parts.notch import Notch
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.experiments.score import score
 from ballbot.processes import worker_pool

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import design_gain
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import design_gain, precise_controller
 from ballbot.control.references import hold
 from ballbot.files import write_text
 from ballbot.mechanics.engine import simulate_lanes

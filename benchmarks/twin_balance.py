@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballbot import Robot, simulate
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.processes import worker_pool
 from ballbot.twin import Twin

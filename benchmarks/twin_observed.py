@@ -15,8 +15,8 @@ import numpy as np
 
 from ballbot import Log, simulate
 from ballbot.control.controller import Compensation
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.references import named
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import named_reference
 from ballbot.experiments.score import score
 from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
@@ -80,7 +80,7 @@ def closed_loop(run: Run) -> Log:
     knowing = ROBOT.replace(friction=run.scenario.friction)
     controller = nominal_controller(knowing, compensation=run.compensation)
     twin = Twin(ROBOT, run.scenario)
-    return simulate(twin, controller, named(run.reference), duration=run.duration, seed=run.seed)
+    return simulate(twin, controller, named_reference(run.reference), duration=run.duration, seed=run.seed)
 
 
 def campaign() -> Section:

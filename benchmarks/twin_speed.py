@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 
 from ballbot import Robot, simulate
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.twin import Scenario, Twin
 from benchmarks.section import Section

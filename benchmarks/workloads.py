@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model

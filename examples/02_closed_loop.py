@@ -6,7 +6,7 @@ python examples/02_closed_loop.py
 from dataclasses import replace
 
 import ballbot
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.experiments.score import score
 

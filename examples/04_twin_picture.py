@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import ballbot
 from ballbot.control.file import read_controller
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.score import score

@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
-from ballbot.control.disturbance_observer import DisturbanceObserver
-from ballbot.control.driveline_adaptation import DrivelineAdaptation
-from ballbot.control.floor_adaptation import FloorAdaptation
-from ballbot.control.lean_bound import LeanBound
-from ballbot.control.load_scaling import LoadScaling
-from ballbot.control.notch import Notch
-from ballbot.control.precise import precise_controller
-from ballbot.control.prediction import DelayPrediction
-from ballbot.control.standstill import Standstill
-from ballbot.control.torque_balance import TorqueBalance
+from ballbot.control.parts.compensation import Standstill
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.floor_adaptation import FloorAdaptation
+from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
 
@@ -61,7 +61,7 @@ def everything(robot: Robot) -> Controller:
             driveline_adaptation=DrivelineAdaptation(balance=balance),
             floor_adaptation=FloorAdaptation(time=5.0),
             load_scaling=LoadScaling(share=0.6),
-            lean_bound=LeanBound(lean=0.6, turn=2.0),
+            lean_bound=LeanLimit(lean=0.6, turn=2.0),
             notch=Notch(frequency=33.0, width=0.5, depth=0.2),
             prediction=DelayPrediction.of(robot, delay=0.012, sample_time=precise.sample_time),
         )

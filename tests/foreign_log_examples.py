@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ballbot import Controller, Log, Model, simulate
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Friction, Robot
 

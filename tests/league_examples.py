@@ -13,7 +13,7 @@ Column = Callable[[NDArray[np.float64]], NDArray[np.float64]] | float
 OWN = '''\
 import numpy as np
 import ballbot
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 
 
 class Softer:

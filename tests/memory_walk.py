@@ -19,8 +19,8 @@ from numba.core.dispatcher import Dispatcher
 
 import ballbot
 from ballbot import Controller, InputError, Log, Model, Robot, simulate, simulate_batch
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_shaping import ReferenceShaping, shape_references
+from ballbot.control.parts.reference_shaping import ReferenceShaping, shape_references
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading

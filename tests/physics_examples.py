@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ballbot import Controller, Model, Robot, simulate
 from ballbot.control import references
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Friction
 from ballbot.robot.scaled import scaled_body

@@ -6,8 +6,8 @@ from control_examples import FRICTION, alten
 
 from ballbot import InputError
 from ballbot.cli.main import main
-from ballbot.control.cautious_friction import cautious_friction, stated_covariance
 from ballbot.control.file import read_controller
+from ballbot.control.overcompensation import cautious_friction, stated_covariance
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.file import write_robot
 

@@ -8,7 +8,7 @@ from control_examples import FRICTION, alten
 
 from ballbot import Controller, InputError, Log, Model
 from ballbot.cli.main import main
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.experiments.compare import compare
 from ballbot.robot.file import write_robot

@@ -8,12 +8,11 @@ from control_examples import FRICTION, alten, everything, four_wheeled
 
 from ballbot import InputError
 from ballbot.control.controller import Controller
-from ballbot.control.driveline_adaptation import DrivelineAdaptation
-from ballbot.control.feed_forward import FeedForward
 from ballbot.control.file import controller_text, read_controller, write_controller
-from ballbot.control.floor_adaptation import FloorAdaptation
-from ballbot.control.nominal import design_gain, nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.floor_adaptation import FloorAdaptation
+from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])

@@ -7,11 +7,10 @@ import pytest
 from control_examples import FRICTION, MisjudgedLean, alten, four_wheeled
 
 from ballbot import Controller, InputError, Model, Robot, simulate
-from ballbot.control.floor_adaptation import FloorAdaptation
-from ballbot.control.integral import IntegralAction
-from ballbot.control.nominal import design_gain
 from ballbot.control.parts import Parts
-from ballbot.control.precise import precise_controller
+from ballbot.control.parts.floor_adaptation import FloorAdaptation
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.presets import design_gain, precise_controller
 from ballbot.control.references import Reference, change_pose, circle, square
 
 

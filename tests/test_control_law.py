@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import Controller, InputError, Model, Robot, simulate
-from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ballbot import Controller, InputError, Model, Robot, simulate
-from ballbot.control.lean_bound import LeanBound
 from ballbot.control.parts import Parts
-from ballbot.control.precise import design_integral_gain, precise_controller
+from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.presets import design_integral_gain, precise_controller
 from ballbot.control.references import hold
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.loop import Loop
@@ -21,14 +21,14 @@ from ballbot.experiments.limits.starts import leaning, pushed
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.twin import Scenario, Twin
 
-BOUND = LeanBound(lean=0.1, turn=0.4)
+BOUND = LeanLimit(lean=0.1, turn=0.4)
 GAINS = [(robot, design_integral_gain(robot).gain) for robot in (alten(), four_wheeled(friction=False))]
 ROBOT, STIFF = GAINS[0]
 designed = st.sampled_from(GAINS)
 states = st.lists(st.floats(-1.0, 1.0), min_size=10, max_size=10).map(np.array)
 
 
-def torques(robot: Robot, gain: np.ndarray, state: np.ndarray, bound: LeanBound | None) -> np.ndarray:
+def torques(robot: Robot, gain: np.ndarray, state: np.ndarray, bound: LeanLimit | None) -> np.ndarray:
     controller = Controller(robot, gain, torque_limit=1e6, parts=Parts(lean_bound=bound))
     return controller.update(0.0, state, np.zeros(10))
 
@@ -59,7 +59,7 @@ def test_the_bound_in_numpys_words(design, state, size):
 @given(design=designed, state=states)
 def test_within_the_limits_it_changes_nothing(design, state):
     robot, gain = design
-    wide = LeanBound(lean=100.0, turn=100.0)
+    wide = LeanLimit(lean=100.0, turn=100.0)
     np.testing.assert_array_equal(torques(robot, gain, state, wide), torques(robot, gain, state, None))
 
 
@@ -67,7 +67,7 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
     weak = ROBOT.replace(drive=replace(ROBOT.drive, torque_limit=2.0))
     directions = np.radians([0.0, 90.0])
 
-    def edges(bound: LeanBound | None) -> tuple[np.ndarray, np.ndarray]:
+    def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:
         controller = Controller(weak, STIFF, torque_limit=2.0, parts=Parts(lean_bound=bound))
         loop = Loop(robot=weak, controller=controller, grip=np.inf)
         leans = reach(loop.survives, lambda s: leaning(directions, s), shape=(2,), most=LARGEST_LEAN)
@@ -102,7 +102,7 @@ def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray)
 @pytest.mark.parametrize("wrong", [{"lean": 0.0}, {"lean": np.inf}, {"turn": -1.0}])
 def test_bounds_that_are_none_are_refused(wrong):
     with pytest.raises(InputError, match=r"of the lean limit is .* must be positive"):
-        LeanBound(**wrong)
+        LeanLimit(**wrong)
 
 
 def test_the_precise_controller_stands_up_where_its_wheels_would_else_spin():

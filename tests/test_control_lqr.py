@@ -13,9 +13,9 @@ from scipy.linalg import block_diag
 
 from ballbot import InputError, Model, lqr
 from ballbot.control.lqr import held
-from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 
-Q, R = np.array(STATE_WEIGHTS), np.full(3, TORQUE_WEIGHT)
+Q, R = np.array(NOMINAL_STATE_WEIGHTS), np.full(3, NOMINAL_TORQUE_WEIGHT)
 
 
 @dataclass(frozen=True)

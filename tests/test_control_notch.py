@@ -10,9 +10,9 @@ from scipy.signal import bilinear, freqz, lfilter
 from ballbot import Controller, InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
-from ballbot.control.nominal import design_gain
-from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
+from ballbot.control.parts.notch import Notch
+from ballbot.control.presets import design_gain
 
 SAMPLE = 0.005
 ROBOT = alten()

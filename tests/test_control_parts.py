@@ -10,18 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import Controller, InputError, Model, Robot, simulate
-from ballbot.control.disturbance_observer import DisturbanceObserver
-from ballbot.control.driveline_adaptation import DrivelineAdaptation
-from ballbot.control.feed_forward import FeedForward
-from ballbot.control.integral import IntegralAction
-from ballbot.control.load_scaling import LoadScaling
-from ballbot.control.nominal import design_gain
 from ballbot.control.parts import Parts
-from ballbot.control.precise import design_integral_gain, precise_controller
-from ballbot.control.reference_shaping import ReferenceShaping
+from ballbot.control.parts.compensation import Standstill
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.reference_shaping import ReferenceShaping
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
-from ballbot.control.standstill import Standstill
-from ballbot.control.torque_balance import TorqueBalance
 from ballbot.robot.scaled import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 

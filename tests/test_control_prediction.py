@@ -9,15 +9,19 @@ from scipy.linalg import expm, solve_discrete_are
 
 from ballbot import Controller, InputError, Model, Robot
 from ballbot.cli.main import main
-from ballbot.control.disturbance_observer import DisturbanceObserver
 from ballbot.control.file import read_controller
 from ballbot.control.lqr import held
-from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
 from ballbot.control.parts import Parts
-from ballbot.control.precise import precise_controller
-from ballbot.control.prediction import DelayPrediction
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import (
+    NOMINAL_STATE_WEIGHTS,
+    NOMINAL_TORQUE_WEIGHT,
+    design_gain,
+    precise_controller,
+)
 from ballbot.control.references import change_pose, hold
-from ballbot.control.torque_balance import TorqueBalance
 from ballbot.robot.file import write_robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
@@ -48,8 +52,8 @@ def test_whole_samples_give_the_gain_of_the_riccati_equation_with_the_torques_un
     A[:10, :10], A[:10, 10 : 10 + n] = F, G
     A[10 : size - n, 10 + n :] = np.eye((samples - 1) * n)
     B[size - n :] = np.eye(n)
-    Q, R = np.zeros((size, size)), TORQUE_WEIGHT * np.eye(n)
-    Q[:10, :10] = np.diag(STATE_WEIGHTS)
+    Q, R = np.zeros((size, size)), NOMINAL_TORQUE_WEIGHT * np.eye(n)
+    Q[:10, :10] = np.diag(NOMINAL_STATE_WEIGHTS)
     P = solve_discrete_are(A, B, Q, R)
     gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
     controller, random = predicting(robot, samples * SAMPLE), np.random.default_rng(samples)

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from ballbot import Controller
 from benchmarks import predictive
-from benchmarks.feedback_options import ROBOT, TORQUE_WEIGHT, bound_of_any, stiff
+from benchmarks.feedback_options import PRECISE_TORQUE_WEIGHT, ROBOT, bound_of_any, stiff
 from benchmarks.predictive import Predictive, heading_error
 
 STIFF = stiff()
@@ -17,7 +17,7 @@ STIFF = stiff()
 
 def test_within_the_limits_it_is_the_lqr_to_the_bit():
     law = Controller(ROBOT, STIFF.gain)
-    correcting = Predictive(law, STIFF, torque_weight=TORQUE_WEIGHT)
+    correcting = Predictive(law, STIFF, torque_weight=PRECISE_TORQUE_WEIGHT)
     random = np.random.default_rng(0)
     for _ in range(200):
         state, reference = 0.02 * random.standard_normal(10), np.zeros(10)
@@ -33,7 +33,7 @@ def test_beyond_them_its_correction_is_the_programs(monkeypatch):
     monkeypatch.setattr(predictive, "NODES", (0, 10, 30))
     monkeypatch.setattr(predictive, "LOOKS", (0, 5, 15))
     law = Controller(ROBOT, STIFF.gain, torque_limit=2.0)
-    correcting = Predictive(law, STIFF, torque_weight=TORQUE_WEIGHT)
+    correcting = Predictive(law, STIFF, torque_weight=PRECISE_TORQUE_WEIGHT)
     state = np.zeros(10)
     state[[0, 3, 5]] = 1.5, 0.05, 0.4
     ahead = correcting._of_error @ heading_error(state, np.zeros(10))

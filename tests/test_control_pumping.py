@@ -9,15 +9,18 @@ from control_examples import FRICTION, alten
 
 from ballbot import Controller, InputError, Model, simulate
 from ballbot.cli.main import main
-from ballbot.control.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.file import read_controller, write_controller
-from ballbot.control.load_scaling import LoadScaling
-from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.overcompensation import (
+    compensation_margin,
+    overcompensation_warning,
+    refuse_overcompensation,
+)
 from ballbot.control.parts import Parts
-from ballbot.control.precise import precise_controller
-from ballbot.control.pumping import compensation_margin, pumping_warning, refuse_pumping
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
-from ballbot.control.torque_balance import TorqueBalance
 from ballbot.robot.file import write_robot
 from ballbot.robot.scaled import scaled_friction
 
@@ -50,10 +53,10 @@ def test_what_is_refused_drives_a_turning_robot_on_and_what_is_not_lets_it_come_
     if pumps:
         assert later > 1.2
         with pytest.raises(InputError, match=r"injects energy and can destabilise"):
-            refuse_pumping(controller, FRICTION)
+            refuse_overcompensation(controller, FRICTION)
     else:
         assert later < 1.0 + 1e-9  # the whole of it: the robot coasts
-        refuse_pumping(controller, FRICTION)
+        refuse_overcompensation(controller, FRICTION)
 
 
 def test_an_excess_of_the_rolling_friction_alone_and_of_one_wheel_is_found():
@@ -134,12 +137,14 @@ def test_design_refuses_what_pumps_without_a_flag_and_says_how_near_it_is(tmp_pa
 def test_a_controllers_file_is_held_against_the_robot_it_is_read_with(tmp_path):
     path = tmp_path / "controller.toml"
     write_controller(nominal_controller(ROBOT, compensation="full"), path)
-    assert pumping_warning(read_controller(path, ROBOT), ROBOT) is None
-    assert pumping_warning(read_controller(path, alten()), alten()) is None  # of which no friction is known
+    assert overcompensation_warning(read_controller(path, ROBOT), ROBOT) is None
+    assert (
+        overcompensation_warning(read_controller(path, alten()), alten()) is None
+    )  # of which no friction is known
     smooth = alten(scaled_friction(FRICTION, 0.5))
-    assert "200 % of" in (pumping_warning(read_controller(path, smooth), smooth) or "")
+    assert "200 % of" in (overcompensation_warning(read_controller(path, smooth), smooth) or "")
     unsure = ROBOT.replace(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
-    assert "certain" in (pumping_warning(read_controller(path, unsure), unsure) or "")
+    assert "certain" in (overcompensation_warning(read_controller(path, unsure), unsure) or "")
 
 
 def test_a_run_with_a_controllers_file_says_where_it_may_feed_the_motion(tmp_path, capsys):

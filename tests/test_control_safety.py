@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.control.interface import LARGEST_STATE
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.control.safety import SafeController, Safety, SafetyLimits, StopReason
 from ballbot.errors import InputError

@@ -10,7 +10,7 @@ from control_examples import FRICTION, alten, four_wheeled
 
 from ballbot import InputError, Model, Robot, simulate
 from ballbot.control.references import hold
-from ballbot.control.self_test import DURATION, SelfTest, judge_self_test
+from ballbot.control.safety import SELF_TEST_DURATION, SelfTest, evaluate_self_test
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 
@@ -32,8 +32,8 @@ class Miswired:
 
 def findings_of(plant) -> list[str]:
     robot = plant.robot
-    log = simulate(plant, SelfTest(robot), hold(), duration=DURATION)
-    return list(judge_self_test(robot, log).findings)
+    log = simulate(plant, SelfTest(robot), hold(), duration=SELF_TEST_DURATION)
+    return list(evaluate_self_test(robot, log).findings)
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
@@ -47,8 +47,8 @@ def test_the_nominal_twin_passes_and_stays_upright():
     from ballbot.twin import Twin
 
     robot = alten()
-    log = simulate(Twin(robot), SelfTest(robot), hold(), duration=DURATION, seed=3)
-    result = judge_self_test(robot, log)
+    log = simulate(Twin(robot), SelfTest(robot), hold(), duration=SELF_TEST_DURATION, seed=3)
+    result = evaluate_self_test(robot, log)
     assert result.passed
     assert log.ended is None
     # one degree of play is 0.017 rad: motors move through it, the robot does not
@@ -95,4 +95,4 @@ def test_wrong_input_is_told():
     robot = alten(FRICTION)
     short = simulate(Model(robot), SelfTest(robot), hold(), duration=0.2)
     with pytest.raises(InputError, match=r"lasts 0\.2 s; it must last 0\.5 s"):
-        judge_self_test(robot, short)
+        evaluate_self_test(robot, short)

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.experiments.controller_choice import ABLATIONS, Trial, equal_best, without_part

@@ -15,8 +15,7 @@ from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.controller_causes import POSSIBLE, SYMPTOMS, ranked_causes

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.kalman import KalmanFilter

@@ -12,9 +12,8 @@ from identification_examples import NOISE, Dying, balancing_log, noisy
 from ballbot import Controller, Log, Model, identify, simulate
 from ballbot.cli.excite_tables import gain_words
 from ballbot.cli.main import main
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_file import sampled
-from ballbot.control.references import square
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import sampled_reference, square
 from ballbot.errors import InputError
 from ballbot.experiments.excite import Effort, Limits, design, deviations_found, task
 from ballbot.experiments.excite.design import criterion
@@ -111,7 +110,7 @@ def test_a_sine_alone_brings_a_frictionless_robot_near_a_limit(axis, place):
     t = choice.times
     poses = np.zeros((len(t), 3))
     poses[:, axis] = half * np.sin(2.0 * np.pi * frequency * t) * np.clip(t / 8.0, 0.0, 1.0)
-    log = simulate(Model(robot), controller, sampled(t, poses), duration=20.0).between(12.0, 20.0)
+    log = simulate(Model(robot), controller, sampled_reference(t, poses), duration=20.0).between(12.0, 20.0)
     # of either lean and of either coordinate by itself, as the linear answers are
     used = (
         np.abs(log.states[:, 2:4]).max() / LIMITS.lean,

@@ -19,7 +19,7 @@ from pyarrow import parquet
 from ballbot import InputError, inputs
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.experiments.excite.deviations import deviations_found
 from ballbot.experiments.league.course_file import read_courses
 from ballbot.identification.axis import mat_file

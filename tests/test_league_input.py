@@ -13,7 +13,7 @@ from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.interface import estimator_of
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import precise_controller
 from ballbot.experiments.league.course import Unlike
 from ballbot.experiments.league.course_file import choose_courses
 from ballbot.experiments.league.entrants import entrants_of

@@ -11,8 +11,7 @@ from control_examples import FRICTION, alten, leaning
 from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
 from ballbot.cli.limits import origins
 from ballbot.cli.main import main
-from ballbot.control.nominal import design_gain, nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.limits import starts

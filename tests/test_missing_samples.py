@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballbot.control.adaptive import adaptive
 from ballbot.control.controller import Controller
 from ballbot.control.interface import LARGEST_STATE
-from ballbot.control.load_scaling import LoadScaling
-from ballbot.control.notch import Notch
 from ballbot.control.parts import Parts
-from ballbot.control.precise import precise_controller
-from ballbot.control.prediction import DelayPrediction
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.presets import adaptive, precise_controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Estimator, Fix, Reading

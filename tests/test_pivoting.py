@@ -18,7 +18,7 @@ from symbolic_oracle import random_robot, random_state
 from test_engines import ENGINES, TOLERANCE, each_engine, each_kind, relative_difference
 
 from ballbot import InputError, Model, Robot, simulate
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import change_pose, hold
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.simulation.batch import simulate_batch

@@ -5,8 +5,7 @@ import pytest
 
 from ballbot import Log
 from ballbot.cli.main import main
-from ballbot.control.reference_file import read_reference, reference_of, reference_text, write_reference
-from ballbot.control.references import square
+from ballbot.control.references import read_reference, reference_from, reference_text, square, write_reference
 from ballbot.errors import InputError
 
 
@@ -36,12 +35,12 @@ def test_a_text_reads_back_to_the_same_bits(tmp_path):
 
 def test_names_and_files_are_told_apart(tmp_path):
     written(tmp_path / "square.csv")
-    assert (reference_of("square")(9.0) == square()(9.0)).all()
-    assert reference_of(str(tmp_path / "square.csv"))(0.0)[0] != 0.0
+    assert (reference_from("square")(9.0) == square()(9.0)).all()
+    assert reference_from(str(tmp_path / "square.csv"))(0.0)[0] != 0.0
     with pytest.raises(InputError, match="There is no reference 'sqare'"):
-        reference_of("sqare")
+        reference_from("sqare")
     with pytest.raises(InputError, match="cannot be read"):
-        reference_of(str(tmp_path / "none.csv"))
+        reference_from(str(tmp_path / "none.csv"))
 
 
 def test_a_file_without_a_column_or_value_is_refused(tmp_path):

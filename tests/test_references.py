@@ -9,7 +9,7 @@ from ballbot.control import references
 from ballbot.errors import InputError
 from ballbot.log import Log
 
-EVERY = {name: references.named(name) for name in references.REFERENCES}
+EVERY = {name: references.named_reference(name) for name in references.REFERENCES}
 REST = [2, 3, 5, 6, 7, 8, 9]  # lean and all rates
 
 
@@ -82,9 +82,9 @@ def test_the_eight_crosses_itself_in_the_origin_and_fills_its_box():
 
 def test_bad_references_end_in_a_sentence():
     with pytest.raises(InputError, match="the names are hold, square, change_pose, circle, figure_eight"):
-        references.named("spiral")
+        references.named_reference("spiral")
     with pytest.raises(InputError, match="period is 0; it must be positive"):
         references.square(period=0.0)
     with pytest.raises(InputError, match="ramp is -1 s"):
         references.change_pose(ramp=-1.0)
-    assert references.named("change-pose")(100.0)[4] == np.pi
+    assert references.named_reference("change-pose")(100.0)[4] == np.pi

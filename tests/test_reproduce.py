@@ -21,7 +21,7 @@ from symbolic_oracle import random_state
 
 from ballbot.cli.main import main
 from ballbot.control.controller import Compensation
-from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.log import Log
 from ballbot.mechanics.model import Model

@@ -11,7 +11,7 @@ import ballbot.cli.robust_design
 from ballbot import InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
-from ballbot.control.nominal import STATE_WEIGHTS, design_gain, nominal_controller
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, design_gain, nominal_controller
 from ballbot.experiments.robust_design.cost import (
     Marks,
     Units,
@@ -172,7 +172,7 @@ def test_noise_through_the_gain_is_as_drawn():
 
 
 def test_the_middle_of_the_search_is_the_nominal_gain():
-    np.testing.assert_allclose(weights_of(np.full(6, 0.5)), STATE_WEIGHTS)
+    np.testing.assert_allclose(weights_of(np.full(6, 0.5)), NOMINAL_STATE_WEIGHTS)
     lowest, highest = weights_of(np.zeros(6)), weights_of(np.ones(6))
     np.testing.assert_allclose(np.divide(highest, lowest), 1e4)
 

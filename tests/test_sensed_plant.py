@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from ballbot import InputError, Log, Model, Robot, simulate
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller, write_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.experiments.metrics import rms_torque_change
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit

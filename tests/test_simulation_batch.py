@@ -7,7 +7,7 @@ import pytest
 from control_examples import FRICTION, alten, four_wheeled, leaning
 
 from ballbot import Controller, InputError, Model, simulate, simulate_batch
-from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold, square
 
 

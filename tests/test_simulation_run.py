@@ -8,7 +8,7 @@ import pytest
 from control_examples import FRICTION, alten, four_wheeled, leaning
 
 from ballbot import InputError, Log, Model, simulate
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold, square
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.simulation.floor import lift_off, sinking_of

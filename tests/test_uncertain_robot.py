@@ -13,7 +13,7 @@ from identification_examples import balancing_log
 
 from ballbot import InputError, Model, Robot
 from ballbot.cli.main import main
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.experiments.pole_spread import pole_spread
 from ballbot.experiments.prediction_band import prediction_band
 from ballbot.log import STATE_NAMES

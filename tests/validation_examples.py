@@ -8,7 +8,7 @@ import numpy as np
 from control_examples import FRICTION
 
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model

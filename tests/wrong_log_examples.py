@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import circle, square
 from ballbot.log import Log
 from ballbot.log.columns import POSITION_NAMES

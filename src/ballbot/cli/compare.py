@@ -14,7 +14,7 @@ from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.interface import Feedback
-from ballbot.control.reference_file import is_file
+from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.experiments.league.course import Course
 from ballbot.experiments.league.course_file import PlantName, choose_courses
@@ -134,7 +134,7 @@ def _files(
     paths = [] if robot in Robot.presets() else [Path(robot)]
     paths += [one.file for one in entrants if one.file]
     paths += [Path(word.strip()) for word in scenarios.split(",") if word.strip().endswith(".toml")]
-    paths += [Path(course.asked.name) for course in courses if is_file(course.asked.name)]
+    paths += [Path(course.asked.name) for course in courses if is_reference_file(course.asked.name)]
     return list(dict.fromkeys(paths))
 
 
@@ -143,7 +143,7 @@ def _identity(
 ) -> dict[str, str]:
     """Return what the games' scores depend on, each by a plain name."""
     files = [one.file.read_bytes() for one in entrants if one.file]
-    references = [Path(one.asked.name).read_bytes() for one in courses if is_file(one.asked.name)]
+    references = [Path(one.asked.name).read_bytes() for one in courses if is_reference_file(one.asked.name)]
     inputs = {
         "robot": [robot],
         "controllers": [entrants, *files],

@@ -16,16 +16,27 @@ from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import matrix_text, standard_output, table
 from ballbot.cli.pumping_words import warn_of_idle_compensation
 from ballbot.cli.robust_design import DESIGN_FILES, RobustOptions, design_robustly
-from ballbot.control.adaptive import adaptive as with_adaptations
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import write_controller
 from ballbot.control.lqr import LqrDesign
-from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
-from ballbot.control.notch import Notch
-from ballbot.control.precise import STATE_WEIGHTS as PRECISE_WEIGHTS
-from ballbot.control.precise import IntegralDesign, design_integral_gain, precise_controller
-from ballbot.control.prediction import DelayPrediction
-from ballbot.control.pumping import Margin, certain_friction, compensation_margin, refuse_pumping
+from ballbot.control.overcompensation import (
+    CompensationMargin,
+    certain_friction,
+    compensation_margin,
+    refuse_overcompensation,
+)
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.presets import (
+    NOMINAL_STATE_WEIGHTS,
+    NOMINAL_TORQUE_WEIGHT,
+    PRECISE_STATE_WEIGHTS,
+    IntegralDesign,
+    design_gain,
+    design_integral_gain,
+    precise_controller,
+)
+from ballbot.control.presets import adaptive as with_adaptations
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.mechanics.model import Model
@@ -47,7 +58,7 @@ def design(
     *,
     kind: Kind = "nominal",
     q: str | None = None,
-    r: float = TORQUE_WEIGHT,
+    r: float = NOMINAL_TORQUE_WEIGHT,
     sample_time: float | None = None,
     compensation: Compensation | None = None,
     compensation_gain: float = 1.0,
@@ -117,7 +128,7 @@ def design(
     check_robot(described, robot, accept=accept)
     if robust:
         given = (kind, q, r, compensation_gain, notch, delay, adaptive)
-        if given != ("nominal", None, TORQUE_WEIGHT, 1.0, None, None, False):
+        if given != ("nominal", None, NOMINAL_TORQUE_WEIGHT, 1.0, None, None, False):
             raise InputError(
                 "--robust searches for the weights of the nominal kind; remove --kind, "
                 "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
@@ -136,7 +147,7 @@ def design(
         compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
         controller = _with_parts(_controller(compensated, found, compensation), notch, delay, adapts=adaptive)
         if not allow_pumping:
-            refuse_pumping(controller, certain)
+            refuse_overcompensation(controller, certain)
         margin = compensation_margin(controller, certain)
         results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
         with folder.replaced() as new:
@@ -159,12 +170,12 @@ def _designer(
     if kind == "precise":
         return partial(
             design_integral_gain,
-            state_weights=weights or PRECISE_WEIGHTS,
+            state_weights=weights or PRECISE_STATE_WEIGHTS,
             torque_weight=r,
             sample_time=sample_time,
         )
     return partial(
-        design_gain, state_weights=weights or STATE_WEIGHTS, torque_weight=r, sample_time=sample_time
+        design_gain, state_weights=weights or NOMINAL_STATE_WEIGHTS, torque_weight=r, sample_time=sample_time
     )
 
 
@@ -229,7 +240,7 @@ def _designed_on(robot: Robot) -> Model:
     return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
 
 
-def _margin(margin: Margin) -> str:
+def _margin(margin: CompensationMargin) -> str:
     """Return how near the compensation comes to the friction that is certain, and whether it exceeds it."""
     shares = ", ".join(f"{100.0 * share:.0f} %" for share in (*margin.shares, margin.rolling))
     amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)

@@ -17,8 +17,8 @@ from ballbot.cli.long_run import LongRun, long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_file import write_reference
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import write_reference
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
 from ballbot.files import write_text

@@ -13,8 +13,8 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_file import reference_of
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import reference_from
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs, recorded
 from ballbot.files import check_folder
@@ -86,7 +86,7 @@ def record(
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     # refused before anything is run or made
-    reference_of(reference)
+    reference_from(reference)
     check_seed(seed)
     all_seeds = None if seeds is None else parse_seeds(seeds)
     chosen = (

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from ballbot.cli.output import table
 from ballbot.control.file import read_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_file import is_file, reference_of
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import is_reference_file, reference_from
 from ballbot.experiments.limits.reference_margins import ReferenceMargins, check_reference
 from ballbot.experiments.limits.reference_words import HEADINGS, margin_results, rows, verdict
 from ballbot.log import Log
@@ -43,7 +43,7 @@ class CheckedReference:
 
 def checked_reference(robot: Robot, source: str, controller: Path | None) -> CheckedReference:
     """Return what following the reference of that name or file takes, by a controller file or the nominal one."""
-    reference = reference_of(source)
-    duration = float(Log.read(source).t[-1]) + _BEYOND if is_file(source) else _DURATION
+    reference = reference_from(source)
+    duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
     chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
     return CheckedReference(name=source, margins=check_reference(robot, chosen, reference, duration=duration))

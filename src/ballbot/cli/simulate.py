@@ -11,8 +11,8 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.reference_file import reference_of
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import reference_from
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.metrics import SETTLE, settled
 from ballbot.experiments.score import score
@@ -85,7 +85,7 @@ def simulate(
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     check_seed(seed)
-    path = reference_of(reference)
+    path = reference_from(reference)
     chosen = (
         read_controller(controller, described)
         if controller

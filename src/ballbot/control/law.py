@@ -2,8 +2,8 @@
 
     u = K S(psi) (r_s - x) + feed-forward + integral action + compensation + what was lost,     clipped to its limit
 
-r_s is the reference, or what `ballbot.control.reference_shaping` and `.feed_forward` make of it; x is the state, or by
-`.prediction` the one in which u will act; `.lean_bound` may bound r_s - x. The other parts are those of `.integral`
+r_s is the reference, or what `ballbot.control.parts.reference_shaping` and `.feed_forward` make of it; x is the state,
+or by `.prediction` the one in which u will act; `.lean_limit` may bound r_s - x. The others are those of `.integral`
 with `.floor_adaptation`, `.compensation` with `.driveline_adaptation` and `.load_scaling`, and
 `.disturbance_observer`; all of it may pass a `.notch`. S(psi) turns the pairs (x y), (theta phi) of the error and their
 rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn with the body (design section 8). A
@@ -13,22 +13,22 @@ law is one row of numbers, so that every robot in a batch can have one of its ow
 from __future__ import annotations
 
 from ballbot.control import law_row as at
-from ballbot.control.compensation import (
+from ballbot.control.interface import LARGEST_STATE
+from ballbot.control.parts.compensation import (
     load_friction,
     relative_rate,
     rolling_force,
     rolling_torque,
     wheel_friction,
 )
-from ballbot.control.driveline_adaptation import ROLLING, judge, tells, widen
-from ballbot.control.feed_forward import load_flat, motion_torque, times
-from ballbot.control.floor_adaptation import direction, tell_apart
-from ballbot.control.integral import integrate
-from ballbot.control.interface import LARGEST_STATE
-from ballbot.control.lean_bound import asks_much, bounded
-from ballbot.control.load_scaling import dry_share, specific_force
-from ballbot.control.notch import NOTCH_MEMORY, notched
-from ballbot.control.past import (
+from ballbot.control.parts.driveline_adaptation import ROLLING, judge, tells, widen
+from ballbot.control.parts.feed_forward import load_flat, motion_torque, times
+from ballbot.control.parts.floor_adaptation import direction, tell_apart
+from ballbot.control.parts.integral import integrate
+from ballbot.control.parts.lean_limit import asks_much, bounded
+from ballbot.control.parts.load_scaling import dry_share, specific_force
+from ballbot.control.parts.notch import NOTCH_MEMORY, notched
+from ballbot.control.parts.past import (
     BEYOND,
     COMPENSATED,
     EFFECTIVE,
@@ -38,9 +38,9 @@ from ballbot.control.past import (
     grow_older,
     past,
 )
-from ballbot.control.prediction import as_it_acted, predict, remembered
-from ballbot.control.reference_shaping import Smooth, load_shaping, shaped
-from ballbot.control.torque_balance import accelerations, lost_to_force, remember_rates, torque_needed
+from ballbot.control.parts.prediction import as_it_acted, predict, remembered
+from ballbot.control.parts.reference_shaping import Smooth, load_shaping, shaped
+from ballbot.control.parts.torque_balance import accelerations, lost_to_force, remember_rates, torque_needed
 from ballbot.mechanics.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
 

@@ -12,24 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
-from ballbot.control.compensation import FRICTION_PER_WHEEL, FRICTION_SIZE, pack_friction
-from ballbot.control.disturbance_observer import pack_observer
-from ballbot.control.driveline_adaptation import ADAPTATION_MEMORY, ADAPTATION_SIZE, ROLLING, pack_adaptation
-from ballbot.control.feed_forward import FLAT_PER_WHEEL, FLAT_SIZE, pack_feed_forward
-from ballbot.control.floor_adaptation import FLOOR_MEMORY, FLOOR_SIZE, pack_floor
-from ballbot.control.integral import INTEGRAL_MEMORY, INTEGRAL_PER_WHEEL, INTEGRAL_SIZE, pack_integral
-from ballbot.control.lean_bound import BOUND_SIZE, pack_bound
-from ballbot.control.load_scaling import LOAD_PER_WHEEL, LOAD_SIZE, pack_load
-from ballbot.control.notch import NOTCH_MEMORY, NOTCH_SIZE, pack_notch
-from ballbot.control.past import PAST_MEMORY
-from ballbot.control.prediction import (
+from ballbot.control.parts.compensation import FRICTION_PER_WHEEL, FRICTION_SIZE, pack_friction
+from ballbot.control.parts.disturbance_observer import pack_observer
+from ballbot.control.parts.driveline_adaptation import (
+    ADAPTATION_MEMORY,
+    ADAPTATION_SIZE,
+    ROLLING,
+    pack_adaptation,
+)
+from ballbot.control.parts.feed_forward import FLAT_PER_WHEEL, FLAT_SIZE, pack_feed_forward
+from ballbot.control.parts.floor_adaptation import FLOOR_MEMORY, FLOOR_SIZE, pack_floor
+from ballbot.control.parts.integral import INTEGRAL_MEMORY, INTEGRAL_PER_WHEEL, INTEGRAL_SIZE, pack_integral
+from ballbot.control.parts.lean_limit import BOUND_SIZE, pack_bound
+from ballbot.control.parts.load_scaling import LOAD_PER_WHEEL, LOAD_SIZE, pack_load
+from ballbot.control.parts.notch import NOTCH_MEMORY, NOTCH_SIZE, pack_notch
+from ballbot.control.parts.past import PAST_MEMORY
+from ballbot.control.parts.prediction import (
     PREDICTION_MEMORY,
     PREDICTION_PER_WHEEL,
     PREDICTION_SIZE,
     pack_prediction,
 )
-from ballbot.control.reference_shaping import SHAPING_MEMORY, SHAPING_SIZE, pack_shaping
-from ballbot.control.torque_balance import BALANCE_MEMORY, BALANCE_PER_WHEEL, MOST_WHEELS, pack_balance
+from ballbot.control.parts.reference_shaping import SHAPING_MEMORY, SHAPING_SIZE, pack_shaping
+from ballbot.control.parts.torque_balance import BALANCE_MEMORY, BALANCE_PER_WHEEL, MAX_WHEELS, pack_balance
 
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller
@@ -62,9 +67,9 @@ SUMS = SHAPING_MEMORY
 DRAG = SUMS + INTEGRAL_MEMORY
 BALANCE = DRAG + FLOOR_MEMORY
 BACK = BALANCE + BALANCE_MEMORY
-SCALES = BACK + MOST_WHEELS
+SCALES = BACK + MAX_WHEELS
 NOTCHES = SCALES + ADAPTATION_MEMORY
-PAST = NOTCHES + NOTCH_MEMORY * MOST_WHEELS
+PAST = NOTCHES + NOTCH_MEMORY * MAX_WHEELS
 AHEAD = PAST + PAST_MEMORY
 
 #: how many numbers a law remembers from update to update; all zero at the start of a run

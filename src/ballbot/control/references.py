@@ -1,20 +1,29 @@
-"""References: where the robot is asked to be.
+"""References: where the robot is asked to be, as functions of time and as files.
 
 A reference is a function f(t) -> (10,) in the order of `ballbot.log.columns.STATE_NAMES`. Only x, y and psi
-are ever other than zero: with the rest zero, A r = 0 holds for the linearised robot, and the controller u =
-K S(psi) (r - x) may rest there (design.md section 8). A reference that moves therefore asks for a place and
-never for a speed.
+are ever other than zero: with the rest zero, A r = 0 holds for the linearised robot, and the controller
+u = K S(psi) (r - x) may rest there. A reference that moves therefore asks for a position and never for a speed.
+
+A file is a table of poses, for any run that takes a reference by name:
+
+    t,ref_x,ref_y,ref_psi        [s, m, m, rad]
+
+A log has the same columns, so that its reference can be followed again. A row holds until the next one; the last one
+holds from there on.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log import Log
 
 #: where the robot is asked to be (10,) at a time [s]; its arrays are to be read only
 Reference = Callable[[float], NDArray[np.float64]]
@@ -148,7 +157,7 @@ REFERENCES = MappingProxyType(
 )
 
 
-def named(name: str) -> Reference:
+def named_reference(name: str) -> Reference:
     """Return the reference of that name with its defaults; dashes count as underscores.
 
     Raises
@@ -171,3 +180,99 @@ def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:
 def _check_positive(what: str, value: float) -> None:
     if not value > 0.0:
         raise InputError(f"The reference's {what} is {value:g}; it must be positive.")
+
+
+#: the columns, and the states that they ask for
+_FILE_COLUMNS, _POSE_PLACES = ("ref_x", "ref_y", "ref_psi"), [0, 1, 4]
+#: what rounding may put a time before the row that it means, in shares of the first interval
+_FILE_ROUNDING = 1e-6
+
+
+def sampled_reference(times: NDArray[np.float64], poses: NDArray[np.float64]) -> Reference:
+    """Return the reference that holds each pose until the next.
+
+    Parameters
+    ----------
+    times : ndarray (N,)
+        Rising [s].
+    poses : ndarray (N, 3)
+        x, y [m] and psi [rad].
+    """
+    rounding = _FILE_ROUNDING * float(times[1] - times[0]) if len(times) > 1 else 0.0
+    wanted = np.zeros((len(times), 10))
+    wanted[:, _POSE_PLACES] = poses
+    wanted.setflags(write=False)
+    begins = times.tolist()
+
+    def reference(t: float) -> NDArray[np.float64]:
+        return wanted[max(bisect_right(begins, t + rounding) - 1, 0)]
+
+    return reference
+
+
+def write_reference(times: NDArray[np.float64], poses: NDArray[np.float64], path: str | Path) -> None:
+    """Write a reference, times (N,) and poses (N, 3), as a CSV or Parquet file.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be written.
+    """
+    Log({"t": times} | dict(zip(_FILE_COLUMNS, poses.T, strict=True))).write(path)
+
+
+def read_reference(path: str | Path) -> Reference:
+    """Return the reference of a file that has t, ref_x, ref_y and ref_psi; a log is one.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, lacks a column or misses a value.
+    """
+    return sampled_reference(*_read_poses(path))
+
+
+def reference_text(path: str | Path) -> str:
+    """Return a reference file's times and poses as the text of a CSV file, every value to the bit.
+
+    Raises
+    ------
+    InputError
+        As `read_reference`.
+    """
+    times, poses = _read_poses(path)
+    rows = np.column_stack([times, poses]).tolist()
+    return "\n".join(["t," + ",".join(_FILE_COLUMNS), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+
+
+def reference_from(source: str) -> Reference:
+    """Return the reference of that name, or the one in that file.
+
+    Raises
+    ------
+    InputError
+        Where there is neither.
+    """
+    return read_reference(source) if is_reference_file(source) else named_reference(source)
+
+
+def is_reference_file(source: str) -> bool:
+    """Return whether a reference is meant to be in a file: its text ends as a table's name does."""
+    return Path(source).suffix in (".csv", ".parquet")
+
+
+def _read_poses(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times (N,) and poses (N, 3)."""
+    log = Log.read(path)
+    missing = [name for name in _FILE_COLUMNS if name not in log]
+    if missing:
+        raise InputError(
+            f"{path} has no column {missing[0]}; a reference file has t, {', '.join(_FILE_COLUMNS)}."
+        )
+    poses = np.column_stack([log[name] for name in _FILE_COLUMNS])
+    if not np.isfinite(poses).all():
+        row = int(np.flatnonzero(~np.isfinite(poses).all(axis=1))[0])
+        raise InputError(
+            f"{path} has no value at t = {log.t[row]:g} s; a reference needs a value in every cell."
+        )
+    return log.t, poses

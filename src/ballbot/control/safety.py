@@ -1,13 +1,20 @@
-"""The safety layer between a controller and the motors: it bridges a short gap and stops on everything worse.
+"""Safety: the layer between a controller and the motors, and a self-test before the first balance.
+
+The layer bridges a short gap in the measurements and stops on everything worse:
 
     sample without a valid measurement    up to `max_missing` in a row are bridged; one more stops
     lean beyond the limit                 stops at once
     torque that is not a finite number    stops at once
 
-A gap is bridged by the estimator, which predicts the state; if no state comes at all, the torques are zero for so long
-and the controller is not asked. A stop is latched: every torque is zero until `reset`, and `stop` says why. `Safety` is
-plain logic on scalars, so that firmware has the same; `SafeController` puts it around a controller, and `simulate`
-does so with every controller that it runs.
+A gap is bridged by the estimator, which predicts the state. If there is no state at all, the torques are zero for as
+long and the controller is not called. A stop is latched: every torque is zero until `reset`, and `stop` says why.
+`Safety` is plain logic on scalars, so that firmware can have the same. `SafeController` puts it around a controller,
+and `simulate` does so with every controller that it runs.
+
+The self-test (`SelfTest`, half a second) checks that each encoder turns as its motor is pushed. It pushes one wheel
+after the other forward and back and gives the others no torque. A motor or an encoder with the wrong sign, or cables
+in the wrong order, would turn the balance's feedback into a push away from upright; here they move a wheel by a
+degree or two. Hold the robot meanwhile, or let it stand upright by itself.
 """
 
 from __future__ import annotations
@@ -23,10 +30,13 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.control.interface import LARGEST_STATE, Feedback, estimator_of
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName
+from ballbot.log import Log
+from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 
 #: lean [rad] past which no wheel holds the ball any more, the model's own end
-_LARGEST_LEAN = 1.2
+_MAX_LEAN = 1.2
 
 
 class StopReason(StrEnum):
@@ -58,7 +68,7 @@ class SafetyLimits:
 
     max_missing: int = 2  #: samples in a row without a valid measurement that are bridged
     lean: float = (
-        _LARGEST_LEAN  #: largest |theta| and |phi| [rad]; on a robot choose the lean it can recover from
+        _MAX_LEAN  #: largest |theta| and |phi| [rad]; on a robot choose the lean it can recover from
     )
 
     def __post_init__(self) -> None:
@@ -210,3 +220,126 @@ class SafeController:
         released = [self.safety.release(t, wheel + 1, float(u)) for wheel, u in enumerate(torques)]
         # a torque that is no number stops the wheels before it as well
         return np.zeros(n) if self.safety.stop is not None else np.array(released)
+
+
+#: of the whole test [s]
+SELF_TEST_DURATION = 0.5
+#: share of a wheel's turn at the test in which it is pushed forward, and then back
+_PUSH_FRACTION = 0.2
+#: a wheel that turns by fewer encoder counts than this has not moved
+_MIN_COUNTS = 20
+
+
+class SelfTest:
+    """A controller that pushes one wheel after the other, for `ballbot.simulate` and robots alike; run for `DURATION`.
+
+    Parameters
+    ----------
+    robot : Robot
+    torque : float
+        Of each push [N m]: it must move its wheel, and with it the ball and the other wheels.
+
+    Raises
+    ------
+    InputError
+        Where the torque is not within the drive's limit, or not above the break-away torque that the robot's file has.
+    """
+
+    sample_time: float
+
+    def __init__(self, robot: Robot, *, torque: float = 1.0) -> None:
+        stuck = float(np.add(robot.friction.coulomb, robot.friction.stribeck).max())
+        if not stuck < torque <= robot.drive.torque_limit:
+            raise InputError(
+                f"The self-test's torque is {torque:g} N m; it must be above the largest break-away torque, "
+                f"{stuck:g} N m, and at most the torque limit of the drive, {robot.drive.torque_limit:g} N m."
+            )
+        self.robot = robot
+        self.torque = torque
+        self.sample_time = robot.sensors.sample_time
+
+    def reset(self) -> None:
+        """Forget the past; there is none."""
+
+    def update(
+        self,
+        t: float,
+        state: NDArray[np.float64],  # noqa: ARG002
+        reference: NDArray[np.float64],  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Return the torques (n,) at time t [s] since the test's start [N m]."""
+        n = self.robot.wheel_count
+        torques = np.zeros(n)
+        turn, within = divmod(t * n / SELF_TEST_DURATION + 1e-9, 1.0)
+        if turn < n and within < 2.0 * _PUSH_FRACTION:
+            torques[int(turn)] = self.torque if within < _PUSH_FRACTION else -self.torque
+        return torques
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfTestResult:
+    """What a self-test found."""
+
+    turned: tuple[tuple[float, ...], ...]  #: by the wheel pushed, by how much each encoder turned [rad]
+    findings: tuple[str, ...]  #: a sentence for each wheel that is wrong
+
+    @property
+    def passed(self) -> bool:
+        """Whether the robot may balance."""
+        return not self.findings
+
+
+def evaluate_self_test(robot: Robot, log: Log) -> SelfTestResult:
+    """Return what a log of `SelfTest` tells, from the encoders alone.
+
+    Parameters
+    ----------
+    robot : Robot
+    log : Log
+        Of at least `DURATION`, from the test's start on.
+
+    Raises
+    ------
+    InputError
+        Where the log is shorter.
+    """
+    n = robot.wheel_count
+    if len(log) * log.sample_time < SELF_TEST_DURATION - 0.5 * log.sample_time:
+        raise InputError(
+            f"The self-test's log lasts {len(log) * log.sample_time:g} s; it must last {SELF_TEST_DURATION:g} s."
+        )
+    angles = np.column_stack([log[name] for name in wheel_angle_names(n)])
+    least = _MIN_COUNTS * encoder_step(
+        encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio
+    )
+    turned, findings = [], []
+    for wheel in range(n):
+        first, last = (
+            round((wheel + share) * SELF_TEST_DURATION / n / log.sample_time)
+            for share in (0.0, _PUSH_FRACTION)
+        )
+        turns = angles[last] - angles[first]
+        turned.append(tuple(turns.tolist()))
+        if sentence := _wheel_finding(wheel, turns, least):
+            findings.append(sentence)
+    return SelfTestResult(turned=tuple(turned), findings=tuple(findings))
+
+
+def _wheel_finding(wheel: int, turns: NDArray[np.float64], least: float) -> str | None:
+    most = int(np.argmax(np.abs(turns)))
+    if abs(turns[most]) < least:
+        return (
+            f"Motor {wheel + 1} was driven and no encoder turned: the motor has no power, or its wheel is "
+            "stuck."
+        )
+    if most != wheel:
+        return (
+            f"Motor {wheel + 1} was driven and encoder {most + 1} turned the most: cables are in the wrong "
+            "order."
+        )
+    if turns[wheel] < 0.0:
+        return (
+            f"Motor {wheel + 1} was driven forward and its encoder turned backward: one of the two has the "
+            "wrong sign."
+        )
+    return None

@@ -19,10 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.cautious_friction import cautious_friction
 from ballbot.control.controller import Controller
-from ballbot.control.nominal import design_gain
-from ballbot.control.precise import design_integral_gain, precise_controller
+from ballbot.control.overcompensation import cautious_friction
+from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
 from ballbot.experiments.league.course import Asked
 from ballbot.experiments.league.statistics import MedianEstimate, median_with_interval
@@ -140,7 +139,7 @@ class ControllerChoice:
 def candidates(found: Identification, *, sample_time: float) -> dict[str, Controller]:
     """Return the candidates by name, each with the on-board state that it is made for.
 
-    All compensate the friction that is present with 95 % confidence (`ballbot.control.cautious_friction`): more would
+    All compensate the friction that is present with 95 % confidence (`ballbot.control.overcompensation`): more would
     inject energy where the robot has less friction than was identified.
 
     Parameters

@@ -24,8 +24,7 @@ from pydantic import Field, FiniteFloat, NonNegativeInt, PositiveFloat
 from scipy import stats
 
 from ballbot.control.controller import Controller
-from ballbot.control.file import controller_text
-from ballbot.control.parts_file import Table
+from ballbot.control.file import Table, controller_text
 from ballbot.control.references import REFERENCES
 from ballbot.errors import InputError
 from ballbot.experiments.controller_choice import ControllerChoice, NamedCourse

@@ -24,7 +24,7 @@ import tomli_w
 
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
-from ballbot.control.reference_file import is_file, reference_of, reference_text
+from ballbot.control.references import is_reference_file, reference_from, reference_text
 from ballbot.errors import InputError
 from ballbot.estimation.named import named_estimator
 from ballbot.files import write_text
@@ -216,7 +216,7 @@ def settings(job: Job, seed: int) -> dict[str, str]:
     if job.experiment == "balance":
         texts["controller.toml"] = controller_text(job.controller)
         reference = job.reference
-        if is_file(reference):  # its text goes along, so that the folder has all that made the run
+        if is_reference_file(reference):  # its text goes along, so that the folder has all that made the run
             reference = "reference.csv"
             texts[reference] = reference_text(job.reference)
         run |= {"reference": reference, "compensation": job.controller.compensation}
@@ -237,7 +237,7 @@ def _record(job: Job, seed: int, progress: Callable[[float], None] | None) -> Re
     sample_time = job.scenario.sensors.sample_time
     estimator = named_estimator(job.controller.estimator, job.robot, sample_time=sample_time)
     twin = Twin(job.robot, job.scenario, estimator=estimator)
-    reference = reference_of(job.reference)
+    reference = reference_from(job.reference)
     return record_balance(
         twin, job.controller, reference, duration=job.duration, seed=seed, progress=progress
     )
@@ -277,4 +277,4 @@ def _check_settings(job: Job, seed: int, folder: Path) -> None:
 
 
 def _inputs(job: Job) -> list[Path]:
-    return [Path(job.reference)] if is_file(job.reference) else []
+    return [Path(job.reference)] if is_reference_file(job.reference) else []

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import LqrDesign
-from ballbot.control.nominal import design_gain
+from ballbot.control.presets import design_gain
 from ballbot.errors import InputError
 from ballbot.experiments.controller_choice import (
     SQUARE,

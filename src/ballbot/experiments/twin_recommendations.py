@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ballbot.control.controller import Compensation
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import Comparison, compare

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.precise import design_integral_gain
+from ballbot.control.presets import design_integral_gain
 from ballbot.experiments.metrics import SETTLE
 from ballbot.experiments.study import Study
 from ballbot.log import STATE_NAMES

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.reference_file import sampled
-from ballbot.control.references import Reference
+from ballbot.control.references import Reference, sampled_reference
 from ballbot.errors import InputError
 from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import UNITS, Peaks
@@ -75,7 +74,7 @@ class Design:
     @property
     def reference(self) -> Reference:
         """What the controller is given."""
-        return sampled(self.times, self.poses)
+        return sampled_reference(self.times, self.poses)
 
 
 def design(
@@ -169,7 +168,7 @@ def _fitted(task: Task, choice: Family, member: NDArray[np.float64]) -> _Fitted:
     poses, limits = choice.poses(member), task.limits.scaled(MARGIN)
     level, best = 1.0, None
     for _ in range(_LEVELS):
-        followed = run(task, sampled(choice.times, level * poses))
+        followed = run(task, sampled_reference(choice.times, level * poses))
         used = max(limits.used(followed.peaks).values()) if followed.lasted == 1.0 else _FALLS
         if best is None or _better(used, best.used):
             best = _Fitted(level=level, run=followed, used=used)

@@ -6,8 +6,7 @@ import inspect
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
-from ballbot.control.reference_file import is_file, read_reference
-from ballbot.control.references import REFERENCES, Reference
+from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.mechanics.model import Model
@@ -33,7 +32,7 @@ class Asked:
         InputError
             Where there is no such reference, or it has no such option.
         """
-        if is_file(self.name):
+        if is_reference_file(self.name):
             if self.options:
                 raise InputError(f"The reference file {self.name} takes no options; remove {self._first}.")
             return read_reference(self.name)

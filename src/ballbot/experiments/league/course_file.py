@@ -17,7 +17,7 @@ from pydantic import (
     PositiveFloat,
 )
 
-from ballbot.control.reference_file import is_file
+from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.experiments.league.course import Asked, Course, Unlike
 from ballbot.experiments.metrics import SETTLE
@@ -167,4 +167,4 @@ def _asked(reference: str | Mapping[str, float | str], beside: Path) -> Asked:
     if words:
         raise InputError(f"reference.{words[0]} is {options[words[0]]!r}; it must be a number.")
     numbers = tuple((key, float(value)) for key, value in options.items())
-    return Asked(name=str(beside / name) if is_file(name) else name, options=numbers)
+    return Asked(name=str(beside / name) if is_reference_file(name) else name, options=numbers)

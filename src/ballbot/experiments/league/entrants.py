@@ -1,7 +1,7 @@
 """Who takes part: a controller by its word on the command line.
 
 none, full, partial            the nominal gain with that compensation
-precise                        the precise controller (`ballbot.control.precise`)
+precise                        the precise controller (`ballbot.control.presets`)
 found/controller.toml          a controller file
 mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
 adaptive=mine.py:Mine          any of these under another name
@@ -18,8 +18,7 @@ from typing import get_args
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
-from ballbot.control.nominal import nominal_controller
-from ballbot.control.precise import precise_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, checked_name
 from ballbot.experiments.own_controller import OwnController

@@ -17,7 +17,7 @@ import numpy as np
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign, lqr
-from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.experiments.published.linear import mixture_model, unstable_poles
 from ballbot.experiments.published.tracking import track
 from ballbot.mechanics.linear import LinearModel
@@ -64,8 +64,8 @@ def mixtures() -> list[Mixture]:
 
 def nominal_lqr(robot: Robot, model: LinearModel) -> LqrDesign:
     """Return the gain with the nominal scenario's weights, sampled (design section 11)."""
-    weights = (TORQUE_WEIGHT,) * robot.wheel_count
-    return lqr(model, STATE_WEIGHTS, weights, sample_time=robot.sensors.sample_time)
+    weights = (NOMINAL_TORQUE_WEIGHT,) * robot.wheel_count
+    return lqr(model, NOMINAL_STATE_WEIGHTS, weights, sample_time=robot.sensors.sample_time)
 
 
 def outcomes(robot: Robot, models: Sequence[LinearModel]) -> list[Outcome]:

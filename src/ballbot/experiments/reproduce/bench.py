@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, held
-from ballbot.control.nominal import design_gain, nominal_controller
+from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, change_pose, hold
 from ballbot.experiments.ball_movement import BallMovement, ball_movement
 from ballbot.experiments.reproduce.film import FilmedBall, filmed_ball

@@ -23,7 +23,7 @@ import numpy as np
 
 import ballbot
 from ballbot.control.controller import Compensation
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
 from ballbot.experiments.reproduce import grid

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.nominal import nominal_controller
+from ballbot.control.presets import nominal_controller
 from ballbot.experiments.reproduce.grid import ModelOnGrid
 from ballbot.experiments.reproduce.recordings import CHANGE
 from ballbot.log import STATE_NAMES, Log

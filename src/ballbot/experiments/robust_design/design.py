@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign
-from ballbot.control.nominal import STATE_WEIGHTS, TORQUE_WEIGHT, design_gain
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.errors import InputError
 from ballbot.experiments.robust_design.cost import Marks, Units, run_marks, units_of, worst_tenth
 from ballbot.experiments.robust_design.perturbed import Spread, draw_perturbed
@@ -153,11 +153,13 @@ def robust_design(
     note = tell or (lambda _share, _note: None)
     judges = draw_perturbed(robot, effort.robots, spread=spread, seed=seed)
 
-    def controller_of(weights: tuple[float, ...], torque_weight: float = TORQUE_WEIGHT) -> Controller:
+    def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:
         gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
-    nominal = run_marks(robot, [controller_of(STATE_WEIGHTS)], judges, step=SEARCH_STEP, threads=threads)
+    nominal = run_marks(
+        robot, [controller_of(NOMINAL_STATE_WEIGHTS)], judges, step=SEARCH_STEP, threads=threads
+    )
     units = units_of(nominal)
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -184,8 +186,8 @@ def robust_design(
     )
     weights = weights_of(found.best)
     rivals = {
-        "robust": (weights, TORQUE_WEIGHT),
-        "nominal": (STATE_WEIGHTS, TORQUE_WEIGHT),
+        "robust": (weights, NOMINAL_TORQUE_WEIGHT),
+        "nominal": (NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT),
         "plain": ((1.0,) * 10, 1.0),
     }
     compared = _compare(robot, rivals, controller_of, units, spread, effort.fresh, seed, threads)
@@ -194,7 +196,7 @@ def robust_design(
         design=design_gain(robot, state_weights=weights),
         controller=controller_of(weights),
         state_weights=weights,
-        torque_weight=TORQUE_WEIGHT,
+        torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
         history=found.history,
         rivals=compared,
@@ -205,7 +207,7 @@ def robust_design(
 
 def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
     """Return the ten state weights of a point (6,) of the unit cube."""
-    weights = np.array(STATE_WEIGHTS)
+    weights = np.array(NOMINAL_STATE_WEIGHTS)
     for group, place in zip(GROUPS, candidate, strict=True):
         weights[list(group)] *= 10.0 ** (DECADES * (2.0 * float(place) - 1.0))
     return tuple(weights.tolist())

@@ -1,22 +1,33 @@
-"""Friction compensation, compiled: what is added to the law's torques.
+"""Friction compensation, compiled: what is added to the feedback's torques, with its behaviour at standstill.
 
-For wheel i with encoder speed w_i and the law's own torque u_i,
+For wheel i with encoder speed w_i and the feedback's own torque u_i,
 
     full       b w + (c + s exp(-|w/v_s|^delta)) ramp(w)
     partial    the same, only while u_i w_i > 0: where friction works against the intended motion (thesis 5.2)
 
 and the wheel torques that carry the rolling friction N C_rr v/|v| (partial: only while they do not oppose u).
-Around zero speed see `ballbot.control.standstill`.
+
+Below the speed band the sign of a speed is a ramp, so that a wheel at rest is not compensated
+at all: it sticks until the feedback alone overcomes its breakaway torque, and then jumps. `Standstill` has two cures,
+each a fraction from 0 (off) to 1:
+
+    ahead      reference blend: the speed compensated is w + ahead (w_d - w), w_d that of the motion asked for: friction
+               is paid before the wheel turns, and at a fixed position there is nothing to chatter
+    feed       breakaway assist: within the band, feed (1 - |ramp(w)|) (c + s) u/u_0 is added, u the feedback's own
+               torque, u/u_0 limited to between -1 and 1: a wheel at rest gets its breakaway torque in the direction in
+               which it is pushed
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.standstill import STANDSTILL_SIZE, pack_standstill
+from ballbot.errors import InputError
 from ballbot.mechanics.compiled import inlined
 from ballbot.mechanics.equations import ball_rate, body_rates
 from ballbot.mechanics.friction import dry_friction
@@ -27,6 +38,42 @@ from ballbot.robot import Robot
 
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standstill:
+    """How friction is compensated about zero speed.
+
+    Raises
+    ------
+    InputError
+        Where a share is not between 0 and 1, or the torque is not positive.
+    """
+
+    ahead: float = 0.0  #: share of the speed asked for in the speed compensated
+    feed: float = 0.0  #: share of the break-away torque that a wheel at rest is given
+    feed_torque: float = 0.2  #: u_0, the law's torque at which it is given in full [N m]
+
+    def __post_init__(self) -> None:
+        for name in ("ahead", "feed"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise InputError(f"{name} of the standstill is {value:g}; it must be from 0 to 1.")
+        if not (math.isfinite(self.feed_torque) and self.feed_torque > 0.0):
+            raise InputError(
+                f"feed_torque of the standstill is {self.feed_torque:g} N m; it must be positive."
+            )
+
+
+#: numbers that `pack_standstill` returns
+STANDSTILL_SIZE = 3
+
+
+def pack_standstill(standstill: Standstill | None) -> list[float]:
+    """Return share ahead, share fed and 1/u_0; no share of anything where there is none."""
+    if standstill is None:
+        return [0.0, 0.0, 1.0]
+    return [standstill.ahead, standstill.feed, 1.0 / standstill.feed_torque]
 
 
 class Friction(NamedTuple):
@@ -69,12 +116,12 @@ def pack_friction(controller: Controller) -> tuple[list[float], NDArray[np.float
         friction.viscous,
         friction.coulomb,
         friction.stribeck,
-        rolling_shares(robot),
+        rolling_fractions(robot),
     ]
     return list(shared), np.column_stack(own)
 
 
-def rolling_shares(robot: Robot) -> NDArray[np.float64]:
+def rolling_fractions(robot: Robot) -> NDArray[np.float64]:
     """Return the wheel torques (n, 2) of least norm for a force of 1 N along x and along y of the heading frame.
 
     The torque T = A' u on the ball pushes it over the ground with (T_y, -T_x)/r_b near upright, so a force F

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from ballbot.control.torque_balance import MOST_WHEELS
+from ballbot.control.parts.torque_balance import MAX_WHEELS
 from ballbot.mechanics.compiled import called, inlined
 
 #: updates that are remembered
-MOST_PAST = 22
+MAX_PAST = 22
 
 #: what is remembered for each wheel and update: torque given, what compensation added, the torque without what friction
 #: is thought to take, friction that adaptation judges and its rolling part, whether any wheel's torque was at its limit
 GIVEN, COMPENSATED, EFFECTIVE, JUDGED, JUDGED_ROLLING, BEYOND = range(6)
 _KINDS = 6
-_ONE = _KINDS * MOST_WHEELS
+_ONE = _KINDS * MAX_WHEELS
 
 #: numbers remembered; all zero at the start of a run
-PAST_MEMORY = MOST_PAST * _ONE
+PAST_MEMORY = MAX_PAST * _ONE
 
 
 @inlined
 def past(first, ago, kind, wheel):
     """Return the place of one number of the past that begins at `first`; `ago` is 0 for the last update."""
-    return first + ago * _ONE + kind * MOST_WHEELS + wheel
+    return first + ago * _ONE + kind * MAX_WHEELS + wheel
 
 
 @called

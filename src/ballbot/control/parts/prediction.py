@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
 from ballbot.control.lqr import held
-from ballbot.control.past import EFFECTIVE, MOST_PAST, past
+from ballbot.control.parts.past import EFFECTIVE, MAX_PAST, past
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import called, inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 
 #: torques that may be under way; the past must tell of the sample before them as well, and make room for one
-_MOST = MOST_PAST - 2
+_MOST = MAX_PAST - 2
 #: of a sample time, by which rounding may make a delay of whole samples longer
 _ROUNDING = 1e-9
 

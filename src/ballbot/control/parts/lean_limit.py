@@ -28,7 +28,7 @@ _PLACE = (0, 1, 5, 6)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LeanBound:
+class LeanLimit:
     """How much lean, and how much of a turn, errors may ask for.
 
     Raises

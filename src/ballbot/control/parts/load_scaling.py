@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.past import EFFECTIVE, past
-from ballbot.control.torque_balance import MOST_WHEELS
+from ballbot.control.parts.past import EFFECTIVE, past
+from ballbot.control.parts.torque_balance import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import inlined
 from ballbot.mechanics.geometry import contact_directions, rolling_directions
@@ -49,7 +49,7 @@ class LoadScaling:
 
 
 #: numbers that `pack_load` returns for all wheels together, and for each
-LOAD_SIZE, LOAD_PER_WHEEL = 2, 3 + MOST_WHEELS
+LOAD_SIZE, LOAD_PER_WHEEL = 2, 3 + MAX_WHEELS
 
 
 def pack_load(controller: Controller) -> tuple[list[float], NDArray[np.float64]]:

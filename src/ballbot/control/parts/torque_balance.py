@@ -2,8 +2,8 @@
 
 By the linearised exact model without friction, x' = A x + B u in the heading frame, the rates' change over a sample
 needed the torques B^+ (x' - A x), B^+ the inverse of least norm. What the motors gave beyond them went into
-friction, a slope, a push. `ballbot.control.disturbance_observer` gives it back as it is;
-`ballbot.control.driveline_adaptation` asks how much of it is the friction that is known.
+friction, a slope, a push. `ballbot.control.parts.disturbance_observer` gives it back as it is;
+`ballbot.control.parts.driveline_adaptation` asks how much of it is the friction that is known.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class TorqueBalance:
 #: numbers for each wheel
 BALANCE_PER_WHEEL = 9
 #: wheels that a memory has room for
-MOST_WHEELS = 4
+MAX_WHEELS = 4
 #: numbers remembered: the rates (5) and whether there are any
 BALANCE_MEMORY = 6
 

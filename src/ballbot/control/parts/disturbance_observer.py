@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ballbot.control.torque_balance import TorqueBalance
+from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.errors import InputError
 
 

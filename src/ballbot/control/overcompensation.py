@@ -1,30 +1,143 @@
-"""Over-compensation: where a controller gives a wheel more than its friction takes, motion feeds itself.
+"""Overcompensation: compensation that exceeds the friction injects energy. Measure it, refuse it, avoid it.
 
-At wheel speed w the compensation gives at most (`ballbot.control.compensation`, the law pushing along)
+At wheel speed w the compensation gives at most (`ballbot.control.parts.compensation`, the feedback pushing along)
 
-    k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w) + feed (1 - ramp(w)) (c + s),       w > 0
+    k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w) + a (1 - ramp(w)) (c + s),       w > 0
 
-of the friction that it believes in, and friction takes tau(w) of its own. A wheel that turns steadily at w is driven
-faster where k(w) > tau(w). One that swings, w = A sin(phi), is given <k(w) w> and loses <tau(w) w>, means over a
-swing [W]: the describing function's view, in which the compensation pumps where it gives more. A late torque gives
-less, not more (what it pushes after the wheel has turned round, it takes), and play gives none: without both the
-check is on the safe side. Partial compensation is full where it works, and rolling friction goes by its own share.
+of the friction that it assumes, a the breakaway assist, and friction takes tau(w) of its own. A wheel that turns
+steadily at w is driven faster where k(w) > tau(w). A wheel that swings, w = A sin(phi), is given <k(w) w> and loses
+<tau(w) w>, means over a swing [W]: the describing function's view, in which the compensation injects energy where it
+gives more. A late torque gives less, not more (what it pushes after the wheel has turned round, it takes), and gear
+play gives none: the check leaves out both and is on the safe side. Partial compensation counts as full where it
+works, and rolling friction has a fraction of its own.
+
+A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. Identification
+gives a covariance; at a confidence level with the normal quantile z, wheel i's curve is at least
+
+    tau(w) - z sigma(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta)
+
+and the wheel's b, c and s are scaled by the least ratio of that to tau over the speeds, so that the curve keeps its
+shape. b, c and s by themselves are known far worse than the curve: they trade against each other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
 
-from ballbot.control.cautious_friction import cautious_friction, stated_covariance
 from ballbot.control.controller import Controller
-from ballbot.control.load_scaling import HIGHEST_LOAD
 from ballbot.control.parts import Parts
+from ballbot.control.parts.load_scaling import HIGHEST_LOAD
 from ballbot.errors import InputError
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction, Robot
+
+#: speeds of a wheel over which the curve is looked at [rad/s]; below the first it is the break-away torque's
+_CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
+#: step of the central differences, over each parameter (over 1 where it is zero)
+_DIFFERENCE_STEP = 1e-5
+
+
+def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: float = 0.95) -> Friction:
+    """Return the friction scaled down to what it exceeds with that confidence.
+
+    Parameters
+    ----------
+    friction : Friction
+        As identified, n wheels.
+    covariance : array_like (3 n + 3, 3 n + 3)
+        Of b, c, s of each wheel, v_s, delta and C_rr in this order, SI units, as `ballbot.identify` orders its
+        parameters; a row and column of NaN is of a parameter without standard error and counts as certain.
+    confidence : float
+        One-sided, for each wheel's curve and for the rolling friction.
+
+    Returns
+    -------
+    Friction
+        b, c, s of each wheel times a number from 0 to 1, and so C_rr; v_s and delta as they were.
+
+    Raises
+    ------
+    InputError
+        Where the covariance's shape is wrong, or the confidence is not from 0.5 to 1.
+    """
+    n = len(friction.coulomb)
+    P = np.nan_to_num(np.asarray(covariance, dtype=np.float64))
+    if P.shape != (3 * n + 3, 3 * n + 3):
+        raise InputError(
+            f"The covariance of the friction has the shape {P.shape}; {n} wheels have {3 * n + 3} parameters."
+        )
+    if not 0.5 <= confidence < 1.0:
+        raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
+    z = float(norm.ppf(confidence))
+    shares = np.array([_certain_fraction(_curve_parameters(friction, i), P[np.ix_(places, places)], z)
+                       for i, places in enumerate(_parameter_places(n))])  # fmt: skip
+    rolling_error = float(np.sqrt(P[-1, -1]))
+    return replace(
+        friction,
+        viscous=tuple((shares * friction.viscous).tolist()),
+        coulomb=tuple((shares * friction.coulomb).tolist()),
+        stribeck=tuple((shares * friction.stribeck).tolist()),
+        rolling=max(friction.rolling - z * rolling_error, 0.0),
+    )
+
+
+def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
+    """Return the covariance (3 n + 3, 3 n + 3) by the standard deviations in a robot's file, None where it has none.
+
+    A file tells no correlations, so that b, c and s count as independent: with those, less would be given away.
+    """
+    n = robot.wheel_count
+    spans = {
+        "viscous": n,
+        "coulomb": n,
+        "stribeck": n,
+        "stribeck_speed": 1,
+        "stribeck_exponent": 1,
+        "rolling": 1,
+    }
+    stated = robot.standard_deviations
+    if not any(f"friction.{name}" in stated for name in spans):
+        return None
+    deviations = [
+        np.broadcast_to(np.asarray(stated.get(f"friction.{name}", 0.0), dtype=np.float64), count)
+        for name, count in spans.items()
+    ]
+    return np.diag(np.concatenate(deviations) ** 2)
+
+
+def _parameter_places(n: int) -> list[list[int]]:
+    """Return where b, c, s, v_s and delta of each wheel's curve stand among the parameters."""
+    return [[i, n + i, 2 * n + i, 3 * n, 3 * n + 1] for i in range(n)]
+
+
+def _curve_parameters(friction: Friction, wheel: int) -> NDArray[np.float64]:
+    own = [friction.viscous[wheel], friction.coulomb[wheel], friction.stribeck[wheel]]
+    return np.array([*own, friction.stribeck_speed, friction.stribeck_exponent])
+
+
+def _certain_fraction(values: NDArray[np.float64], P: NDArray[np.float64], z: float) -> float:
+    """Return the least ratio of a curve's lower bound to itself over the speeds, from 0 to 1."""
+    curve = _stribeck_curve(values)
+    if not curve.min() > 0.0:
+        return 1.0  # nothing is compensated where nothing was found
+    steps = _DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values))
+    slopes = [
+        (_stribeck_curve(values + step) - _stribeck_curve(values - step)) / (2.0 * step.max())
+        for step in np.diag(steps)
+    ]
+    g = np.array(slopes)
+    sigma = np.sqrt(np.maximum(np.einsum("ik,ij,jk->k", g, P, g), 0.0))
+    return float(np.clip(1.0 - z * sigma / curve, 0.0, 1.0).min())
+
+
+def _stribeck_curve(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    b, c, s, v_s, delta = values
+    return b * _CONFIDENCE_SPEEDS + c + s * np.exp(-((_CONFIDENCE_SPEEDS / v_s) ** delta))
+
 
 #: amplitudes of a wheel's swing that are looked at [rad/s]
 AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
@@ -47,11 +160,11 @@ class Swing:
     @property
     def share(self) -> float:
         """What is given over what is taken, of the wheel where it is largest."""
-        return max(_share(given, taken) for given, taken in zip(self.given, self.taken, strict=True))
+        return max(_fraction(given, taken) for given, taken in zip(self.given, self.taken, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Margin:
+class CompensationMargin:
     """What a controller compensates, held against a friction. Shares are infinite where that friction is zero."""
 
     shares: tuple[float, ...]  #: of each wheel's friction, at the speed where it is largest
@@ -97,7 +210,7 @@ class Margin:
         }  # fmt: skip
 
 
-def compensation_margin(controller: Controller, friction: Friction) -> Margin:
+def compensation_margin(controller: Controller, friction: Friction) -> CompensationMargin:
     """Return what a controller compensates, held against a friction that counts as true.
 
     Parameters
@@ -111,9 +224,9 @@ def compensation_margin(controller: Controller, friction: Friction) -> Margin:
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
     on = controller.compensation != "none"
-    rolling = _share(controller.robot.friction.rolling if on else 0.0, friction.rolling)
+    rolling = _fraction(controller.robot.friction.rolling if on else 0.0, friction.rolling)
     shares = ratio[worst, np.arange(n)]
-    return Margin(
+    return CompensationMargin(
         shares=tuple(shares.tolist()),
         speeds=tuple(_SPEEDS[worst].tolist()),
         rolling=rolling,
@@ -149,7 +262,7 @@ def certain_friction(robot: Robot) -> Friction:
     return robot.friction if covariance is None else cautious_friction(robot.friction, covariance)
 
 
-def refuse_pumping(controller: Controller, friction: Friction) -> None:
+def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
     """Raise where a controller may feed the motion energy.
 
     Raises
@@ -166,7 +279,7 @@ def refuse_pumping(controller: Controller, friction: Friction) -> None:
         )
 
 
-def pumping_warning(controller: Controller, robot: Robot) -> str | None:
+def overcompensation_warning(controller: Controller, robot: Robot) -> str | None:
     """Return a sentence where a controller compensates more than is certain of a robot's friction, None otherwise.
 
     Parameters
@@ -205,7 +318,7 @@ def _ratio(given: NDArray[np.float64], taken: NDArray[np.float64]) -> NDArray[np
     return np.where(known, given / np.where(known, taken, 1.0), unknown)
 
 
-def _share(given: float, taken: float) -> float:
+def _fraction(given: float, taken: float) -> float:
     return float(_ratio(np.array(given), np.array(taken)))
 
 

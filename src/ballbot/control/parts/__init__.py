@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ballbot.control.disturbance_observer import DisturbanceObserver
-from ballbot.control.driveline_adaptation import DrivelineAdaptation
-from ballbot.control.feed_forward import FeedForward
-from ballbot.control.floor_adaptation import FloorAdaptation
-from ballbot.control.integral import IntegralAction
-from ballbot.control.lean_bound import LeanBound
-from ballbot.control.load_scaling import LoadScaling
-from ballbot.control.notch import Notch
-from ballbot.control.prediction import DelayPrediction
-from ballbot.control.reference_shaping import ReferenceShaping
-from ballbot.control.standstill import Standstill
+from ballbot.control.parts.compensation import Standstill
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.floor_adaptation import FloorAdaptation
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError
 
 
@@ -42,7 +42,7 @@ class Parts:
         None  #: follows what the floor takes; with shaping and integral action only
     )
     load_scaling: LoadScaling | None = None  #: lets the compensation follow the load on the wheels
-    lean_bound: LeanBound | None = None  #: keeps errors of place and speed from asking for too much
+    lean_bound: LeanLimit | None = None  #: keeps errors of place and speed from asking for too much
     notch: Notch | None = None  #: takes a resonance's band out of the torques
     prediction: DelayPrediction | None = None  #: of the state in which late torques will act
 

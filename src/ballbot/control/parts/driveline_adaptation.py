@@ -14,7 +14,7 @@ with the ball's direction over the floor. For each wheel that turns, phi having 
 and before it P_jj += h Q_j, never above where it began. The wheels' scales stay within their bounds, and all rest where
 nothing is told: while a wheel turns too slowly for its friction to be sure, and while a torque is at its limit. (r_i is
 what the torque balance sees of the rolling friction, which is not the torque that carries it: see
-`TorqueBalance.by_force`. a_r scales nothing: what the floor takes is `ballbot.control.floor_adaptation`'s.)
+`TorqueBalance.by_force`. a_r scales nothing: what the floor takes is `ballbot.control.parts.floor_adaptation`'s.)
 The times are those after which a small change has been followed to 63 %, for wheels that turn and friction torques of
 `TYPICAL`: Q = (R/T^2)/TYPICAL^2.
 """
@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ballbot.control.torque_balance import MOST_WHEELS, TorqueBalance
+from ballbot.control.parts.torque_balance import MAX_WHEELS, TorqueBalance
 from ballbot.errors import InputError
 from ballbot.mechanics.compiled import called, inlined
 
@@ -68,8 +68,8 @@ class DrivelineAdaptation:
 #: numbers that `pack_adaptation` returns
 ADAPTATION_SIZE = 9
 #: place of the rolling friction's scale among the scales, behind room for those of the wheels
-ROLLING = MOST_WHEELS
-_SCALES = MOST_WHEELS + 1
+ROLLING = MAX_WHEELS
+_SCALES = MAX_WHEELS + 1
 #: numbers remembered: the scales less 1, P less what it was at the start, and p; all zero at the start of a run
 ADAPTATION_MEMORY = _SCALES * (_SCALES + 2)
 

@@ -1,0 +1,203 @@
+"""Ready-made controllers: nominal, precise, and either with floor adaptation.
+
+The nominal controller has the "soft" gain of the nominal scenario, the thesis's kind. The thesis prints no gain. This
+one wanders without compensation as the thesis's figures do. It is frozen, so that results made with it can be
+compared.
+
+The nominal gain wanders by the friction divided by its position gain. The precise controller is twenty times as stiff
+in position and adds integral action, smooth references, compensation and a disturbance observer. Such a gain needs
+quiet speeds: with the thesis's on-board state (`ballbot.estimation.OnboardState`) the motors rattle through their
+play. It is made for the state of the Kalman filter (`ballbot.estimation.kalman`), which uses the same sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Compensation, Controller, default_speed_band
+from ballbot.control.lqr import LqrDesign, lqr
+from ballbot.control.parts import Parts
+from ballbot.control.parts.compensation import Standstill
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.floor_adaptation import FloorAdaptation
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.parts.reference_shaping import ReferenceShaping
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.mechanics.geometry import wheel_load
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+
+#: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
+NOMINAL_STATE_WEIGHTS = (20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0)
+#: weight of each wheel's torque [1/(N m)^2]
+NOMINAL_TORQUE_WEIGHT = 30.0
+
+
+def design_gain(
+    robot: Robot,
+    *,
+    state_weights: Sequence[float] = NOMINAL_STATE_WEIGHTS,
+    torque_weight: float = NOMINAL_TORQUE_WEIGHT,
+    sample_time: float | None = None,
+) -> LqrDesign:
+    """Return the sampled LQR of the exact model without friction, which is the compensation's business.
+
+    Parameters
+    ----------
+    robot : Robot
+    state_weights : sequence of 10 numbers
+        Diagonal of Q.
+    torque_weight : float
+        Diagonal of R, the same for every wheel.
+    sample_time : float, optional
+        [s]; the robot's own where not given.
+    """
+    frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
+    time = robot.sensors.sample_time if sample_time is None else sample_time
+    return lqr(Model(frictionless), state_weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+
+
+def nominal_controller(robot: Robot, *, compensation: Compensation = "none") -> Controller:
+    """Return the controller with the nominal gain at the robot's sample time; its friction is what is compensated."""
+    return Controller(robot, design_gain(robot).gain, compensation=compensation)
+
+
+#: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
+PRECISE_STATE_WEIGHTS = (2000.0, 2000.0, 500.0, 500.0, 50.0, 300.0, 300.0, 20.0, 20.0, 5.0)
+#: weights of the integrals of x, y [1/(m s)^2] and psi [1/(rad s)^2]
+PRECISE_INTEGRAL_WEIGHTS = (2000.0, 2000.0, 20.0)
+#: weight of each wheel's torque [1/(N m)^2]
+PRECISE_TORQUE_WEIGHT = 30.0
+
+#: speed band over the default one, which is made for speeds counted from sample to sample
+PRECISE_SPEED_BAND = 1.0 / 3.0
+#: share of the break-away torque that a wheel at rest is given
+BREAKAWAY_ASSIST = 0.7
+#: share of its load that a wheel pushes the ball with at most: stiff, the controller else spins its wheels in a fall
+GRIP_FRACTION = 0.4
+
+#: where x, y and psi stand in the state
+_POSE_PLACES = (0, 1, 4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IntegralDesign:
+    """A gain for the state and its pose's integral."""
+
+    gain: NDArray[np.float64]  #: K (n, 10)
+    integral_gain: NDArray[np.float64]  #: K_I (n, 3)
+    poles: NDArray[np.complex128]  #: (13,) of the closed loop [rad/s], the slowest first
+    sample_time: float  #: [s]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _StateSpace:
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+
+
+def design_integral_gain(
+    robot: Robot,
+    *,
+    state_weights: Sequence[float] = PRECISE_STATE_WEIGHTS,
+    integral_weights: Sequence[float] = PRECISE_INTEGRAL_WEIGHTS,
+    torque_weight: float = PRECISE_TORQUE_WEIGHT,
+    sample_time: float | None = None,
+) -> IntegralDesign:
+    """Return the sampled LQR of the exact model without friction and of the integrals of x, y and psi.
+
+    Parameters
+    ----------
+    robot : Robot
+    state_weights, integral_weights : sequences of 10 and 3 numbers
+        Diagonal of Q.
+    torque_weight : float
+        Diagonal of R, the same for every wheel.
+    sample_time : float, optional
+        [s]; the robot's own where not given.
+
+    Raises
+    ------
+    InputError
+        As `ballbot.lqr` does.
+    """
+    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    A, B = np.zeros((13, 13)), np.zeros((13, robot.wheel_count))
+    A[:10, :10], B[:10] = linear.A, linear.B
+    A[[10, 11, 12], _POSE_PLACES] = 1.0
+    time = robot.sensors.sample_time if sample_time is None else sample_time
+    weights = (*state_weights, *integral_weights)
+    found = lqr(_StateSpace(A=A, B=B), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+    return IntegralDesign(
+        gain=found.gain[:, :10].copy(),
+        integral_gain=found.gain[:, 10:].copy(),
+        poles=found.poles,
+        sample_time=time,
+    )
+
+
+def precise_controller(
+    robot: Robot, *, compensation: Compensation = "full", design: IntegralDesign | None = None
+) -> Controller:
+    """Return the controller with this gain and every part that earned its place; see docs/evidence.md.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its friction is what is compensated.
+    compensation : {"none", "full", "partial"}
+    design : IntegralDesign, optional
+        `design_integral_gain(robot)` where not given.
+    """
+    chosen = design if design is not None else design_integral_gain(robot)
+    time = chosen.sample_time
+    return Controller(
+        robot,
+        chosen.gain,
+        sample_time=time,
+        compensation=compensation,
+        torque_limit=grip_torque_limit(robot),
+        speed_band=PRECISE_SPEED_BAND * default_speed_band(robot, time),
+        parts=Parts(
+            shaping=ReferenceShaping(),
+            feed_forward=FeedForward.of(robot),
+            integral=IntegralAction(gain=chosen.integral_gain),
+            standstill=Standstill(feed=BREAKAWAY_ASSIST),
+            observer=DisturbanceObserver(balance=TorqueBalance.of(robot)),
+            lean_bound=LeanLimit(),
+        ),
+        estimator="kalman",
+    )
+
+
+def grip_torque_limit(robot: Robot) -> float:
+    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, never above the motors' own limit.
+
+    `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
+    """
+    friction = max(c + s for c, s in zip(robot.friction.coulomb, robot.friction.stribeck, strict=True))
+    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
+
+
+def adaptive(controller: Controller) -> Controller:
+    """Return a copy with those adaptations that it can have; one that it has stays as it is.
+
+    Parameters
+    ----------
+    controller : Controller
+        With integral action and shaped references it follows the floor, with a compensation the drivelines.
+    """
+    parts = controller.parts
+    floor, drivelines = parts.floor_adaptation, parts.driveline_adaptation
+    if floor is None and parts.integral is not None and parts.shaping is not None:
+        floor = FloorAdaptation()
+    if drivelines is None and controller.compensation != "none":
+        drivelines = DrivelineAdaptation(balance=TorqueBalance.of(controller.robot))
+    return controller.with_parts(replace(parts, floor_adaptation=floor, driveline_adaptation=drivelines))
