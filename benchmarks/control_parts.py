@@ -28,7 +28,7 @@ from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import LoadDependence
+from ballbot.twin.scenario import LoadDependence
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 

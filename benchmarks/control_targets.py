@@ -21,7 +21,7 @@ from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.processes import worker_pool
-from ballbot.robot.scaled import scaled_body, scaled_friction
+from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section

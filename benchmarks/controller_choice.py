@@ -31,7 +31,7 @@ from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Timing
+from ballbot.twin.scenario import Timing
 from benchmarks.compensation import identified
 from benchmarks.section import Section
 

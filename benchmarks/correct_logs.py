@@ -16,11 +16,11 @@ from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.robot.scaled import scaled_body, scaled_friction
+from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push, Softness, Timing
+from ballbot.twin.scenario import Push, Softness, Timing
 
 PRESETS = ("alten", "cmu", "kugle", "rezero", "rob311")
 REFERENCES = ("hold", "square", "circle", "figure_eight", "change_pose")

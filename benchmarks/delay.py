@@ -25,7 +25,7 @@ from ballbot.processes import worker_pool
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Timing
+from ballbot.twin.scenario import Timing
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 

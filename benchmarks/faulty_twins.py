@@ -30,12 +30,12 @@ from ballbot.identification import Identification, identify
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from ballbot.robot.scaled import scaled_body, scaled_friction
+from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import (
+from ballbot.twin.scenario import (
     Compliance,
     CurrentLoop,
     LoadDependence,

@@ -35,7 +35,7 @@ from ballbot.simulation.conditions import FALLING_PART
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push
+from ballbot.twin.scenario import Push
 from benchmarks.notch_shown import notch_table
 from benchmarks.predictive import Predictive
 from benchmarks.section import Section

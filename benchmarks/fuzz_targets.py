@@ -43,8 +43,7 @@ from ballbot.robot.file import read_robot, robot_text
 from ballbot.robot.parameters import PARAMETERS, value_of
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
-from ballbot.twin.scenario_file import read_scenario
-from ballbot.twin.scenario_text import scenario_text
+from ballbot.twin.scenario_file import read_scenario, scenario_text
 from ballbot.vision.video import open_video
 
 ALTEN = Robot.load("alten")
@@ -262,7 +261,7 @@ def _video() -> bytes:
 
 
 def _scenarios() -> tuple[bytes, ...]:
-    from ballbot.twin.faults import Payload, Push, Roughness, Timing
+    from ballbot.twin.scenario import Payload, Push, Roughness, Timing
 
     nominal = Scenario.nominal(ALTEN)
     full = replace(

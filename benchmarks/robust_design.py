@@ -15,10 +15,10 @@ from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.log import Log
 from ballbot.report.robust_figures import robust_figure
 from ballbot.robot import Robot
-from ballbot.robot.scaled import scaled_body
+from ballbot.robot.robot import scaled_body
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Timing
+from ballbot.twin.scenario import Timing
 from benchmarks.compensation import identified_robot
 from benchmarks.pictures import write_picture
 from benchmarks.section import Section

@@ -6,7 +6,7 @@ from control_examples import FRICTION, alten
 
 from ballbot import InputError, Log
 from ballbot.experiments.hold_cycle import cycle_amplitude
-from ballbot.robot.scaled import scaled_friction
+from ballbot.robot.robot import scaled_friction
 
 pytest.importorskip("mujoco")
 

@@ -21,7 +21,7 @@ from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
-from ballbot.robot.scaled import scaled_friction
+from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 
 SAMPLE = 0.005

@@ -22,7 +22,7 @@ from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.robot.file import write_robot
-from ballbot.robot.scaled import scaled_friction
+from ballbot.robot.robot import scaled_friction
 
 ROBOT = alten(FRICTION)
 GAIN = design_gain(ROBOT).gain

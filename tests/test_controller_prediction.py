@@ -41,12 +41,12 @@ from ballbot.report.json_text import as_json
 from ballbot.report.prediction_page import StudyFolder, next_steps
 from ballbot.report.study_files import previous_controller_text
 from ballbot.robot.file import write_robot
-from ballbot.robot.scaled import scaled_friction
+from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Timing
 from ballbot.twin.imperfections import imperfections_of
+from ballbot.twin.scenario import Timing
 
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)

@@ -11,9 +11,16 @@ from matplotlib.patches import Circle
 
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot
-from ballbot.robot.drawing import Canvas, robot_drawing
+from ballbot.robot.drawing import (
+    Canvas,
+    body_shape,
+    extent,
+    robot_drawing,
+    row_offsets,
+    wheel_rims,
+    wheel_shapes,
+)
 from ballbot.robot.figure import robot_figure, save_robot_figure
-from ballbot.robot.outline import body_shape, extent, row_offsets, wheel_rims, wheel_shapes
 
 ALTEN = Robot.load("alten")
 

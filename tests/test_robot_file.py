@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import ballbot.robot.robot as robot_module
 from ballbot.errors import InputError
 from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, Wheels
+from ballbot.robot import robot as robot_module
 from ballbot.robot.file import read_robot, robot_text, write_robot
 from ballbot.robot.parameters import PARAMETERS, SOURCES
 from ballbot.robot.units import UNITS, from_si, to_si

@@ -25,8 +25,8 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Payload, Timing
 from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import Payload, Timing
 
 SAMPLE = 0.005
 FREE, STUCK = Model(alten()), Model(alten(FRICTION))

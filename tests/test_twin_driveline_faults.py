@@ -14,7 +14,7 @@ from ballbot.simulation.driveline import simulate_drivelines
 from ballbot.twin import Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Supply
+from ballbot.twin.scenario import Compliance, CurrentLoop, LoadDependence, Supply
 
 
 @pytest.mark.parametrize("frequency", [12.0, 25.0])

@@ -15,18 +15,10 @@ from ballbot.mechanics.friction_laws import Dahl
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin, twin_mjcf
-from ballbot.twin.disturbances import UnevenFloor
+from ballbot.twin.driveline import Shafts
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import (
-    Compliance,
-    LoadDependence,
-    Payload,
-    Push,
-    Roughness,
-    Softness,
-    Timing,
-)
-from ballbot.twin.shafts import Shafts
+from ballbot.twin.scenario import Compliance, LoadDependence, Payload, Push, Roughness, Softness, Timing
+from ballbot.twin.twin import UnevenFloor
 
 # Contacts
 
@@ -52,7 +44,7 @@ def test_soft_ball_sinks_and_swings_as_its_stiffness_says() -> None:
     swing = np.array(heights[:1200]) - sink
     crossings = np.flatnonzero(np.diff(np.sign(swing)))
     period = 2 * np.mean(np.diff(crossings)) * engine.timestep
-    # MuJoCo's soft contacts have a mass of their own (`ballbot.twin.softness`): a quarter over the inverse weights
+    # MuJoCo's soft contacts have a mass of their own (`ballbot.twin.mjcf`): a quarter over the inverse weights
     added = 3 / 2 * 0.25 / (engine.mobility("ball") + engine.mobility("roller 1.1"))
     assert 0.1 < added < 1.0
     assert 2 * np.pi / period == pytest.approx(np.sqrt(vertical / (3.0 + added)), rel=0.03)

@@ -14,10 +14,9 @@ from ballbot.mechanics.geometry import rotation, transforms
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
-from ballbot.twin.engine import Engine
-from ballbot.twin.kinematics import attitude_of, body_rate, quaternion_of
+from ballbot.twin.engine import Engine, attitude_of, body_rate, quaternion_of
 from ballbot.twin.parts import split_robot, wheel_parts
-from ballbot.twin.robot_check import twin_findings
+from ballbot.twin.recording import twin_findings
 
 
 @pytest.fixture(scope="module")

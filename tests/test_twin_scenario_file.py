@@ -10,10 +10,19 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Robot
-from ballbot.twin import Scenario, faults
-from ballbot.twin.scenario_file import read_scenario
-from ballbot.twin.scenario_text import scenario_text, write_scenario
-from ballbot.twin.scenario_words import EXAMPLES, MEANINGS
+from ballbot.twin import Scenario
+from ballbot.twin.scenario import (
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Push,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+)
+from ballbot.twin.scenario_file import EXAMPLES, MEANINGS, read_scenario, scenario_text, write_scenario
 
 ALTEN = Robot.load("alten")
 NOMINAL = Scenario.nominal(ALTEN)
@@ -41,18 +50,18 @@ number = st.floats(-30.0, 30.0)
 
 @settings(deadline=None)  # a busy machine is slow
 @given(
-    softness=st.none() | st.builds(faults.Softness, stiffness=positive, damping=positive),
-    compliance=st.none() | st.builds(faults.Compliance, frequency=positive, damping_ratio=st.floats(0, 1)),
-    current_loop=st.none() | st.builds(faults.CurrentLoop, bandwidth=positive),
-    supply=st.none() | st.builds(faults.Supply, winding_resistance=positive, internal_resistance=positive),
-    load_dependence=st.none() | st.builds(faults.LoadDependence, share=st.floats(0, 1)),
-    payload=st.none() | st.builds(faults.Payload, mass=positive, position=st.tuples(number, number, number)),
+    softness=st.none() | st.builds(Softness, stiffness=positive, damping=positive),
+    compliance=st.none() | st.builds(Compliance, frequency=positive, damping_ratio=st.floats(0, 1)),
+    current_loop=st.none() | st.builds(CurrentLoop, bandwidth=positive),
+    supply=st.none() | st.builds(Supply, winding_resistance=positive, internal_resistance=positive),
+    load_dependence=st.none() | st.builds(LoadDependence, share=st.floats(0, 1)),
+    payload=st.none() | st.builds(Payload, mass=positive, position=st.tuples(number, number, number)),
     roughness=st.none()
-    | st.builds(faults.Roughness, height=positive, wavelength=positive, seed=st.integers(0, 2**40)),
-    timing=st.none() | st.builds(faults.Timing, delay=st.integers(0, 9), jitter=st.floats(0, 0.0024)),
+    | st.builds(Roughness, height=positive, wavelength=positive, seed=st.integers(0, 2**40)),
+    timing=st.none() | st.builds(Timing, delay=st.integers(0, 9), jitter=st.floats(0, 0.0024)),
     pushes=st.lists(
         st.builds(
-            faults.Push,
+            Push,
             time=number,
             duration=positive,
             force=st.tuples(number, number, number),
@@ -88,7 +97,7 @@ def test_a_file_says_only_what_differs(tmp_path: Path) -> None:
         Scenario.wide_rows(ALTEN),
         name="mine",
         backlash=0.0,
-        compliance=faults.Compliance(frequency=9.0, damping_ratio=0.1),
+        compliance=Compliance(frequency=9.0, damping_ratio=0.1),
     )
 
 
@@ -170,7 +179,7 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     page = (Path(__file__).parents[1] / "docs" / "twin.md").read_text(encoding="utf-8")
     example = page.split("```toml\n")[1].split("```")[0]
     found = read(example, tmp_path)
-    assert found.compliance == faults.Compliance(frequency=40.0, damping_ratio=0.1)
+    assert found.compliance == Compliance(frequency=40.0, damping_ratio=0.1)
     assert len(found.pushes) == 1
     for name in Scenario.names():
         assert f"`{name}`" in page

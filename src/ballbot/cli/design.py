@@ -45,7 +45,7 @@ from ballbot.report.linearization import linearization_results, state_order
 from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.deviations import Propagated, propagate
-from ballbot.robot.scaled import scaled_friction
+from ballbot.robot.robot import scaled_friction
 
 Kind = Literal["nominal", "precise"]
 

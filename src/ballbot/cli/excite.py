@@ -32,7 +32,7 @@ from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.twin.scenario_text import scenario_text
+from ballbot.twin.scenario_file import scenario_text
 
 _WRITTEN = ("reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
 

@@ -194,7 +194,7 @@ class _Checked:
 
 def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ...]:
     """Return what is unusual in the robot; print it all and stop if there is an error that is not accepted."""
-    from ballbot.twin.robot_check import twin_findings
+    from ballbot.twin.recording import twin_findings
 
     codes = check_codes(accept or ())
     findings = robot_findings(robot)

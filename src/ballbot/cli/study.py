@@ -28,7 +28,7 @@ from ballbot.report.summary import summary
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_text import scenario_text
+from ballbot.twin.scenario_file import scenario_text
 
 
 def study(

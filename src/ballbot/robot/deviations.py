@@ -73,7 +73,7 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
     InputError
         Where that is no robot.
     """
-    from ballbot.robot.assembly import Values, assemble
+    from ballbot.robot.robot import Values, assemble
 
     values = {one.name: value_of(robot, one) for one in PARAMETERS}
     for which, amount in amounts.items():

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.robot.outline import (
+from ballbot.robot.drawing import (
     PROJECTIONS,
     TOWARDS_EYE,
     BodyShape,
@@ -39,7 +39,7 @@ _MEASURE = "#b3372f"
 def robot_figure(robot: Robot) -> Figure:
     """Return a figure of the robot seen from its right and from above, both to one scale.
 
-    The body appears as its two discs of equal mass (see `ballbot.robot.outline`), for a robot file does not
+    The body appears as its two discs of equal mass (see `ballbot.robot.drawing`), for a robot file does not
     say what it looks like. The figure belongs to no window; save it with `figure.savefig`.
     """
     side, top = _window(robot, "side"), _window(robot, "top")

@@ -1,14 +1,15 @@
-"""The robot as values: what Appendix III and Appendix I of the thesis list, in SI units and radians.
+"""The robot as values in SI units and radians: what Appendix I and Appendix III of the thesis list.
 
-Long words here; the paper's symbols appear beside each field and in `ballbot.mechanics.parameters`,
-the one place that maps the one to the other.
+Names are long words here. The thesis's symbols stand beside each field and in `ballbot.mechanics.parameters`, the one
+place that maps names to symbols. `assemble` makes a robot from a flat table of values; `scaled_body` and
+`scaled_friction` return parts that differ from the nominal ones by factors.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.robot.checks import check_robot
 from ballbot.robot.deviations import check_deviations
-from ballbot.robot.parameters import BY_NAME, Value, value_of
+from ballbot.robot.parameters import BY_NAME, INERTIA_NAMES, Value, value_of
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
@@ -220,7 +221,7 @@ class Robot:
         InputError
             Where there is neither, or the file does not describe a robot.
         """
-        from ballbot.robot.file import read_robot  # pydantic is loaded only where a file is read
+        from ballbot.robot.file import read_robot
 
         presets = Robot.presets()
         if source in presets:
@@ -237,3 +238,137 @@ class Robot:
     def presets() -> list[str]:
         """Return the names of the robots that ship with Ballbot."""
         return sorted(path.stem for path in _PRESETS.glob("*.toml"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Values:
+    """Every parameter's value in SI units by dotted name, each of the shape that its `Parameter` says."""
+
+    by_name: Mapping[str, Value]
+
+    def number(self, name: str) -> float:
+        """Return the value of a parameter that is one number."""
+        value = self.by_name[name]
+        assert not isinstance(value, tuple)
+        return value
+
+    def numbers(self, name: str) -> tuple[float, ...]:
+        """Return the value of a parameter that has a number for each wheel."""
+        value = self.by_name[name]
+        assert isinstance(value, tuple)
+        return value
+
+
+def assemble(*, name: str, inertia_about: InertiaPoint, values: Values, sources: Mapping[str, str]) -> Robot:
+    """Return the robot of these values.
+
+    Raises
+    ------
+    InputError
+        Where they are not those of a robot (see `ballbot.robot.checks`).
+    """
+    return Robot(
+        name=name,
+        ball=_ball(values),
+        body=_body(values, inertia_about),
+        wheels=_wheels(values),
+        drive=_drive(values),
+        sensors=_sensors(values),
+        friction=_friction(values),
+        gravity=values.number("gravity"),
+        sources=sources,
+    )
+
+
+def _ball(values: Values) -> Ball:
+    return Ball(
+        radius=values.number("ball.radius"),
+        mass=values.number("ball.mass"),
+        inertia=values.number("ball.inertia"),
+    )
+
+
+def _body(values: Values, inertia_about: InertiaPoint) -> Body:
+    xx, yy, zz, xy, xz, yz = (values.number(f"body.inertia.{name}") for name in INERTIA_NAMES)
+    return Body(
+        mass=values.number("body.mass"),
+        center_of_mass=values.number("body.center_of_mass"),
+        inertia=(xx, yy, zz, xy, xz, yz),
+        inertia_about=inertia_about,
+    )
+
+
+def _wheels(values: Values) -> Wheels:
+    return Wheels(
+        radius=values.number("wheels.radius"),
+        inertia=values.number("wheels.inertia"),
+        tilt=values.number("wheels.tilt"),
+        azimuths=values.numbers("wheels.azimuths"),
+        rollers=Rollers(
+            rows=int(values.number("wheels.rollers.rows")),
+            per_row=int(values.number("wheels.rollers.per_row")),
+            radius=values.number("wheels.rollers.radius"),
+            row_spacing=values.number("wheels.rollers.row_spacing"),
+        ),
+    )
+
+
+def _drive(values: Values) -> Drive:
+    return Drive(
+        gear_ratio=values.number("drive.gear_ratio"),
+        motor_inertia=values.number("drive.motor_inertia"),
+        gear_inertia=values.number("drive.gear_inertia"),
+        torque_constant=values.number("drive.torque_constant"),
+        speed_constant=values.number("drive.speed_constant"),
+        supply_voltage=values.number("drive.supply_voltage"),
+        torque_limit=values.number("drive.torque_limit"),
+        backlash=values.number("drive.backlash"),
+    )
+
+
+def _sensors(values: Values) -> Sensors:
+    return Sensors(
+        sample_time=values.number("sensors.sample_time"),
+        encoder_counts=int(values.number("sensors.encoder_counts")),
+        gyro_noise=values.number("sensors.gyro_noise"),
+        attitude_noise=values.number("sensors.attitude_noise"),
+        heading_drift=values.number("sensors.heading_drift"),
+    )
+
+
+def _friction(values: Values) -> Friction:
+    return Friction(
+        viscous=values.numbers("friction.viscous"),
+        coulomb=values.numbers("friction.coulomb"),
+        stribeck=values.numbers("friction.stribeck"),
+        stribeck_speed=values.number("friction.stribeck_speed"),
+        stribeck_exponent=values.number("friction.stribeck_exponent"),
+        rolling=values.number("friction.rolling"),
+    )
+
+
+def scaled_body(body: Body, *, mass: float, height: float) -> Body:
+    """Return a body of another mass whose centre lies at another height, each by its factor.
+
+    The inertia about the centre of mass grows with the mass; what the height does to it about the ball's centre
+    follows.
+    """
+    central = mass * body.inertia_about_center_of_mass()
+    return replace(
+        body,
+        mass=mass * body.mass,
+        center_of_mass=height * body.center_of_mass,
+        inertia=tuple(float(central[i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
+        inertia_about="center_of_mass",
+    )
+
+
+def scaled_friction(friction: Friction, factor: float) -> Friction:
+    """Return friction whose torques and whose rolling resistance are that many times as large; speeds stay."""
+    return replace(
+        friction,
+        viscous=tuple(factor * one for one in friction.viscous),
+        coulomb=tuple(factor * one for one in friction.coulomb),
+        stribeck=tuple(factor * one for one in friction.stribeck),
+        rolling=factor * friction.rolling,
+    )

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
-from ballbot.robot.assembly import Values, assemble
 from ballbot.robot.parameters import BY_NAME, INERTIA_NAMES, PARAMETERS, Parameter, Value, value_of
-from ballbot.robot.robot import Robot
+from ballbot.robot.robot import Robot, Values, assemble
 from ballbot.robot.units import DIMENSIONLESS, UNITS, to_si
 
 Find = Callable[[Robot], Iterable[Finding]]

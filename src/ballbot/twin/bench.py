@@ -19,12 +19,10 @@ from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_nam
 from ballbot.robot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.simulation.sensors import Encoders
-from ballbot.twin.driveline import Driveline
-from ballbot.twin.engine import Engine
-from ballbot.twin.kinematics import turned
+from ballbot.twin.driveline import Driveline, Shafts
+from ballbot.twin.engine import Engine, rotated
 from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.shafts import Shafts
 
 Bench = Literal["stand", "upside_down"]
 
@@ -119,7 +117,7 @@ class _Held:
         row = np.concatenate(self._encoders.read(angles))
         truth = np.concatenate((angles - self._start, self._driveline.speeds))
         if self._with_ball:
-            omega = turned(self._orientation, self._spin)  # the engine has it in the ball's own frame
+            omega = rotated(self._orientation, self._spin)  # the engine has it in the ball's own frame
             truth = np.concatenate((truth, omega))
             row = np.concatenate((row, omega + CAMERA_NOISE * self._random.standard_normal(3)))
         return row, truth

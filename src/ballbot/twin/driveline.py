@@ -1,12 +1,19 @@
-"""Motors and friction of the twin's wheels, a physics step at a time.
+"""Motors, shafts and friction of the twin's wheels, a physics step at a time.
 
+Motors turn the commanded torques into those that act: torque limit, speed limit or battery, and the drivers' lag.
 Each wheel's friction acts on the motor's speed w relative to the body, the speed that its encoder sees:
 
     tau(w) = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)
 
-The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo solves as a
-constraint that really holds at rest; its size follows the speed and is set before each step. It may differ
-forward and backward, and follow the force between wheel and ball.
+The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo solves as a constraint
+that really holds at rest; its size follows the speed and is set before each step. It may differ forward and backward,
+and follow the force between wheel and ball. LuGre's and Dahl's bristles, Armstrong's spring at rest and the smoothed
+law have a force that is known from their own state and the speed; the engine is given that force (`Bristles`).
+
+Shafts give the angles that encoders see. Wheels with rollers simply turn. A wheel that touches the ball in a single
+point has one roller, which must stay under the ball: before each step such a wheel is turned back to where its roller
+touches, and the angle that it had turned is kept. Its speeds, the roller's among them, go on; the error of a step
+shrinks with the step.
 """
 
 from __future__ import annotations
@@ -18,11 +25,187 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.mechanics.compiled import compiled_alone
+from ballbot.mechanics.friction_laws import advance, friction_at
+from ballbot.robot.derived import wheel_speed_limit
 from ballbot.robot.robot import Robot
-from ballbot.twin.bristles import Bristles
 from ballbot.twin.engine import Engine
-from ballbot.twin.motors import Motors
-from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario import BristleLaw, Scenario, Supply
+
+
+class Bristles:
+    """The drivelines' friction of one twin, by a law for each wheel.
+
+    Parameters
+    ----------
+    laws : tuple of law, (n,)
+    engine : Engine
+        Has a hinge "wheel 1" to "wheel n".
+    """
+
+    def __init__(self, laws: tuple[BristleLaw, ...], engine: Engine) -> None:
+        wheels = engine.velocities("wheel", len(laws))
+        self._laws = laws
+        self._step = engine.timestep
+        self._speeds = engine.qvel[wheels]
+        self._forces = engine.applied[wheels]
+        self.reset()
+
+    def reset(self) -> None:
+        """Let every law be as after a long rest."""
+        self._states = [law.initial_state(self._step) for law in self._laws]
+
+    def prepare_step(self) -> None:
+        """Set the friction of the physics step to come, and let the laws' states follow the speed."""
+        forces = np.empty(len(self._laws))
+        for i, (law, speed) in enumerate(zip(self._laws, self._speeds.tolist(), strict=True)):
+            self._states[i] = advance(law, self._states[i], speed=speed, step=self._step)
+            forces[i] = -friction_at(law, speed, state=self._states[i])
+        self._forces[:] = forces
+
+
+# Near the supply's speed limit the voltage left over drives less and less current. Without a supply in the
+# scenario the torque available falls in a straight line over the last twentieth of the speeds.
+_FALLING_PART = 0.05
+
+
+class Motors:
+    """The motors of one twin: torque limit, speed limit or battery, and the drivers' lag.
+
+    Parameters
+    ----------
+    robot : Robot
+        Torque limit, and what follows from the supply.
+    scenario : Scenario
+    engine : Engine
+        Has a motor "wheel 1" to "wheel n".
+    """
+
+    def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
+        self._torques = engine.torques
+        self._limit = robot.drive.torque_limit
+        self._command = np.zeros(robot.wheel_count)
+        self._limited = False
+        loop = scenario.current_loop
+        self._lags = loop is not None
+        #: part of the way to the command that a driver's torque goes in a step
+        self._share = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
+        self._battery = Battery(robot, scenario.supply) if scenario.supply else None
+        self._top = wheel_speed_limit(
+            supply_voltage=robot.drive.supply_voltage,
+            speed_constant=robot.drive.speed_constant,
+            gear_ratio=robot.drive.gear_ratio,
+        )
+        #: speed above which a step must look at the supply; always where there is a lag or a battery
+        plain = loop is None and scenario.supply is None
+        self.knee = (1.0 - _FALLING_PART) * self._top if plain else -1.0
+
+    def reset(self) -> None:
+        """Let no torque act, and none be on its way."""
+        self._command = np.zeros_like(self._command)
+        self._torques[:] = 0.0
+        self._limited = False
+
+    def command(self, torques: NDArray[np.float64]) -> None:
+        """Take the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
+        self._command = np.minimum(np.maximum(torques, -self._limit), self._limit)
+        if self.knee > 0.0:
+            self._torques[:] = self._command
+
+    def prepare_step(self, speeds: NDArray[np.float64], *, fast: bool) -> None:
+        """Set the torques for the physics step to come.
+
+        Parameters
+        ----------
+        speeds : array (n,)
+            Of the motors at the wheel, at the step's start [rad/s].
+        fast : bool
+            Whether one of them is above the knee.
+        """
+        if not (fast or self._limited):
+            return
+        self._limited = fast
+        asked = self._torques + self._share * (self._command - self._torques) if self._lags else self._command
+        supply = self._battery.within if self._battery else self._within_speed_limit
+        self._torques[:] = supply(asked, speeds)
+
+    def _within_speed_limit(
+        self, torques: NDArray[np.float64], speeds: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        # the limit is one-sided: a motor at its highest speed can still brake with full torque
+        forward = speeds * np.sign(torques)
+        share = np.clip((self._top - forward) / (_FALLING_PART * self._top), 0.0, 1.0)
+        return np.sign(torques) * np.minimum(np.abs(torques), share * self._limit)
+
+
+class Battery:
+    """What a battery with an inner resistance lets through the motors' windings; see `ballbot.twin.scenario.Supply`."""
+
+    def __init__(self, robot: Robot, supply: Supply) -> None:
+        drive = robot.drive
+        self._full = drive.supply_voltage
+        self._inner = supply.internal_resistance
+        self._winding = supply.winding_resistance
+        self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
+        self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
+        self.voltage = self._full  #: [V] at the last step
+
+    def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the torques (n,) [N m] that can flow of those asked, at motor speeds (n,) [rad/s]."""
+        current = torques / self._ampere
+        power = float(torques @ speeds + self._winding * (current @ current))
+        # a loaded battery gives V = V_0 - R_i P / V_0; it takes back what braking motors give
+        self.voltage = max(self._full - self._inner * power / self._full, 0.0)
+        most = self._ampere * self.voltage / self._winding
+        lost = self._ampere * self._back / self._winding * speeds
+        return np.clip(torques, -most - lost, most - lost)
+
+
+class Shafts:
+    """The shafts of one twin.
+
+    Parameters
+    ----------
+    robot : Robot
+    scenario : Scenario
+    engine : Engine
+        Has a hinge "wheel 1" to "wheel n", and "play 1" to "play n" where the scenario has play or a spring.
+    """
+
+    def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
+        count = robot.wheel_count
+        self._hinges = engine.qpos[engine.positions("wheel", count)]
+        self._has_play = scenario.backlash > 0 or scenario.compliance is not None
+        self._play = engine.qpos[engine.positions("play", count)] if self._has_play else None
+        self._backlash = scenario.backlash
+        #: whether the wheels must be turned back before each step
+        self.returning = scenario.wheel_contact == "point"
+        self._turned = np.zeros(count)
+
+    def reset(self, random: np.random.Generator) -> None:
+        """Put every wheel at any angle, and the motor anywhere within its play."""
+        count = len(self._hinges)
+        self._hinges[:] = random.uniform(0.0, 2 * np.pi, count)
+        if self._backlash > 0 and self._play is not None:
+            self._play[:] = self._backlash * random.uniform(-0.5, 0.5, count)
+        self._turned[:] = 0.0
+        if self.returning:
+            self.turn_back()
+
+    def angles(self) -> NDArray[np.float64]:
+        """Return the motors' angles (n,) at the wheel [rad]."""
+        return self._hinges + self._turned if self.returning else self._hinges
+
+    def wheel_angles(self) -> NDArray[np.float64]:
+        """Return the wheels' own angles (n,) [rad], beyond play and spring."""
+        return self.angles() if self._play is None else self.angles() + self._play
+
+    def turn_back(self) -> None:
+        """Put the single roller of every wheel where it touches the ball."""
+        turn = self._hinges if self._play is None else self._hinges + self._play
+        turn = turn.copy()
+        self._turned += turn
+        self._hinges -= turn
+
 
 # Speed below which a wheel may turn either way, and its torque says which way it would leave
 _AT_REST = 1e-3  # [rad/s]

@@ -8,29 +8,255 @@
        `- wheel i          hinges "wheel i" (rotor; what the encoder sees) and "play i", on one axis
           `- roller i.k    hinge, turns freely
 
-The ball meets the floor through a contact pair of its own, with pivoting and rolling friction, and the
-rollers through ordinary contacts with sliding friction only: rollers that inherited the floor's pivoting
-friction would hold the ball's heading and the robot would fall. The wheels are `ballbot.twin.mjcf_wheels`'s.
+The ball meets the floor through a contact pair of its own, with pivoting and rolling friction, and the rollers through
+ordinary contacts with sliding friction only: rollers that inherited the floor's pivoting friction would hold the
+ball's heading and the robot would fall.
+
+Wheels. The rotor's reflected inertia j_r is the armature of "wheel i"; the wheel follows the rotor through "play i", a
+hinge without spring whose stops are the gearbox's play. A driveline that twists has a spring in place of the stops: a
+tendon that is slack within the play. Without either that hinge is left out.
+
+Spring of a driveline. The rotor hangs by a spring of stiffness k on its wheel, behind which the robot stands on its
+ball. With m the mobility of that wheel, the angular acceleration that a unit torque on it gives the robot without
+rotors,
+
+    (2 pi f)^2 = k (1/j_r + m)        d = 2 zeta k / (2 pi f)
+
+m = W M^-1 W^T has an eigenvalue for each way of moving (forward, sideways, turning). They are small beside 1/j_r and
+close together, so that one spring serves all within a part in a hundred on the BBR.
+
+Soft contacts are springs of a stiffness in N/m, in the terms of MuJoCo's solver. For a contact at depth r that gives
+way at v, the solver finds the force from (A + R) f + a_0 = -b v - k d r, with the contact's acceleration a = A f + a_0
+and R = (1 - d)/d m, where d is the impedance and m the sum of the two bodies' inverse weights (MuJoCo's documentation,
+"Computation", constraint model). So
+
+    f = K r + C v - a/R        K = k d / R        C = b / R
+
+a spring, a damper, and a mass 1/R = d/(1 - d) / m that is not there; a small d keeps that small (some 0.3 kg for each
+of the BBR's contacts). Written into `solref` as -k d^2 and -b d. Friction shares R; it has a damper of its own and a
+high ratio of impedances, so that a wheel that grips creeps little.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
+from ballbot.mechanics.model import Model
+from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.robot.robot import Robot
-from ballbot.twin.faults import Payload
-from ballbot.twin.mjcf_wheels import add_shafts, add_wheel
-from ballbot.twin.numbers import text
-from ballbot.twin.parts import BodyParts, point_wheel_parts, split_robot, wheel_frames, wheel_parts
-from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_checks import check_scenario
-from ballbot.twin.softness import add_soft_contacts
+from ballbot.twin.engine import Engine
+from ballbot.twin.parts import (
+    BodyParts,
+    WheelParts,
+    point_wheel_parts,
+    split_robot,
+    wheel_frames,
+    wheel_parts,
+)
+from ballbot.twin.scenario import Compliance, Payload, Scenario, Softness, check_scenario
+
+
+def number_text(values: float | Iterable[float]) -> str:
+    """Return numbers so that reading them gives the same bits."""
+    if isinstance(values, float | int):
+        return repr(float(values))
+    return " ".join(repr(float(value)) for value in values)
+
+
+_IMPEDANCE = 0.2  # d
+_IMPEDANCE_RATIO = 100.0  # of friction to normal force; 10 elsewhere
+_LARGEST_STEP = 1.0  # k d h^2 and b h at most: beyond, the contact jumps from step to step
+
+
+def add_soft_contacts(root: ET.Element, scenario: Scenario, hard: str) -> None:
+    """Make every contact of a roller with the ball a soft one.
+
+    Parameters
+    ----------
+    root : Element
+        The document; its ball and rollers must not touch by themselves.
+    scenario : Scenario
+        Has softness.
+    hard : str
+        The same document without softness: from it MuJoCo tells the bodies' inverse weights.
+
+    Raises
+    ------
+    InputError
+        Where the contacts are too stiff for the timestep, or MuJoCo is not installed.
+    """
+    softness = scenario.softness
+    if softness is None:
+        return
+    option = root.find("option")
+    if option is not None:
+        option.set("impratio", number_text(_IMPEDANCE_RATIO))
+    pairs = root.find("contact")
+    if pairs is None:
+        pairs = ET.SubElement(root, "contact")
+    engine = Engine(hard)
+    ball = engine.mobility("ball")
+    grip = scenario.roller_grip
+    names = [body.get("name", "") for body in root.iter("body")]
+    for name in (name for name in names if name.startswith("roller ")):
+        ET.SubElement(
+            pairs,
+            "pair",
+            geom1="ball",
+            geom2=name,
+            condim="3",
+            friction=number_text((grip, grip, 0.0, 0.0, 0.0)),
+            solref=_contact_reference(softness, ball + engine.mobility(name), scenario.timestep),
+            solreffriction=number_text((-1.0, -0.5 * _IMPEDANCE / scenario.timestep)),
+            solimp=number_text((_IMPEDANCE, _IMPEDANCE, 0.001)),
+        )
+
+
+def _contact_reference(softness: Softness, mobility: float, step: float) -> str:
+    d = _IMPEDANCE
+    R = (1 - d) / d * mobility
+    k_d, b = softness.stiffness * R, softness.damping * R
+    if k_d * step**2 > _LARGEST_STEP or b * step > _LARGEST_STEP:
+        stiffest, most = _LARGEST_STEP / (R * step**2), _LARGEST_STEP / (R * step)
+        raise InputError(
+            f"softness.stiffness is {softness.stiffness:g} N/m and softness.damping "
+            f"{softness.damping:g} N s/m; with a timestep of {step:g} s they must "
+            f"be below {stiffest:.2g} and {most:.2g}. Reduce them or the timestep."
+        )
+    return number_text((-k_d * d, -b * d))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring:
+    """A torsional spring with its damper."""
+
+    stiffness: float  #: [N m/rad]
+    damping: float  #: [N m s/rad]
+
+
+def driveline_spring(robot: Robot, compliance: Compliance) -> Spring:
+    """Return the spring of each driveline with which the robot has that resonance."""
+    rate = 2 * math.pi * compliance.frequency
+    stiffness = rate**2 / (1 / rotor_inertia(robot) + _mobility(robot))
+    return Spring(stiffness=stiffness, damping=2 * compliance.damping_ratio * stiffness / rate)
+
+
+def rotor_inertia(robot: Robot) -> float:
+    """Return j_r [kg m^2], rotor and gear as seen at the wheel."""
+    drive = robot.drive
+    return reflected_rotor_inertia(
+        gear_ratio=drive.gear_ratio, motor_inertia=drive.motor_inertia, gear_inertia=drive.gear_inertia
+    )
+
+
+def _mobility(robot: Robot) -> float:
+    """Return the smallest m above zero [1/(kg m^2)]: the slowest way of moving."""
+    tiny = 1e-12 * robot.drive.motor_inertia
+    without_rotors = robot.replace(drive=replace(robot.drive, motor_inertia=tiny, gear_inertia=0.0))
+    model, upright = Model(without_rotors), np.zeros(5)
+    W = np.array([model.wheel_speed(upright, rate) for rate in np.eye(5)]).T
+    mobilities = np.linalg.eigvalsh(W @ np.linalg.solve(model.mass_matrix(upright), W.T))
+    # four wheels can also work against each other without moving anything
+    return float(mobilities[mobilities > 1e-9 * mobilities.max()].min())
+
+
+def add_wheel(
+    body: ET.Element,
+    index: int,
+    frame: NDArray[np.float64],
+    robot: Robot,
+    scenario: Scenario,
+    parts: WheelParts,
+) -> None:
+    """Add a wheel to the body: its index from 0 on, its frame (3, 3) and its parts."""
+    name = f"wheel {index + 1}"
+    element = ET.SubElement(
+        body,
+        "body",
+        name=name,
+        pos=number_text(-parts.center_distance * frame[:, 0]),
+        xyaxes=number_text((*frame[:, 0], *frame[:, 1])),
+    )
+    joint = ET.SubElement(
+        element, "joint", name=name, axis="0 0 1", armature=number_text(rotor_inertia(robot))
+    )
+    if not scenario.driveline_laws:
+        friction = scenario.friction
+        joint.set("damping", number_text(friction.viscous[index]))
+        joint.set("frictionloss", number_text(friction.coulomb[index] + friction.stribeck[index]))
+    if scenario.backlash > 0 or scenario.compliance:
+        play = ET.SubElement(element, "joint", name=f"play {index + 1}", axis="0 0 1")
+        if not scenario.compliance:
+            half = scenario.backlash / 2
+            play.set("limited", "true")
+            play.set("range", number_text((-half, half)))
+    ET.SubElement(
+        element,
+        "inertial",
+        pos="0 0 0",
+        mass=number_text(parts.hub_mass),
+        diaginertia=number_text(parts.hub_inertia),
+    )
+    size = (robot.wheels.radius - 2 * scenario.rollers.radius, scenario.rollers.radius)
+    ET.SubElement(element, "geom", type="cylinder", size=number_text(size), rgba="0.7 0.7 0.7 1")
+    for k, (center, angle) in enumerate(zip(parts.roller_centers, parts.roller_angles, strict=True)):
+        _roller(element, f"roller {index + 1}.{k + 1}", center, float(angle), scenario, parts)
+
+
+def add_shafts(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
+    """Add the springs of drivelines that twist."""
+    if not scenario.compliance:
+        return
+    spring = driveline_spring(robot, scenario.compliance)
+    half = scenario.backlash / 2
+    tendons = ET.SubElement(root, "tendon")
+    for i in range(robot.wheel_count):
+        shaft = ET.SubElement(
+            tendons,
+            "fixed",
+            name=f"shaft {i + 1}",
+            stiffness=number_text(spring.stiffness),
+            damping=number_text(spring.damping),
+            springlength=number_text((-half, half)),
+        )
+        ET.SubElement(shaft, "joint", joint=f"play {i + 1}", coef="1")
+
+
+def _roller(
+    wheel: ET.Element,
+    name: str,
+    center: NDArray[np.float64],
+    angle: float,
+    scenario: Scenario,
+    parts: WheelParts,
+) -> None:
+    turn = (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2))
+    element = ET.SubElement(wheel, "body", name=name, pos=number_text(center), quat=number_text(turn))
+    ET.SubElement(element, "joint", name=name, axis="0 1 0")
+    inertia = number_text(parts.roller_inertia)
+    ET.SubElement(element, "inertial", pos="0 0 0", mass=number_text(parts.roller_mass), diaginertia=inertia)
+    ET.SubElement(
+        element,
+        "geom",
+        name=name,
+        type="ellipsoid" if scenario.wheel_contact == "rollers" else "sphere",
+        size=number_text((scenario.rollers.radius, parts.roller_half_length, scenario.rollers.radius)),
+        conaffinity="1",
+        condim="3",
+        friction=number_text((scenario.roller_grip, 0.0, 0.0)),
+        priority="1",  # the rollers' grip and softness, not the ball's
+        solref=number_text((scenario.contact_time, 1.0)),
+        rgba="0.1 0.1 0.1 1",
+    )
+
 
 #: balancing; the body held, wheels in the air, no ball; the body held upside down, the ball on its wheels
 Mounting = Literal["floor", "stand", "upside_down"]
@@ -108,8 +334,8 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
     option = ET.SubElement(
         root,
         "option",
-        timestep=text(scenario.timestep),
-        gravity=text((0.0, 0.0, down * robot.gravity)),
+        timestep=number_text(scenario.timestep),
+        gravity=number_text((0.0, 0.0, down * robot.gravity)),
         integrator="implicitfast",
         cone="elliptic",
         impratio="10",
@@ -128,23 +354,23 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
 def _floor(world: ET.Element, scenario: Scenario) -> None:
     floor = ET.SubElement(world, "geom", name="floor", type="plane", size="5 5 0.1", rgba="0.85 0.85 0.85 1")
     if any(scenario.floor_tilt):
-        floor.set("zaxis", text(floor_normal(scenario)))
+        floor.set("zaxis", number_text(floor_normal(scenario)))
 
 
 def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mounting) -> None:
     ball = robot.ball
     height = ball.radius / floor_normal(scenario)[2] if mounting == "floor" else 0.0
-    element = ET.SubElement(world, "body", name="ball", pos=text((0.0, 0.0, height)))
+    element = ET.SubElement(world, "body", name="ball", pos=number_text((0.0, 0.0, height)))
     ET.SubElement(element, "freejoint", name="ball")
-    inertia = text((ball.inertia,) * 3)
-    ET.SubElement(element, "inertial", pos="0 0 0", mass=text(ball.mass), diaginertia=inertia)
+    inertia = number_text((ball.inertia,) * 3)
+    ET.SubElement(element, "inertial", pos="0 0 0", mass=number_text(ball.mass), diaginertia=inertia)
     # bit 1: the rollers have it in their conaffinity, nothing else has
     ET.SubElement(
         element,
         "geom",
         name="ball",
         type="sphere",
-        size=text(ball.radius),
+        size=number_text(ball.radius),
         contype="0" if scenario.softness else "1",
         rgba="0.2 0.3 0.7 1",
     )
@@ -160,8 +386,8 @@ def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
         geom1="ball",
         geom2="floor",
         condim="6" if rolling > 0 else "4",
-        friction=text((grip, grip, scenario.pivoting, rolling, rolling)),
-        solref=text((scenario.contact_time, 1.0)),
+        friction=number_text((grip, grip, scenario.pivoting, rolling, rolling)),
+        solref=number_text((scenario.contact_time, 1.0)),
         solimp=_HARD,
     )
 
@@ -169,16 +395,16 @@ def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
 def _body(world: ET.Element, robot: Robot, parts: BodyParts, mounting: Mounting) -> ET.Element:
     held = mounting != "floor"
     height = 0.0 if held else robot.ball.radius
-    element = ET.SubElement(world, "body", name="body", pos=text((0.0, 0.0, height)))
+    element = ET.SubElement(world, "body", name="body", pos=number_text((0.0, 0.0, height)))
     if not held:
         ET.SubElement(element, "freejoint", name="body")
     J = parts.inertia
     ET.SubElement(
         element,
         "inertial",
-        pos=text(parts.center_of_mass),
-        mass=text(parts.mass),
-        fullinertia=text((J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])),
+        pos=number_text(parts.center_of_mass),
+        mass=number_text(parts.mass),
+        fullinertia=number_text((J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])),
     )
     low = robot.ball.radius + 2 * robot.wheels.radius
     high = max(2 * robot.body.center_of_mass, low + 0.05)
@@ -187,8 +413,8 @@ def _body(world: ET.Element, robot: Robot, parts: BodyParts, mounting: Mounting)
         "geom",
         name="body",
         type="cylinder",
-        size=text((robot.ball.radius,)),
-        fromto=text((0.0, 0.0, low, 0.0, 0.0, high)),
+        size=number_text((robot.ball.radius,)),
+        fromto=number_text((0.0, 0.0, low, 0.0, 0.0, high)),
         rgba="0.6 0.6 0.6 0.5",
     )
     return element
@@ -196,7 +422,7 @@ def _body(world: ET.Element, robot: Robot, parts: BodyParts, mounting: Mounting)
 
 def _payload(body: ET.Element, payload: Payload) -> None:
     radius = (3 * payload.mass / (4 * math.pi * _ALUMINIUM)) ** (1 / 3)
-    element = ET.SubElement(body, "body", name="payload", pos=text(payload.position))
-    inertia = text((0.4 * payload.mass * radius**2,) * 3)
-    ET.SubElement(element, "inertial", pos="0 0 0", mass=text(payload.mass), diaginertia=inertia)
-    ET.SubElement(element, "geom", type="sphere", size=text(radius), rgba="0.8 0.5 0.2 1")
+    element = ET.SubElement(body, "body", name="payload", pos=number_text(payload.position))
+    inertia = number_text((0.4 * payload.mass * radius**2,) * 3)
+    ET.SubElement(element, "inertial", pos="0 0 0", mass=number_text(payload.mass), diaginertia=inertia)
+    ET.SubElement(element, "geom", type="sphere", size=number_text(radius), rgba="0.8 0.5 0.2 1")

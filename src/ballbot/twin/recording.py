@@ -3,6 +3,9 @@
 log                  what a real robot would have logged
 truth                the same rows as they were
 motion_capture       the cameras' view, in their own frame and time; not on the bench
+
+`twin_findings` says whether the twin can simulate a robot and the nominal controller balance it: what `ballbot record`
+would refuse.
 """
 
 from __future__ import annotations
@@ -10,17 +13,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
 
 from ballbot.control.controller import Controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference
+from ballbot.errors import InputError
 from ballbot.estimation.errors import state_errors
+from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
+from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.motion_capture import MotionCapture
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
@@ -128,3 +136,31 @@ def _estimation_errors(log: Log) -> dict[str, float | None] | None:
         return None
     errors = asdict(state_errors(log.t, log.states, log.truth().states))
     return {name: value if math.isfinite(value) else None for name, value in errors.items()}
+
+
+def twin_findings(robot: Robot) -> tuple[Finding, ...]:
+    """Return what `ballbot record nominal` would refuse of a robot; empty if it records it."""
+    findings = []
+    refusal = _refusal(lambda: _made(robot))
+    if refusal:
+        text = f"The twin cannot simulate this robot, so `ballbot record` refuses it: {refusal}"
+        findings.append(Finding(code="robot-twin", severity="warning", text=text))
+    refusal = _refusal(lambda: nominal_controller(robot))
+    if refusal:
+        text = f"No nominal controller can be designed for this robot: {refusal}"
+        findings.append(Finding(code="robot-balance", severity="error", text=text))
+    return tuple(findings)
+
+
+def _refusal(attempt: Callable[[], object]) -> str:
+    try:
+        attempt()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _made(robot: Robot) -> object:
+    scenario = Scenario.nominal(robot)
+    # without MuJoCo, the document is all that can be looked at
+    return Twin(robot, scenario) if find_spec("mujoco") else twin_mjcf(robot, scenario)

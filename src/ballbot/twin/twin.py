@@ -1,13 +1,16 @@
-"""The twin: a MuJoCo robot with real rollers, seen through its own sensors.
+"""The twin: a MuJoCo robot with real rollers, measured by its own sensors.
 
-It is a plant like any other (`ballbot.simulation.plant`): torques in, measurements out. What it adds to the
-exact model is what the exact model leaves out: wheels that touch in one of two rows of rollers, slip, soft
-contacts, gearbox play, and whatever else its scenario says; sensors that count, err and drift.
+It is a plant like any other (`ballbot.simulation.plant`): torques in, measurements out. It adds what the exact model
+leaves out: wheels that touch in one of two rows of rollers, slip, soft contacts, gearbox play, and the other faults of
+its scenario; sensors that count, err and drift. Torques that act late and unsteady sampling (`TimingModel`), pushes on
+the body and bumps of the floor (`Disturbance`) are applied here, once a sample.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,14 +23,137 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.robot.robot import Robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensor_suite import SensorSuite, sensor_samples
-from ballbot.twin.disturbances import disturbances
-from ballbot.twin.driveline import Driveline
-from ballbot.twin.engine import Engine
-from ballbot.twin.kinematics import attitude_of, ball_rate, body_rate, encoder_speeds, quaternion_of
+from ballbot.twin.driveline import Driveline, Shafts
+from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds, quaternion_of
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
-from ballbot.twin.scenario import Scenario
-from ballbot.twin.shafts import Shafts
-from ballbot.twin.timing import Clockwork
+from ballbot.twin.scenario import Push, Roughness, Scenario, Timing
+
+
+class TimingModel:
+    """Torques that come late, and sampling instants that wander about their grid.
+
+    Instant k is at k T + e_k with e_k ~ U(-jitter, jitter) in whole physics steps and e_0 = 0; the mean rate stays.
+
+    Parameters
+    ----------
+    timing : Timing
+    steps : int
+        Physics steps in a sample on the grid.
+    timestep : float
+        [s]
+    wheel_count : int
+    random : Generator
+    """
+
+    def __init__(
+        self, timing: Timing, *, steps: int, timestep: float, wheel_count: int, random: np.random.Generator
+    ) -> None:
+        self._waiting = deque([np.zeros(wheel_count)] * timing.delay)
+        self._largest = int(timing.jitter / timestep * (1 + 1e-9))
+        self._steps = steps
+        self._late = 0  # steps by which the last instant came after its place
+        self._random = random
+
+    def acting(self, torques: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the torques (n,) that act while these were computed."""
+        self._waiting.append(torques)
+        return self._waiting.popleft()
+
+    def next_steps(self) -> int:
+        """Return the physics steps up to the next instant."""
+        if not self._largest:
+            return self._steps
+        late = int(self._random.integers(-self._largest, self._largest, endpoint=True))
+        steps = self._steps + late - self._late
+        self._late = late
+        return steps
+
+
+_WAVES = 24
+
+
+class Disturbance(Protocol):
+    """Forces from outside."""
+
+    def prepare_sample(self, t: float) -> None:
+        """Set the forces for the sample that begins at t [s]."""
+        ...
+
+
+def disturbances(robot: Robot, scenario: Scenario, engine: Engine) -> list[Disturbance]:
+    """Return those that a scenario has."""
+    found: list[Disturbance] = []
+    if scenario.pushes:
+        found.append(Pushes(scenario.pushes, engine))
+    if scenario.roughness:
+        carried = scenario.payload.mass if scenario.payload else 0.0
+        weight = (robot.ball.mass + robot.body.mass + carried) * robot.gravity
+        found.append(Bumps(scenario.roughness, weight, engine))
+    return found
+
+
+class Pushes:
+    """Forces on the body, each for its while."""
+
+    def __init__(self, pushes: tuple[Push, ...], engine: Engine) -> None:
+        self._pushes = pushes
+        self._wrench = engine.external_force("body")
+        self._center_of_mass = engine.center_of_mass("body")
+        body = engine.first_position("body")
+        self._pose = engine.qpos[body : body + 7]
+
+    def prepare_sample(self, t: float) -> None:
+        """Set the sum of the pushes that last at t [s]; half a microsecond of rounding is forgiven."""
+        self._wrench[:] = 0.0
+        for push in self._pushes:
+            if push.time - 5e-7 <= t < push.time + push.duration - 5e-7:
+                force = np.array(push.force)
+                arm = self._pose[:3] + push.height * _up(self._pose[3:]) - self._center_of_mass
+                self._wrench[:3] += force
+                self._wrench[3:] += np.cross(arm, force)
+
+
+class Bumps:
+    """The force that the slope of an uneven floor makes, at the ball's centre."""
+
+    def __init__(self, roughness: Roughness, weight: float, engine: Engine) -> None:
+        self._wrench = engine.external_force("ball")
+        ball = engine.first_position("ball")
+        self._place = engine.qpos[ball : ball + 2]
+        self._weight = weight  # of all that rolls [N]
+        self._floor = UnevenFloor(roughness)
+
+    def prepare_sample(self, t: float) -> None:  # noqa: ARG002 (the interface's)
+        """Set the force for where the ball is."""
+        self._wrench[:2] = -self._weight * self._floor.slope(self._place)
+
+
+class UnevenFloor:
+    """Height of a floor over the plane: a sum of waves that a seed draws."""
+
+    def __init__(self, roughness: Roughness) -> None:
+        random = np.random.default_rng([roughness.seed, 900])
+        heading = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
+        length = roughness.wavelength * 4.0 ** random.uniform(
+            0.0, 1.0, _WAVES
+        )  # log-uniform, up to four times
+        self._phases = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
+        self._numbers = (2 * np.pi / length)[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
+        self._amplitude = roughness.height * np.sqrt(2.0 / _WAVES)
+
+    def height(self, place: NDArray[np.float64]) -> float:
+        """Return h(x, y) [m]."""
+        return float(self._amplitude * np.sin(self._numbers @ place + self._phases).sum())
+
+    def slope(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return grad h (2,) at a place (2,) [m]."""
+        return self._amplitude * np.cos(self._numbers @ place + self._phases) @ self._numbers
+
+
+def _up(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the body's z axis (3,) in the world's frame."""
+    w, x, y, z = quaternion_wxyz.tolist()
+    return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
 
 
 class Twin:
@@ -60,7 +186,7 @@ class Twin:
         self._driveline = Driveline(robot, self.scenario, self.engine)
         self._shafts = Shafts(robot, self.scenario, self.engine)
         self._disturbances = disturbances(robot, self.scenario, self.engine)
-        self._clockwork: Clockwork | None = None
+        self._clockwork: TimingModel | None = None
         self._sensors = SensorSuite(
             robot,
             sensors,
@@ -143,11 +269,11 @@ class Twin:
         self._ball_velocity = engine.qvel[ball : ball + 6]
         self._body_velocity = engine.qvel[body : body + 6]
 
-    def _wound_clockwork(self, seed: int) -> Clockwork | None:
+    def _wound_clockwork(self, seed: int) -> TimingModel | None:
         """Return what delays and unsettles the samples of the run of that seed, or None."""
         if self.scenario.timing is None:
             return None
-        return Clockwork(
+        return TimingModel(
             self.scenario.timing,
             steps=self._substeps,
             timestep=self.scenario.timestep,

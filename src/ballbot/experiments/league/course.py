@@ -11,7 +11,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.scaled import scaled_body, scaled_friction
+from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.plant import Plant
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin

@@ -15,7 +15,7 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Push
+from ballbot.twin.scenario import Push
 
 #: a blow on the twin is a force of so long [s], four samples of the nominal scenario
 BLOW = 0.02

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.robot import Robot
-from ballbot.robot.scaled import scaled_body
+from ballbot.robot.robot import scaled_body
 from ballbot.simulation.conditions import STEEPEST, Conditions
 
 #: the ball lies so far from where it is asked to be at the start [m]
