@@ -24,7 +24,7 @@ from ballbot.experiments.league.course_file import LEAGUE, choose_courses
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.statistics import mean_with_interval
 from ballbot.experiments.metrics import SETTLE, position_error, rms, settled
-from ballbot.processes import worker_pool
+from ballbot.fitting.run import worker_pool
 from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin

@@ -25,8 +25,8 @@ from ballbot.control.references import hold, square
 from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
+from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
-from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import LoadDependence
 from benchmarks.compensation import identified_robot

@@ -20,7 +20,7 @@ from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
-from ballbot.processes import worker_pool
+from ballbot.fitting.run import worker_pool
 from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from benchmarks.compensation import identified_robot

@@ -26,8 +26,8 @@ from ballbot.experiments.controller_choice import ABLATIONS, candidates, without
 from ballbot.experiments.league.statistics import MedianEstimate, median_with_interval
 from ballbot.experiments.metrics import SETTLE, position_error, rms
 from ballbot.experiments.score import Score, score
+from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
-from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin

@@ -28,17 +28,14 @@ from ballbot.estimation.interface import Reading
 from ballbot.estimation.onboard import OnboardState
 from ballbot.experiments.reproduce.recordings import sources_of
 from ballbot.files import read_sealed, write_sealed
-from ballbot.identification.assessment import assess
-from ballbot.identification.coordinates import scale_between
-from ballbot.identification.intervals import Interval
-from ballbot.identification.polish import at_bound
+from ballbot.fitting.run import ProgressReporter, Threads, worker_pool
+from ballbot.identification.gauss_newton import at_bound
+from ballbot.identification.identifiability import Interval, assess
+from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.progress import Teller
-from ballbot.identification.spread import Threads
 from ballbot.identification.stages import Effort, prepare, refine, stages_of, states_counted
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.processes import worker_pool
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -142,7 +139,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
         counted=states_counted(()),
         spread=Threads(count=1),
     )
-    told = Teller(None, stages_of(prepared, effort))
+    told = ProgressReporter(None, stages_of(prepared, effort))
     estimate = refine(prepared, coordinates.scaled(BEGIN), effort=effort, told=told)
     stands = at_bound(estimate.finished.point) & ~estimate.unknown
     sure = assess(

@@ -21,7 +21,7 @@ from ballbot.control.references import hold, square
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.score import Score
-from ballbot.processes import worker_pool
+from ballbot.fitting.run import worker_pool
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot.identification.axis.driveline import (
-    NAMES,
-    DrivelineBounds,
-    fit_as_printed,
-    fit_driveline,
-    sweeps_of,
-)
+from ballbot.identification.driveline import NAMES, DrivelineBounds, fit_as_printed, fit_driveline, sweeps_of
 from ballbot.log import Log
 from ballbot.report.driveline_page import UNITS, remarks
 from ballbot.report.tables import with_error

@@ -26,9 +26,9 @@ from ballbot.experiments.compare import start
 from ballbot.experiments.controller_choice import SQUARE, ControllerChoice, candidates, choose_controller
 from ballbot.experiments.plant_draws import draw_plants
 from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.run import worker_pool
 from ballbot.identification import Identification, identify
 from ballbot.log import Log
-from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.plant import Measurement, Plant

@@ -29,8 +29,8 @@ from ballbot.control.references import change_pose, hold
 from ballbot.estimation.named import named_estimator
 from ballbot.experiments.limits.loop import top_speed
 from ballbot.experiments.limits.starts import leaning, pushed
+from ballbot.fitting.run import worker_pool
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.processes import worker_pool
 from ballbot.simulation.conditions import FALLING_PART
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement

@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from ballbot.files import write_text
-from ballbot.identification.checkpoint import digest
+from ballbot.fitting.checkpoint import digest
 from benchmarks.fuzz_worker import SECONDS, target_names
 from benchmarks.section import Section
 

@@ -26,8 +26,8 @@ from ballbot.control.references import named_reference, read_reference, referenc
 from ballbot.errors import InputError
 from ballbot.experiments.excite.deviations import deviations_found
 from ballbot.experiments.league.course_file import built_in_sets, read_courses
-from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
-from ballbot.identification.bounds import read_bounds
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check

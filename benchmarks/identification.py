@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from ballbot.identification.bounds import Bounds
-from ballbot.identification.coordinates import scale_between
-from ballbot.identification.polish import polish
-from ballbot.identification.prediction import Cost, Predictor
-from ballbot.identification.problem import Problem
+from ballbot.fitting.run import Threads
+from ballbot.identification.gauss_newton import gauss_newton
+from ballbot.identification.parameters import Bounds, scale_between
+from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.quantities import Layout
-from ballbot.identification.spread import Threads
 from ballbot.identification.windows import Windows, cut_windows
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.robot import Friction, Robot
@@ -150,7 +148,9 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
         spread=Threads(count=1),
     )
     start = coordinates.scaled(START * coordinates.before)
-    return shortest(lambda: polish(problem, start, free=coordinates.free, most_steps=25, report=_tell_nobody))
+    return shortest(
+        lambda: gauss_newton(problem, start, free=coordinates.free, most_steps=25, report=_tell_nobody)
+    )
 
 
 def _tell_nobody(step: int, cost: float) -> None:

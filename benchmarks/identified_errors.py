@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from ballbot.identification import Identification, identify, judge
+from ballbot.identification import Identification, cross_validate, identify
 from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Robot
 from ballbot.validation import validate
@@ -65,7 +65,7 @@ def identified() -> tuple[Identification, float]:
 def campaign() -> Section:
     """Identify, judge and return the section of docs/evidence.md."""
     found, seconds = identified()
-    judged = [judge(found, log_of(name), name=name) for name in OTHERS]
+    judged = [cross_validate(found, log_of(name), name=name) for name in OTHERS]
     validation = validate(found.robot, log_of("thesis_step_soft"))
     assert validation.closed_loop is not None
     closed, opened = 1.0 / validation.closed_loop.restarted.ratio, 1.0 / validation.open_loop.errors.ratio

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ballbot.identification.axis.driveline import DrivelineBounds, fit_driveline, sweeps_of
+from ballbot.identification.driveline import DrivelineBounds, fit_driveline, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction, Robot

@@ -16,7 +16,7 @@ from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.experiments.score import score
-from ballbot.processes import worker_pool
+from ballbot.fitting.run import worker_pool
 from ballbot.twin import Scenario, Twin
 from benchmarks.observations import residual_spectrum
 

@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 
 from ballbot.identification.axis import AxisIdentification, AxisRecord, identify_axis
-from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
-from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from benchmarks.section import Section
 
 #: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019: values and standard deviations

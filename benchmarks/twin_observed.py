@@ -18,7 +18,7 @@ from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.experiments.score import score
-from ballbot.processes import worker_pool
+from ballbot.fitting.run import worker_pool
 from ballbot.twin import Scenario, Twin
 from benchmarks.observations import (
     ROBOT,

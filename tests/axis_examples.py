@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ballbot.identification.axis import RUNGS, AxisRecord, PositionVelocityLoop
-from ballbot.identification.axis.motion import Axis
+from ballbot.identification.axis import AXIS_LAWS, AxisRecord, PositionVelocityLoop
+from ballbot.identification.axis.model import Axis
 
 TRUTH = {"mass": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 LOOP = PositionVelocityLoop(position_gain=160.0, velocity_gain=243.0, force_per_input=35.0, limit=10.0)
@@ -34,7 +34,7 @@ def simulated_record(
         reference=wanted,
         loop=LOOP,
     )
-    axis = Axis(rung=RUNGS[law], values=values or TRUTH)
+    axis = Axis(rung=AXIS_LAWS[law], values=values or TRUTH)
     moved = axis.closed_loop(empty, speed=float((wanted[1] - wanted[0]) / SAMPLE_TIME))
     random = np.random.default_rng(seed)
     # a disturbance of 50 ms, so that its effect is no white noise

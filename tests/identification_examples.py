@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ballbot import Controller, Log, Model, lqr, simulate
 from ballbot.control import references
-from ballbot.identification.checkpoint import Arrays, Recall
+from ballbot.fitting.checkpoint import Arrays, Memoize
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Friction
 
-#: the friction behind `balancing_log`, in the order of `ballbot.identification.coordinates`
+#: the friction behind `balancing_log`, in the order of `ballbot.identification.parameters`
 TRUTH = np.array([*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6, 1.1, 0.007])
 
 #: standard deviations of good sensors' noise, for x y theta phi psi and their rates
@@ -64,7 +64,7 @@ def late(log: Log, *, imu: float, velocity: float, friction: Friction = FRICTION
 class Dying:
     """A checkpoint's answers until a stage asks for the time after so many: then Ctrl-C."""
 
-    def __init__(self, recall: Recall, *, stage: str, after: int) -> None:
+    def __init__(self, recall: Memoize, *, stage: str, after: int) -> None:
         self._recall, self._stage, self._left = recall, stage, after
 
     def __call__(

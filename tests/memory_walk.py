@@ -25,11 +25,10 @@ from ballbot.control.references import hold
 from ballbot.control.safety import SafeController
 from ballbot.estimation import Fix, OnboardState, Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.identification.axis.laws import RUNGS
-from ballbot.identification.axis.motion import Axis
+from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 from ballbot.identification.swing import Swing
-from ballbot.identification.swing.fit import _motion as swing_motion
+from ballbot.identification.swing import _motion as swing_motion
 from ballbot.mechanics.engine import simulate_lanes
 from ballbot.mechanics.friction_laws import Classical, LuGre, advance, follow, friction_at
 from ballbot.mechanics.stick_slip import minimise
@@ -346,7 +345,9 @@ def _simulation() -> Iterator[tuple[str, Case]]:
 
 
 def _identification() -> Iterator[tuple[str, Case]]:
-    axis = Axis(rung=RUNGS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
+    axis = Axis(
+        rung=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0}
+    )
     forces = np.array([1.0, -0.5, 2.0])
     yield (
         "Axis.open_loop",

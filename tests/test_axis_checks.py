@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord, inverse_fit
-from ballbot.identification.axis.inverse import free_inverse_fit
-from ballbot.identification.axis.laws import RUNGS
-from ballbot.identification.axis.motion import Axis
-from ballbot.identification.axis.record_checks import record_findings
-from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
+from ballbot.identification.axis.inverse import free_inverse_fit, record_findings
+from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log import Log
 from tests.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 
@@ -111,9 +109,9 @@ def test_friction_below_zero_is_held_at_zero() -> None:
     found = [one for one in record_findings(pushed) if one.code == "force-friction"]
     assert [one.severity for one in found] == ["warning"]
     # a law takes the values, which it refused below zero
-    Axis(rung=RUNGS["coulomb"], values=dict(zip(held.names, held.values.tolist(), strict=True))).open_loop(
-        pushed.force[:100], position=0.0, speed=0.0, sample_time=SAMPLE_TIME
-    )
+    Axis(
+        rung=AXIS_LAWS["coulomb"], values=dict(zip(held.names, held.values.tolist(), strict=True))
+    ).open_loop(pushed.force[:100], position=0.0, speed=0.0, sample_time=SAMPLE_TIME)
 
 
 def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
@@ -121,7 +119,7 @@ def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
     t = np.arange(len(CLOSED)) * SAMPLE_TIME
     added = np.asarray(40.0 * np.sin(2.0 * np.pi * t / 2.0), dtype=np.float64)
     empty = replace(CLOSED, added=added)
-    axis = Axis(rung=RUNGS["coulomb"], values=TRUTH)
+    axis = Axis(rung=AXIS_LAWS["coulomb"], values=TRUTH)
     assert CLOSED.reference is not None
     start = float((CLOSED.reference[1] - CLOSED.reference[0]) / SAMPLE_TIME)
     moved = axis.closed_loop(empty, speed=start)

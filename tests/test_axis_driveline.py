@@ -10,13 +10,7 @@ import pytest
 from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.axis.driveline import (
-    DrivelineBounds,
-    Sweep,
-    classical,
-    fit_driveline,
-    sweeps_of,
-)
+from ballbot.identification.driveline import DrivelineBounds, Sweep, classical, fit_driveline, sweeps_of
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 
 TRUTH = np.array([0.012, 0.05, 0.03, 0.7, 1.5])

@@ -9,8 +9,9 @@ from scipy.io import savemat
 
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.axis import AxisRecord, identify_axis, ladder
-from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
+from ballbot.identification.axis import AxisRecord, identify_axis
+from ballbot.identification.axis import output_error as ladder
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log.text_table import write_text_table
 
 OPTIONS = [

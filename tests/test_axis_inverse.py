@@ -7,11 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
+from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.axis import AxisRecord, inverse_fit
-from ballbot.identification.axis.covariance import clustered_covariance
-from ballbot.identification.axis.filtering import decimated
-from ballbot.identification.axis.inverse import asymmetry_over_time
-from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
+from ballbot.identification.axis.inverse import asymmetry_over_time, decimated
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 
 #: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019
 PUBLISHED = {
@@ -113,7 +112,7 @@ def test_covariance_of_independent_rows_is_the_textbook_one():
     random = np.random.default_rng(3)
     J = random.standard_normal((20_000, 3)) * [1.0, 10.0, 0.1]
     residual = 0.5 * random.standard_normal(20_000)
-    found = clustered_covariance(J, residual, np.arange(20_000) // 10)
+    found = covariance_in_time(J, residual, np.arange(20_000) // 10)
     textbook = 0.25 * np.linalg.inv(J.T @ J)
     # 2000 blocks: a variance's own relative error is sqrt(2/2000), 3 %; five of them
     np.testing.assert_allclose(found.diagonal(), textbook.diagonal(), rtol=0.16)
@@ -127,7 +126,7 @@ def test_covariance_covers_the_truth_where_residuals_are_alike_in_each_block():
     inside = 0
     for _ in range(400):
         residual = np.repeat(random.standard_normal(count), rows)
-        error = np.sqrt(clustered_covariance(J, residual - residual.mean(), block)[0, 0])
+        error = np.sqrt(covariance_in_time(J, residual - residual.mean(), block)[0, 0])
         inside += abs(residual.mean()) < 1.96 * error
     # binomial: 0.95 +- 3 sqrt(.95 .05 / 400) = 0.033, and t instead of normal costs 0.5 %
     assert 0.91 < inside / 400 < 0.985

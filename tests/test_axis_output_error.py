@@ -6,10 +6,9 @@ from axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 from scipy.integrate import solve_ivp
 
 from ballbot.errors import InputError
-from ballbot.identification.axis import RUNGS, AxisRecord
-from ballbot.identification.axis.filtering import smoothed_motion, speed_at_start
-from ballbot.identification.axis.laws import PARAMETERS, Scaling
-from ballbot.identification.axis.motion import Axis
+from ballbot.identification.axis import AXIS_LAWS, AxisRecord
+from ballbot.identification.axis.inverse import smoothed_motion, speed_at_start
+from ballbot.identification.axis.model import PARAMETERS, Axis, Scaling
 from ballbot.identification.axis.output_error import (
     closed_loop_residuals,
     equal_spans,
@@ -31,7 +30,7 @@ NOT_QUITE = {"mass": 80.0, "viscous": 150.0, "coulomb": 26.0, "offset": 1.0}
 def test_motion_against_an_adaptive_integrator_with_events(law):
     values = TRUTH if law == "coulomb" else ASYMMETRIC
     forces = 60.0 * np.sin(2.0 * np.pi * np.arange(2000) * SAMPLE_TIME / 0.8)
-    positions = Axis(rung=RUNGS[law], values=values).open_loop(
+    positions = Axis(rung=AXIS_LAWS[law], values=values).open_loop(
         forces, position=0.0, speed=0.1, sample_time=SAMPLE_TIME
     )
     expected = _by_scipy(values, forces)
@@ -74,7 +73,7 @@ def test_open_loop_finds_known_parameters():
     record = simulated_record()
     motion = smoothed_motion(record, bandwidth=20.0)
     residuals = open_loop_residuals(record, motion, equal_spans(record, 1.0), block=1.0)
-    found = fit_output_error(RUNGS["coulomb"], NOT_QUITE, residuals, scale=1e-4)
+    found = fit_output_error(AXIS_LAWS["coulomb"], NOT_QUITE, residuals, scale=1e-4)
     for name, value in TRUTH.items():
         # windows start from a filtered speed, which is not exact next to a reversal
         assert found.values[name] == pytest.approx(value, rel=0.02)
@@ -83,7 +82,7 @@ def test_open_loop_finds_known_parameters():
 def test_closed_loop_finds_known_parameters():
     record = simulated_record()
     found = fit_output_error(
-        RUNGS["coulomb"], NOT_QUITE, closed_loop_residuals(record, start=49, block=1.0), scale=1.0
+        AXIS_LAWS["coulomb"], NOT_QUITE, closed_loop_residuals(record, start=49, block=1.0), scale=1.0
     )
     for name, value in TRUTH.items():
         # the start's speed is a cubic's slope; all else is the simulation that made the record
@@ -95,7 +94,7 @@ def test_closed_loop_standard_errors_are_of_the_size_of_the_errors():
     for seed in range(12):
         record = simulated_record(noise=3.0, seed=seed)
         residuals = closed_loop_residuals(record, start=49, block=0.5)
-        found = fit_output_error(RUNGS["coulomb"], TRUTH, residuals, scale=1.0)
+        found = fit_output_error(AXIS_LAWS["coulomb"], TRUTH, residuals, scale=1.0)
         pulls += [(found.values[name] - value) / found.standard_errors[name] for name, value in TRUTH.items()]
     # 48 pulls, four of a run dependent: their root mean square is 1 +- 0.2 or so
     assert 0.6 < np.sqrt(np.mean(np.square(pulls))) < 1.6
@@ -105,7 +104,7 @@ def test_a_record_without_its_loop_has_no_closed_loop():
     record = simulated_record()
     bare = AxisRecord(name="bare", sample_time=SAMPLE_TIME, force=record.force, position=record.position)
     with pytest.raises(InputError, match="bare does not contain the control loop"):
-        Axis(rung=RUNGS["coulomb"], values=TRUTH).closed_loop(bare, speed=0.0)
+        Axis(rung=AXIS_LAWS["coulomb"], values=TRUTH).closed_loop(bare, speed=0.0)
 
 
 def test_the_speed_at_the_start_is_that_of_the_motion():
@@ -116,9 +115,9 @@ def test_the_speed_at_the_start_is_that_of_the_motion():
     assert speed_at_start(record) == pytest.approx(0.3, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", list(RUNGS))
+@pytest.mark.parametrize("name", list(AXIS_LAWS))
 def test_scaling_goes_there_and_back(name):
-    rung = RUNGS[name]
+    rung = AXIS_LAWS[name]
     values = {one: 0.5 + i for i, one in enumerate(rung.names)}
     scaling = Scaling(names=rung.names, sizes=np.full(len(rung.names), 3.0))
     assert scaling.values(scaling.scaled(values)) == pytest.approx(values)
@@ -130,9 +129,9 @@ def test_scaling_goes_there_and_back(name):
 
 
 def test_the_rungs_are_nested():
-    for rung in RUNGS.values():
+    for rung in AXIS_LAWS.values():
         if rung.below and rung.symmetric:
-            assert set(RUNGS[rung.below].names) < set(rung.names)
+            assert set(AXIS_LAWS[rung.below].names) < set(rung.names)
         assert set(rung.names) <= set(PARAMETERS)
 
 

@@ -5,11 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.block_bootstrap import block_length, resamples
-from ballbot.identification.bootstrap import bootstrap
-from ballbot.identification.problem import NormalEquations
-from ballbot.identification.starts import WindowEquations
-from ballbot.identification.uncertainty import covariance
+from ballbot.fitting.uncertainty import (
+    NormalEquations,
+    WindowEquations,
+    block_length,
+    bootstrap,
+    covariance,
+    resamples,
+)
 
 
 def equations_of(J: np.ndarray, residual: np.ndarray) -> WindowEquations:

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ballbot.errors import InputError
-from ballbot.identification.checkpoint import Recall, afresh, open_checkpoint
-from ballbot.identification.evolution import Evolved, evolve
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint, open_checkpoint
+from ballbot.fitting.search import SearchResult, evolve
 
 INPUTS = {"robot": "alten", "seed": "7"}
 
@@ -34,7 +34,7 @@ def valley(points: np.ndarray) -> np.ndarray:
     return (1.0 - x) ** 2 + 10.0 * (y - x**2) ** 2 + np.exp(np.sin(z))
 
 
-def search(recall: Recall, *, answers: float = np.inf) -> Evolved:
+def search(recall: Memoize, *, answers: float = np.inf) -> SearchResult:
     """Run a search that ends by itself, or with `StoppedError` once it has computed so many answers."""
     computed = 0
 
@@ -48,7 +48,7 @@ def search(recall: Recall, *, answers: float = np.inf) -> Evolved:
     return evolve(cost_of, size=3, generations=15, population=6, seed=7, report=tell_nobody, recall=recall)
 
 
-def begin(path: Path, *, resume: bool = False, inputs: dict[str, str] = INPUTS) -> Recall:
+def begin(path: Path, *, resume: bool = False, inputs: dict[str, str] = INPUTS) -> Memoize:
     return open_checkpoint(path, belongs_to=inputs, resume=resume).recall
 
 
@@ -56,7 +56,7 @@ def begin(path: Path, *, resume: bool = False, inputs: dict[str, str] = INPUTS) 
 @settings(deadline=None, max_examples=30)
 def test_a_search_stopped_anywhere_and_resumed_ends_in_the_same_bits(tmp_path_factory, stops):
     path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
-    never_stopped = search(afresh)
+    never_stopped = search(no_checkpoint)
     for stop in stops:
         with suppress(StoppedError):
             search(begin(path, resume=True), answers=stop)
@@ -101,7 +101,7 @@ def test_nothing_is_written_before_there_is_an_answer(tmp_path):
 
 
 def test_a_run_without_its_file_begins(tmp_path):
-    assert search(begin(tmp_path / "checkpoint.jsonl", resume=True)).history == search(afresh).history
+    assert search(begin(tmp_path / "checkpoint.jsonl", resume=True)).history == search(no_checkpoint).history
 
 
 def test_an_unfinished_run_is_not_overwritten(tmp_path):

@@ -14,14 +14,13 @@ from control_examples import alten
 from identification_examples import balancing_log, noisy
 
 from ballbot.errors import InputError
+from ballbot.fitting.run import Executor, ProgressCallback, Threads
 from ballbot.identification import Identification, Progress, identify
-from ballbot.identification.progress import Report
-from ballbot.identification.spread import Spread, Threads
 
 distributed = pytest.importorskip("distributed")
 
-from ballbot.identification import cluster as module  # noqa: E402
-from ballbot.identification.cluster import Cluster  # noqa: E402
+from ballbot.fitting import cluster as module  # noqa: E402
+from ballbot.fitting.cluster import Cluster  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def refuse(shared: str, piece: int) -> None:
     raise InputError(f"piece {piece} of {shared} is no good")
 
 
-def quick(*, spread: Spread, report: Report | None = None) -> Identification:
+def quick(*, spread: Executor, report: ProgressCallback | None = None) -> Identification:
     log = noisy(balancing_log(), seed=2).between(6.0, 14.0)
     return identify(
         alten(),

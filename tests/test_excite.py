@@ -9,7 +9,7 @@ import pytest
 from control_examples import FRICTION, alten, four_wheeled
 from identification_examples import NOISE, Dying, balancing_log, noisy
 
-from ballbot import Controller, Log, Model, identify, simulate
+from ballbot import Controller, Log, Model, simulate
 from ballbot.cli.excite_tables import gain_words
 from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
@@ -21,8 +21,9 @@ from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import peaks_of
 from ballbot.experiments.excite.multisine import family
 from ballbot.experiments.excite.task import Law, run
-from ballbot.identification.checkpoint import open_checkpoint
-from ballbot.identification.spread import Threads
+from ballbot.fitting.checkpoint import open_checkpoint
+from ballbot.fitting.run import Threads
+from ballbot.identification import identify
 from ballbot.log import STATE_NAMES
 
 #: deviations of the nominal twin's states, about

@@ -13,10 +13,10 @@ from log_examples import smooth_log
 
 from ballbot import Robot
 from ballbot.errors import InputError
-from ballbot.identification import Bounds, Identification, Progress, identify, judge
+from ballbot.fitting.run import Executor, Threads
+from ballbot.identification import Bounds, Identification, Progress, cross_validate, identify
 from ballbot.identification.excitation import check_excitation
-from ballbot.identification.identify import sought
-from ballbot.identification.spread import Spread, Threads
+from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 
@@ -74,7 +74,7 @@ def test_the_robot_carries_the_friction_and_where_it_came_from(found):
     assert found.robot.sources["ball.mass"] == alten().sources["ball.mass"]
 
 
-def quick(log: Log, *, bounds: Bounds | None = None, spread: Spread | None = None) -> Identification:
+def quick(log: Log, *, bounds: Bounds | None = None, spread: Executor | None = None) -> Identification:
     return identify(
         alten(),
         log,
@@ -201,7 +201,7 @@ def test_delays_of_commands_and_of_sensors_are_told_apart():
 
 def test_what_logs_cannot_give_gets_no_number():
     log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
-    coordinates = sought(alten(), free=("friction", "delay"), law="stribeck", bounds=Bounds())
+    coordinates = estimated_parameters(alten(), free=("friction", "delay"), law="stribeck", bounds=Bounds())
     windows = cut_windows([log], wheel_count=3, duration=0.1)
     constant = replace(windows, torques=np.broadcast_to(windows.torques[:1, :1], windows.torques.shape))
     found = check_excitation(constant, alten(), coordinates)
@@ -209,7 +209,7 @@ def test_what_logs_cannot_give_gets_no_number():
     assert found.remarks == (
         "The torques change by only 0 N m per row; a step of the reference would help: delay cannot be estimated.",
     )
-    alone = sought(alten(), free=("delay",), law="stribeck", bounds=Bounds())
+    alone = estimated_parameters(alten(), free=("delay",), law="stribeck", bounds=Bounds())
     with pytest.raises(
         InputError, match="These logs do not determine the parameters to be estimated: The torques change"
     ):
@@ -225,7 +225,7 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     # a trial reached 0.14 (phi_dot) to 0.43 (psi); play and rollers leave the heading least predictable
     assert max(found.held_out.ratios.values()) < 0.5
     step, stiff = (
-        judge(found, Log.read(shared_data / "bbr" / f"{name}.csv"), name=name)
+        cross_validate(found, Log.read(shared_data / "bbr" / f"{name}.csv"), name=name)
         for name in ("thesis_step_soft", "square_stiff")
     )
     assert max(step.errors.ratios.values()) < 0.5

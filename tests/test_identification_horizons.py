@@ -7,7 +7,7 @@ import pytest
 from identification_examples import TRUTH, balancing_log, noisy
 
 from ballbot import Robot
-from ballbot.identification.horizons import horizon_errors
+from ballbot.identification.holdout import horizon_errors
 from ballbot.identification.prediction import Predictor
 
 PREDICTOR = Predictor(robot=Robot.load("alten"), formulation="exact", step=1e-3)

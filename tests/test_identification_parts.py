@@ -8,13 +8,11 @@ from log_examples import smooth_log
 
 from ballbot import Log
 from ballbot.errors import InputError
-from ballbot.identification.bounds import read_bounds
-from ballbot.identification.coordinates import scale_between
+from ballbot.fitting.uncertainty import NormalEquations, covariance
 from ballbot.identification.excitation import check_excitation
-from ballbot.identification.prediction import Cost, Predictor
-from ballbot.identification.problem import NormalEquations, Problem
+from ballbot.identification.parameters import read_bounds, scale_between
+from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.quantities import Layout
-from ballbot.identification.uncertainty import covariance
 from ballbot.identification.windows import cut_windows, split
 
 NONE = Layout(wheel_count=3).without_friction(TRUTH[None])

@@ -7,7 +7,7 @@ import pytest
 from control_examples import alten
 
 from ballbot import Log
-from ballbot.identification.play import chatter, chatter_remark
+from ballbot.identification.excitation import chatter, chatter_finding
 
 PLAY = alten().drive.backlash
 
@@ -45,5 +45,5 @@ def test_the_stiff_log_chatters_and_the_soft_ones_do_not(shared_data):
         for name in ("square_soft", "hold_soft", "thesis_step_soft", "square_stiff")
     }
     assert [name for name, one in found.items() if one.matters] == ["square_stiff"]
-    said = chatter_remark(found["square_stiff"], alten(), "square_stiff")
+    said = chatter_finding(found["square_stiff"], alten(), "square_stiff")
     assert "by 1.0 deg for 89 % of the time" in said

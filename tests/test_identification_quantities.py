@@ -11,17 +11,14 @@ from identification_examples import TRUTH, balancing_log, late
 
 from ballbot import Log, Model
 from ballbot.errors import InputError
-from ballbot.identification.back_emf import back_emf_of, standstill_torques
-from ballbot.identification.bounds import Bounds
-from ballbot.identification.coordinates import scale_between
-from ballbot.identification.heading_words import heading_remarks, share_shown
-from ballbot.identification.identify import sought
-from ballbot.identification.late_sensors import seen_late, state_delays
+from ballbot.identification.excitation import heading_findings, share_shown
+from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.input_and_sensor_model import seen_late, state_delays
+from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import QUANTITIES, Layout, names_in
-from ballbot.identification.rigid_body import second_moments, with_rigid_body
+from ballbot.identification.quantities import QUANTITIES, Layout, names_in, second_moments, with_rigid_body
 from ballbot.identification.stages import windows_for
-from ballbot.identification.wheel_speeds import ball_spin
+from ballbot.identification.windows import back_emf_of, ball_spin, standstill_torques
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 
@@ -99,7 +96,7 @@ def test_a_scale_that_the_robot_does_not_give_is_asked_for():
     ],
 )
 def test_a_law_frees_what_it_has(law, free):
-    coordinates = sought(alten(), free=("friction",), law=law, bounds=Bounds())
+    coordinates = estimated_parameters(alten(), free=("friction",), law=law, bounds=Bounds())
     found = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
     assert found == free.split()
 
@@ -365,7 +362,7 @@ def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
         (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
         ((), ("pivoting",), "T_p, was among the estimated parameters"),
     ):
-        (told,) = heading_remarks([share, None], left_out=left_out, sought=freed)
+        (told,) = heading_findings([share, None], left_out=left_out, sought=freed)
         assert told.startswith("The wheels show only 40 % of the turning of the heading")
         assert words in told
 
@@ -373,7 +370,7 @@ def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
 def test_a_heading_that_the_wheels_show_is_not_spoken_of():
     log = moving_log()
     assert share_shown(showing(log, 1.0), alten()) == pytest.approx(1.0, abs=1e-9)
-    assert heading_remarks([1.0, 0.85, None], left_out=(), sought=()) == []
+    assert heading_findings([1.0, 0.85, None], left_out=(), sought=()) == []
     still = showing(log, 1.0).with_columns({"psi_dot": 1e-3 * np.ones(len(log))})
     assert share_shown(still, alten()) is None
 

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from identification_examples import balancing_log, noisy
 
-from ballbot import identify
 from ballbot.cli.main import main
 from ballbot.errors import InputError
+from ballbot.identification import identify
 from ballbot.identification.quantities import Layout
 from ballbot.identification.sweep import SweepFriction, combine, read_sweep
 from ballbot.robot import Friction

@@ -22,9 +22,9 @@ from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.experiments.excite.deviations import deviations_found
 from ballbot.experiments.league.course_file import read_courses
-from ballbot.identification.axis import mat_file
-from ballbot.identification.axis.mat_file import parse_mat, read_mat
-from ballbot.identification.bounds import read_bounds
+from ballbot.identification.axis import record as mat_file
+from ballbot.identification.axis.record import parse_mat, read_mat
+from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.inputs import parse_toml, read_json, read_text
 from ballbot.log import Log, sampling_times

@@ -8,16 +8,23 @@ from control_examples import FRICTION, alten
 from identification_examples import balancing_log, noisy
 
 from ballbot.errors import InputError
-from ballbot.identification import Bounds, Identification, Ladder, climb, identify
-from ballbot.identification.ladder import BLOCK, blocks, gain_between
-from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named
+from ballbot.identification import Bounds, Identification, ModelSelection, identify, select_model
+from ballbot.identification.laws import (
+    BLOCK,
+    LAWS,
+    LawName,
+    bounds_of,
+    gain_between,
+    law_named,
+    window_blocks,
+)
 from ballbot.identification.stages import LARGEST_LOSS
 from ballbot.identification.windows import Span
 from ballbot.report.ladder_figure import ladder_figure
 
 
 def groups(count: int) -> list[np.ndarray]:
-    return blocks([Span(log=0, start=0.25 * i, end=0.25 * i + 0.25) for i in range(count)])
+    return window_blocks([Span(log=0, start=0.25 * i, end=0.25 * i + 0.25) for i in range(count)])
 
 
 def test_a_gain_is_the_share_by_which_errors_fall():
@@ -47,7 +54,7 @@ def test_blocks_are_neighbours_of_one_log():
     spans = [
         Span(log=log, start=start, end=start + 0.25) for log in (0, 1) for start in (3.0, 1.0, 2.0, 0.0, 4.0)
     ]
-    found = [rows.tolist() for rows in blocks(spans)]
+    found = [rows.tolist() for rows in window_blocks(spans)]
     assert found == [[3, 1, 2, 0], [4], [8, 6, 7, 5], [9]]
 
 
@@ -68,7 +75,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
 
 
 @pytest.fixture(scope="module")
-def ladder() -> Ladder:
+def ladder() -> ModelSelection:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
     log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 20.0)
@@ -88,7 +95,7 @@ def ladder() -> Ladder:
             step=2.5e-3,
         )
 
-    return climb(fit)
+    return select_model(fit)
 
 
 def test_rungs_that_the_robot_does_not_have_are_not_taken(ladder):

@@ -10,7 +10,7 @@ import pytest
 from ballbot import InputError
 from ballbot.cli.long_run import CHECKPOINT, LongRun, long_run
 from ballbot.files import write_text
-from ballbot.identification.spread import SpreadError
+from ballbot.fitting.run import ExecutorError
 
 ANSWER = np.ones(2)
 
@@ -28,7 +28,7 @@ def refuse(_: LongRun) -> None:
 
 
 def lose_workers(_: LongRun) -> None:
-    raise SpreadError("The cluster was lost.")
+    raise ExecutorError("The cluster was lost.")
 
 
 def ask_something_else(run: LongRun) -> None:
@@ -61,7 +61,7 @@ def test_a_refusal_of_a_resumed_run_leaves_nothing_behind(interrupted):
 
 
 def test_what_was_computed_outlives_its_workers(tmp_path):
-    with pytest.raises(SpreadError):
+    with pytest.raises(ExecutorError):
         begin(tmp_path, resume=False, after=lose_workers)
     assert (tmp_path / CHECKPOINT).exists()
 

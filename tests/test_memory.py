@@ -27,7 +27,6 @@ WALKED = {
     "ballbot.estimation.Fix": "Fix",
     "ballbot.estimation.Reading": "KalmanFilter.update",
     "ballbot.identification.axis.AxisRecord": "AxisRecord",
-    "ballbot.identification.swing.Swing": "Swing",
     "ballbot.log.Log": "Log",
     "ballbot.mechanics.friction_laws.advance": "advance",
     "ballbot.mechanics.friction_laws.follow": "follow",
@@ -38,7 +37,6 @@ WALKED = {
 NOT_COMPILED = {
     "a function in NumPy": {
         "ballbot.lqr",
-        "ballbot.identification.swing.swing_of",
         "ballbot.vision.rendering.motion_of",
         "ballbot.vision.rendering.write_video",
     },
@@ -50,8 +48,6 @@ NOT_COMPILED = {
         *(f"ballbot.experiments.excite.{name}" for name in ("Design", "Trial", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),
         *(f"ballbot.identification.axis.{name}" for name in ("AxisIdentification", "InverseFit")),
-        "ballbot.identification.swing.SwingFit",
-        "ballbot.identification.upside_down.UpsideDown",
         "ballbot.mechanics.symbolic.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
         *(

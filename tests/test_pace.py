@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.pace import Pace, as_clock
+from ballbot.fitting.run import EtaEstimator, as_clock
 
 
 class Clock:
@@ -17,10 +17,10 @@ class Clock:
         return self.now
 
 
-def watched(steps: list[tuple[float, float]]) -> tuple[Pace, Clock, list[float | None]]:
+def watched(steps: list[tuple[float, float]]) -> tuple[EtaEstimator, Clock, list[float | None]]:
     """Return what is left after each step of so many seconds to a share."""
     clock = Clock()
-    pace = Pace(clock)
+    pace = EtaEstimator(clock)
     left = []
     for seconds, share in steps:
         clock.now += seconds

@@ -12,7 +12,7 @@ import pytest
 #: starts two workers, shows their process numbers, and waits for work that takes a minute
 WORK = """
 import os, sys, time
-from ballbot.processes import uninterrupted, worker_pool
+from ballbot.fitting.run import uninterrupted, worker_pool
 pool = worker_pool(2)
 with uninterrupted():
     pids = [pool.submit(os.getpid).result()]

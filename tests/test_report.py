@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from validation_examples import true_robot
 
-from ballbot.identification.axis.driveline import DrivelineFit, PrintedFit
+from ballbot.identification.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors

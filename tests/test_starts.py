@@ -7,16 +7,12 @@ import pytest
 from control_examples import alten
 from identification_examples import NOISE, TRUTH, balancing_log, noisy
 
-from ballbot.block_bootstrap import resamples
-from ballbot.identification.bootstrap import bootstrap
-from ballbot.identification.bounds import Bounds
-from ballbot.identification.coordinates import scale_between
-from ballbot.identification.prediction import Cost, Predictor
-from ballbot.identification.problem import Problem
-from ballbot.identification.profile import profile
-from ballbot.identification.spread import Threads
-from ballbot.identification.starts import costs, finish, linearize
-from ballbot.identification.uncertainty import covariance
+from ballbot.fitting.run import Threads
+from ballbot.fitting.uncertainty import bootstrap, covariance, resamples
+from ballbot.identification.identifiability import profile
+from ballbot.identification.initial_states import costs, fit_with_initial_states, linearize
+from ballbot.identification.parameters import Bounds, scale_between
+from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.windows import cut_windows
 
 DURATION = 14.0  # [s]
@@ -61,7 +57,9 @@ def problem() -> Problem:
 @pytest.fixture(scope="module")
 def finished(problem):
     begin = problem.coordinates.scaled(1.2 * TRUTH)
-    return finish(problem, begin, free=problem.coordinates.free, most_steps=40, report=_silent)
+    return fit_with_initial_states(
+        problem, begin, free=problem.coordinates.free, most_steps=40, report=_silent
+    )
 
 
 def test_freed_starts_come_near_the_true_ones(problem, finished):
@@ -112,7 +110,7 @@ def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
     drawn = resamples(count, block=few.block, repeats=2, seed=0)
     for times, shift in zip(drawn, few.shifts, strict=True):
         resampled = problem.resampled(np.repeat(np.arange(count), times.astype(int)))
-        anew = finish(resampled, finished.point, free=free, most_steps=40, report=_silent)
+        anew = fit_with_initial_states(resampled, finished.point, free=free, most_steps=40, report=_silent)
         # curvature: second order in shifts of a standard error or two
         np.testing.assert_allclose(shift / errors, (anew.point - finished.point) / errors, atol=1.0)
         assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
@@ -122,7 +120,9 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     problem = problem_of(seed=2, bounds=held_but("C_rr"))
     free = problem.coordinates.free
     place = problem.coordinates.labels.index("C_rr")
-    found = finish(problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20, report=_silent)
+    found = fit_with_initial_states(
+        problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20, report=_silent
+    )
     independent = 1.0 / np.sqrt(found.equations.normal.matrix[place, place])
     limits = profile(problem, found, place, free=free, error=2.0 * independent, rise=4.0)
     assert limits.lower is not None
@@ -138,7 +138,7 @@ def test_a_profile_has_no_limit_where_the_logs_set_none():
     free = problem.coordinates.free
     place = problem.coordinates.labels.index("v_s")
     begin = problem.coordinates.scaled(TRUTH)
-    found = finish(problem, begin, free=free, most_steps=5, report=_silent)
+    found = fit_with_initial_states(problem, begin, free=free, most_steps=5, report=_silent)
     limits = profile(problem, found, place, free=free, error=0.3, rise=4.0)
     assert (limits.lower, limits.upper) == (None, None)
 

@@ -27,7 +27,7 @@ from ballbot.experiments.controller_prediction import (
 from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.experiments.plant_draws import draw_plants, parameter_covariance
 from ballbot.experiments.study import Effort, Study, study
-from ballbot.identification.checkpoint import open_checkpoint
+from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.provenance import provenance
 from ballbot.report.results import study_results

@@ -16,16 +16,8 @@ from scipy.stats import binom
 from ballbot.cli.check_swing import SwingOptions, examine_swing
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.swing import (
-    Pivot,
-    fit_swing,
-    inertia_of_swing,
-    recording_findings,
-    swing_findings,
-    swing_in_log,
-    swing_of,
-)
-from ballbot.identification.swing.pendulum import follow_pendulum, period_growth
+from ballbot.identification.inertia import Pivot, inertia_of_swing, recording_findings, swing_findings
+from ballbot.identification.swing import fit_swing, follow_pendulum, period_growth, swing_in_log, swing_of
 from ballbot.log import Log
 from ballbot.robot import Robot
 from tests.swing_examples import film, pendulum, sensor_noise

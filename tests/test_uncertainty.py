@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from control_examples import alten
 
-from ballbot.identification.coordinates import scale_between
-from ballbot.identification.intervals import Errors, Interval, between, intervals
-from ballbot.identification.profile import Profile
-from ballbot.identification.remarks import correlation_remarks, interval_remarks, ridge_remarks
-from ballbot.identification.uncertainty import covariance, unleveraged
+from ballbot.fitting.uncertainty import covariance, unleveraged
+from ballbot.identification.identifiability import Errors, Interval, Profile, between, intervals
+from ballbot.identification.parameters import scale_between
+from ballbot.identification.result import correlation_findings, interval_findings, ridge_findings
 
 COORDINATES = scale_between(alten())
 LABELS = COORDINATES.labels
@@ -103,7 +102,7 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
 
 def test_open_intervals_are_told():
     two = Interval(lower=0.1, upper=0.2, method="clustered")
-    told = interval_remarks(
+    told = interval_findings(
         {
             "b1": two,
             "v_s": replace(two, upper=math.inf),
@@ -133,13 +132,13 @@ def test_open_intervals_are_told():
     ],
 )
 def test_what_the_logs_cannot_tell_apart_is_named_with_an_experiment_that_can(pair, experiment):
-    told = correlation_remarks(pair, np.array([[1.0, -0.97], [-0.97, 1.0]]))
+    told = correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]]))
     assert f"{pair[0]} and {pair[1]} (-0.97)" in told[0]
     assert experiment in told[1]
 
 
 def test_pairs_that_can_be_told_apart_are_not_named():
-    assert correlation_remarks(("c1", "s1"), np.array([[1.0, -0.6], [-0.6, 1.0]])) == []
+    assert correlation_findings(("c1", "s1"), np.array([[1.0, -0.6], [-0.6, 1.0]])) == []
 
 
 def test_a_ridge_of_several_parameters_is_named():
@@ -149,10 +148,10 @@ def test_a_ridge_of_several_parameters_is_named():
     known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))
     values = np.column_stack([known_sum, random.standard_normal(100_000)])
     correlation = np.asarray(np.corrcoef(values, rowvar=False))
-    told, *advice = ridge_remarks(("b1", "c1", "s1", "C_rr"), correlation)
+    told, *advice = ridge_findings(("b1", "c1", "s1", "C_rr"), correlation)
     assert [words.split(", log")[0] for words in advice] == [
         "To separate viscous from dry friction",
         "To separate dry friction at rest from that at speed",
     ]
     assert told.startswith("b1, c1 and s1 are nearly collinear")
-    assert ridge_remarks(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []
+    assert ridge_findings(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []

@@ -16,10 +16,9 @@ from scipy.linalg import expm
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.experiments.ball_movement import ball_movement
+from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.identification import Bounds
-from ballbot.identification.checkpoint import open_checkpoint
-from ballbot.identification.upside_down import identify_upside_down
-from ballbot.identification.upside_down.windows import cut_ball_windows
+from ballbot.identification.upside_down import cut_ball_windows, identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.friction_laws import Classical
 from ballbot.robot import Friction

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot import Log, Robot
 from ballbot.cli.main import main
-from ballbot.identification.upside_down.checks import encoder_findings, upside_down_findings
+from ballbot.identification.upside_down_checks import encoder_findings, upside_down_findings
 
 ALTEN = Robot.load("alten")
 TORQUES, SPEEDS = ("u1", "u2", "u3"), ("wheel1_dot", "wheel2_dot", "wheel3_dot")

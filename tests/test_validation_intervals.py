@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from ballbot.block_bootstrap import resampled_means, resamples
+from ballbot.fitting.uncertainty import resampled_means, resamples
 from ballbot.validation.horizon import HorizonErrors
 from ballbot.validation.ratio_interval import ratio_interval
 from ballbot.validation.state_errors import ErrorPair, StateErrors, verdicts

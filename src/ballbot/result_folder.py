@@ -19,8 +19,8 @@ from pathlib import Path, PurePosixPath
 
 from ballbot.errors import InputError
 from ballbot.files import check_folder, sha256_of, write_text
+from ballbot.fitting.run import uninterrupted
 from ballbot.folder_lock import locked
-from ballbot.processes import uninterrupted
 
 MANIFEST = ".ballbot.json"
 STAGED = ".ballbot-staged"

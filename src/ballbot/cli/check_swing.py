@@ -12,19 +12,17 @@ from rich.text import Text
 from ballbot.cli.findings import finding_line
 from ballbot.cli.output import table
 from ballbot.findings import Finding, by_severity, check_codes, finding_results, nowhere, stop_on_errors
-from ballbot.identification.swing import (
+from ballbot.identification.inertia import (
     Pivot,
-    SwingFit,
     SwingInertia,
-    fit_swing,
     inertia_of_swing,
     recording_findings,
     swing_findings,
-    swing_in_log,
-    swing_remarks,
     swing_results,
     swing_rows,
+    swing_sentences,
 )
+from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.time_checks import check_gaps, check_jitter
 from ballbot.robot import Robot
@@ -58,7 +56,7 @@ class CheckedSwing:
         """Return what results.json holds."""
         said: dict[str, object] = {
             "findings": finding_results(self.findings),
-            "remarks": swing_remarks(self.fit, self.found, self.robot),
+            "remarks": swing_sentences(self.fit, self.found, self.robot),
         }
         return said | swing_results(self.fit, self.found, self.pivot)
 
@@ -71,7 +69,7 @@ class CheckedSwing:
             Text(""),
             table(title, headings, rows, framed=framed),
             *(finding_line(one, accepted=one.severity == "error") for one in self.findings),
-            *(Text(one) for one in swing_remarks(self.fit, self.found, self.robot)),
+            *(Text(one) for one in swing_sentences(self.fit, self.found, self.robot)),
         ]
 
 

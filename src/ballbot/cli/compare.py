@@ -23,7 +23,7 @@ from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results
 from ballbot.experiments.own_controller import OwnController
 from ballbot.files import write_text
-from ballbot.identification.checkpoint import identity_of
+from ballbot.fitting.checkpoint import identity_of
 from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.league_page import league_report

@@ -22,8 +22,8 @@ from ballbot.control.references import write_reference
 from ballbot.experiments.excite import Effort, Excitation, Law, Limits, deviations_found
 from ballbot.experiments.excite import excite as find
 from ballbot.files import write_text
+from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import Bounds, read_bounds
-from ballbot.identification.checkpoint import digest, identity
 from ballbot.printable import shell_line
 from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
 from ballbot.report.json_text import as_json

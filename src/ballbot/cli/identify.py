@@ -18,22 +18,22 @@ from ballbot.cli.output import Bar, progress_bar, standard_output
 from ballbot.cli.study import named_files, names_listed, read_balancing_log
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.fitting.checkpoint import identity
 from ballbot.identification import (
     Bounds,
+    HoldoutResult,
     Identification,
-    Judged,
-    Ladder,
+    ModelSelection,
     Progress,
-    climb,
-    judge,
+    cross_validate,
     read_bounds,
+    select_model,
 )
 from ballbot.identification import identify as find
-from ballbot.identification.back_emf import back_emf_of
-from ballbot.identification.checkpoint import identity
-from ballbot.identification.horizons import Starts
+from ballbot.identification.holdout import InitialStates
 from ballbot.identification.laws import LAWS, LawName
 from ballbot.identification.sweep import SweepFriction, read_sweep
+from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.causal import causal_states
 from ballbot.log.checked import CheckedLogs
@@ -156,7 +156,8 @@ def identify(
                 bar=bar,
             )
         judged = [
-            judge(found, one.log, name=name, starts=one.starts(described)) for name, one in others.items()
+            cross_validate(found, one.log, name=name, starts=one.starts(described))
+            for name, one in others.items()
         ]
         with folder.replaced() as new:
             written = _write(asked, found, ladder, judged, new)
@@ -237,7 +238,7 @@ class _Named:
     path: Path
     mapping: Path | None
 
-    def starts(self, robot: Robot) -> Starts | None:
+    def starts(self, robot: Robot) -> InitialStates | None:
         """Return what gives the states known at times of its rows; None where its rows are the file's own."""
         mapping = self.mapping
         if mapping is None:
@@ -289,7 +290,7 @@ def _find(
     *,
     run: LongRun,
     bar: Bar,
-) -> tuple[Identification, Ladder | None]:
+) -> tuple[Identification, ModelSelection | None]:
     """Fit the law asked for, or climb the ladder."""
     laws = [law.name for law in LAWS] if asked.law == "best" else [asked.law]
 
@@ -316,13 +317,17 @@ def _find(
         )
 
     if asked.law == "best":
-        ladder = climb(fit)
+        ladder = select_model(fit)
         return ladder.best.found, ladder
     return fit(asked.law, None), None
 
 
 def _write(
-    asked: _Asked, found: Identification, ladder: Ladder | None, judged: Sequence[Judged], folder: Path
+    asked: _Asked,
+    found: Identification,
+    ladder: ModelSelection | None,
+    judged: Sequence[HoldoutResult],
+    folder: Path,
 ) -> list[str]:
     """Write the results and return the names of what people read."""
     made = provenance(command=shell_line(asked.words), files=asked.files, seed=asked.seed)
@@ -339,7 +344,9 @@ def _write(
     return ["robot.toml", "ladder.svg"]
 
 
-def _show(found: Identification, ladder: Ladder | None, judged: Sequence[Judged], console: Console) -> None:
+def _show(
+    found: Identification, ladder: ModelSelection | None, judged: Sequence[HoldoutResult], console: Console
+) -> None:
     framed = console.is_terminal
     if ladder:
         console.print(ladder_table(ladder, framed=framed))

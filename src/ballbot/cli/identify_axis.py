@@ -13,11 +13,11 @@ from ballbot.cli.long_run import long_run
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.fitting.checkpoint import identity_of
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
-from ballbot.identification.axis.record_checks import record_findings
-from ballbot.identification.axis.record_file import AxisColumns, read_axis_record
-from ballbot.identification.checkpoint import identity_of
+from ballbot.identification.axis.inverse import record_findings
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.printable import shell_line
 from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
 from ballbot.report.json_text import as_json

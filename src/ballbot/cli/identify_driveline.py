@@ -12,7 +12,7 @@ from ballbot.cli.findings import Accept, accept_words, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
-from ballbot.identification.axis.driveline import (
+from ballbot.identification.driveline import (
     DrivelineBounds,
     DrivelineFit,
     PrintedFit,
@@ -22,8 +22,8 @@ from ballbot.identification.axis.driveline import (
     fit_driveline,
     sweeps_of,
 )
-from ballbot.identification.axis.sweep_checks import sweep_findings
-from ballbot.identification.back_emf import back_emf_of
+from ballbot.identification.driveline_checks import sweep_findings
+from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line

@@ -16,11 +16,11 @@ from ballbot.findings import Finding, by_severity, finding_results
 from ballbot.identification.geometry import (
     Geometry,
     Measured,
-    geometry_remarks,
+    geometry_findings,
     robot_with_geometry,
     survey_geometry,
 )
-from ballbot.identification.upside_down.checks import encoder_findings
+from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
@@ -98,7 +98,7 @@ def identify_geometry(
             upside_down=list(of_ball.values()),
             balancing=[(log, Log.read(film)) for log, film in zip(of_runs.values(), films, strict=True)],
         )
-        remarks = geometry_remarks(found)
+        remarks = geometry_findings(found)
         with folder.replaced() as new:
             try:
                 write_robot(robot_with_geometry(described, found), new / "robot.toml")

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from ballbot.cli.output import table
-from ballbot.identification.judging import Judged
-from ballbot.identification.ladder import Gain, Ladder
+from ballbot.identification.holdout import HoldoutResult
+from ballbot.identification.laws import Gain, ModelSelection
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification
 from ballbot.report.tables import digits
@@ -31,7 +31,7 @@ def parameter_table(found: Identification, *, framed: bool) -> Table:
     return table("found", headings, rows, framed=framed)
 
 
-def error_table(found: Identification, judged: Sequence[Judged], *, framed: bool) -> Table:
+def error_table(found: Identification, judged: Sequence[HoldoutResult], *, framed: bool) -> Table:
     """Return the open-loop errors of each state: on windows held out, and their ratios on other logs."""
     ours = found.held_out
     rows = [
@@ -51,7 +51,7 @@ def error_table(found: Identification, judged: Sequence[Judged], *, framed: bool
     return table(title, headings, rows, framed=framed)
 
 
-def horizon_table(judged: Judged, *, framed: bool) -> Table:
+def horizon_table(judged: HoldoutResult, *, framed: bool) -> Table:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
     rows = [
         (
@@ -81,7 +81,7 @@ def horizon_table(judged: Judged, *, framed: bool) -> Table:
     return table(title, headings, rows, framed=framed)
 
 
-def ladder_table(ladder: Ladder, *, framed: bool) -> Table:
+def ladder_table(ladder: ModelSelection, *, framed: bool) -> Table:
     """Return the laws with their errors and gains on windows held out."""
     rows = [
         (

@@ -16,11 +16,11 @@ from ballbot.cli.study import read_logs
 from ballbot.experiments.ball_movement import ball_movement
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.fitting.checkpoint import identity
 from ballbot.identification import Progress, read_bounds
-from ballbot.identification.checkpoint import identity
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
-from ballbot.identification.upside_down.checks import upside_down_findings
+from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line

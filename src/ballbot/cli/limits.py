@@ -17,6 +17,7 @@ from ballbot.experiments.league.entrants import Entrant, entrants_of
 from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
 from ballbot.files import write_text
+from ballbot.fitting.run import check_seed
 from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json
 from ballbot.report.limits_figures import (
@@ -29,7 +30,6 @@ from ballbot.report.provenance import Provenance, provenance
 from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 
 if TYPE_CHECKING:  # MuJoCo is an extra
     from ballbot.twin import Scenario

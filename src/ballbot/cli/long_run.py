@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.errors import InputError
-from ballbot.identification.checkpoint import CheckpointError, Recall, open_checkpoint
-from ballbot.identification.spread import Spread, SpreadError, Threads
+from ballbot.fitting.checkpoint import CheckpointError, Memoize, open_checkpoint
+from ballbot.fitting.run import Executor, ExecutorError, Threads
 from ballbot.printable import shell_line
 
 CHECKPOINT = "checkpoint.jsonl"
@@ -19,8 +19,8 @@ CHECKPOINT = "checkpoint.jsonl"
 class LongRun:
     """What the work is given."""
 
-    recall: Recall
-    spread: Spread
+    recall: Memoize
+    spread: Executor
 
 
 @contextmanager
@@ -40,7 +40,7 @@ def long_run(
     words : sequence of str
         The command line that makes the run, without --cluster and --resume.
     belongs_to : mapping of str to str
-        What the run is of; see `ballbot.identification.checkpoint.identity`.
+        What the run is of; see `ballbot.fitting.checkpoint.identity`.
     resume : bool
         Go on with the folder's checkpoint.
     cluster : str, optional
@@ -71,12 +71,12 @@ def long_run(
 def _may_go_on(refusal: InputError) -> bool:
     """Return whether the checkpoint is of use after a refusal; an input that is refused would be refused again."""
     of_a_disk = isinstance(refusal.__context__, OSError)  # the inputs have been read, so that a write failed
-    return of_a_disk or isinstance(refusal, CheckpointError | SpreadError)
+    return of_a_disk or isinstance(refusal, CheckpointError | ExecutorError)
 
 
-def _spread(cluster: str | None) -> AbstractContextManager[Spread]:
+def _spread(cluster: str | None) -> AbstractContextManager[Executor]:
     if cluster is None:
         return nullcontext(Threads())
-    from ballbot.identification.cluster import Cluster
+    from ballbot.fitting.cluster import Cluster
 
     return Cluster(cluster)

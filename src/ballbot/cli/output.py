@@ -19,7 +19,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from ballbot.pace import Pace, as_clock
+from ballbot.fitting.run import EtaEstimator, as_clock
 from ballbot.printable import printable, printable_line
 
 _WIDTH = 100  #: columns where no terminal says how many there are
@@ -58,7 +58,7 @@ class _DrawnBar:
     """A bar that moves, on a terminal."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
-        self._progress, self._task, self._pace = progress, task, Pace()
+        self._progress, self._task, self._pace = progress, task, EtaEstimator()
 
     def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
         left = _time_left(self._pace, share)
@@ -75,7 +75,7 @@ class _WrittenLines:
     """
 
     def __init__(self, doing: str) -> None:
-        self._doing, self._line, self._pace = doing, doing, Pace()
+        self._doing, self._line, self._pace = doing, doing, EtaEstimator()
         self._written_of = ""  # the stage of the last line
         self._next = monotonic() + _BEFORE_LINES
         self._first = Timer(_BEFORE_LINES, self._write)
@@ -101,7 +101,7 @@ class _WrittenLines:
         print(f"ballbot: {printable_line(self._line)}", file=sys.stderr, flush=True)
 
 
-def _time_left(pace: Pace, share: float) -> str:
+def _time_left(pace: EtaEstimator, share: float) -> str:
     seconds = pace.seconds_left(share)
     return "" if seconds is None or share >= 1.0 else f"about {as_clock(seconds)} left"
 

@@ -18,8 +18,8 @@ from ballbot.control.references import reference_from
 from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs, recorded
 from ballbot.files import check_folder
+from ballbot.fitting.run import check_seed
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 from ballbot.simulation.run import sample_count
 from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment

@@ -18,7 +18,7 @@ from ballbot.errors import InputError
 from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
 from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.files import write_text
-from ballbot.identification.checkpoint import identity
+from ballbot.fitting.checkpoint import identity
 from ballbot.mechanics.model import Model
 from ballbot.printable import shell_line
 from ballbot.report.json_text import as_json

@@ -17,13 +17,13 @@ from ballbot.estimation.named import EstimatorName
 from ballbot.experiments.metrics import SETTLE, settled
 from ballbot.experiments.score import score
 from ballbot.files import write_text
+from ballbot.fitting.run import check_seed
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.json_text import as_json
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant

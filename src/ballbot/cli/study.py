@@ -15,9 +15,9 @@ from ballbot.experiments.league.course_file import PlantName
 from ballbot.experiments.plant_draws import available_plant
 from ballbot.experiments.study import Effort
 from ballbot.experiments.study import study as run_study
+from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
-from ballbot.identification.back_emf import back_emf_of
-from ballbot.identification.checkpoint import identity
+from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checked import CheckedLogs
 from ballbot.log.odometry import with_position

@@ -18,6 +18,7 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import finding_results
+from ballbot.fitting.run import check_seed
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
@@ -29,7 +30,6 @@ from ballbot.report.validation_page import validation_report
 from ballbot.report.validation_results import validation_results
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 from ballbot.validation import (
     ErrorPair,
     ModelPair,

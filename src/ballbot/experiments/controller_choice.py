@@ -29,8 +29,8 @@ from ballbot.experiments.performance import Performance, performance_of
 from ballbot.experiments.plant_draws import PlantDraw, parameter_covariance
 from ballbot.experiments.run_ahead import RunAhead
 from ballbot.experiments.score import Score, score
+from ballbot.fitting.checkpoint import Arrays, Memoize, no_checkpoint
 from ballbot.identification import Identification
-from ballbot.identification.checkpoint import Arrays, Recall, afresh
 from ballbot.log import Log
 from ballbot.robot import Robot
 
@@ -196,7 +196,7 @@ def choose_controller(
     course: NamedCourse = SQUARE,
     ablation_plants: int = 6,
     processes: int | None = None,
-    recall: Recall = afresh,
+    recall: Memoize = no_checkpoint,
     progress: ChoiceProgress | None = None,
 ) -> ControllerChoice:
     """Run every candidate on every plant, choose one, and remove the parts of the precise one by turns.

@@ -28,8 +28,7 @@ from ballbot.estimation.named import EstimatorName, named_estimator
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course_file import PlantName
 from ballbot.identification import Identification
-from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.rigid_body import RIGID, with_friction, with_rigid_body
+from ballbot.identification.quantities import BY_NAME, RIGID, with_friction, with_rigid_body
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot

@@ -28,7 +28,7 @@ from ballbot.control.references import is_reference_file, reference_from, refere
 from ballbot.errors import InputError
 from ballbot.estimation.named import named_estimator
 from ballbot.files import write_text
-from ballbot.processes import uninterrupted, worker_pool
+from ballbot.fitting.run import uninterrupted, worker_pool
 from ballbot.result_folder import read_manifest, result_folder
 from ballbot.robot.file import robot_text
 from ballbot.robot.robot import Robot

@@ -9,8 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from types import TracebackType
 from typing import Generic, TypeVar
 
-from ballbot.identification.spread import SpreadError
-from ballbot.processes import uninterrupted, worker_pool
+from ballbot.fitting.run import ExecutorError, uninterrupted, worker_pool
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -65,7 +64,7 @@ class RunAhead(Generic[Job, Result]):
         try:
             return self._ahead.pop(place).result()
         except BrokenProcessPool:
-            raise SpreadError(
+            raise ExecutorError(
                 "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
                 "continue with --resume."
             ) from None

@@ -30,10 +30,9 @@ from ballbot.experiments.held_out import held_out_stretches, without
 from ballbot.experiments.league.course_file import PlantName
 from ballbot.experiments.plant_draws import PlantDraw, available_plant, draw_plants
 from ballbot.findings import Finding
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import Executor, Progress
 from ballbot.identification import Bounds, Identification, identify
-from ballbot.identification.checkpoint import Recall, afresh
-from ballbot.identification.progress import Progress
-from ballbot.identification.spread import Spread
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checked import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
@@ -120,8 +119,8 @@ def study(
     back_emf: float = 0.0,
     seed: int = 0,
     effort: Effort | None = None,
-    spread: Spread | None = None,
-    recall: Recall = afresh,
+    spread: Executor | None = None,
+    recall: Memoize = no_checkpoint,
     progress: StudyProgress | None = None,
 ) -> Study:
     """Find a robot's friction in its logs, judge it, and show what compensating it gains.
@@ -147,7 +146,7 @@ def study(
         judged all the same.
     back_emf : float
         What a motor driven by voltage brakes with [N m s/rad], if the logs' torques contain it; see
-        `ballbot.identification.back_emf`.
+        `ballbot.identification.windows`.
     seed : int
         Of all that is random.
     effort : Effort, optional
@@ -266,8 +265,8 @@ def _identify(
     back_emf: float,
     seed: int,
     effort: Effort,
-    spread: Spread | None,
-    recall: Recall,
+    spread: Executor | None,
+    recall: Memoize,
     tell: Callable[[float], None],
 ) -> Identification:
     def told(progress: Progress) -> None:

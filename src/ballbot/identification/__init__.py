@@ -1,21 +1,21 @@
 """Friction from logs: what a robot's own motion tells, how surely, and what it does not."""
 
-from ballbot.identification.bounds import Bounds, read_bounds
+from ballbot.fitting.run import Progress
+from ballbot.identification.holdout import HoldoutResult, cross_validate
 from ballbot.identification.identify import identify
-from ballbot.identification.judging import Judged, judge
-from ballbot.identification.ladder import Ladder, climb
-from ballbot.identification.progress import Progress
+from ballbot.identification.laws import ModelSelection, select_model
+from ballbot.identification.parameters import Bounds, read_bounds
 from ballbot.identification.result import Identification, WindowErrors
 
 __all__ = [
     "Bounds",
+    "HoldoutResult",
     "Identification",
-    "Judged",
-    "Ladder",
+    "ModelSelection",
     "Progress",
     "WindowErrors",
-    "climb",
+    "cross_validate",
     "identify",
-    "judge",
     "read_bounds",
+    "select_model",
 ]

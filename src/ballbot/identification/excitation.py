@@ -1,21 +1,44 @@
-"""Whether logs move enough for a quantity to show in them: asked before anything is estimated.
+"""What logs can show: whether they excite the parameters, and effects that the model does not have.
+
+Whether logs move enough for a quantity to show in them: asked before anything is estimated.
 
 A log without motion or torque is refused as a whole. Short of that, what a log cannot give is refused by name: such
 parameters take part in the fit, since a wheel that friction holds throughout has friction, but get no number.
+
+Wheels that swing to and fro within the gearbox's play: there a model without play errs, and more so with friction.
+
+A stiff gain makes motors chatter: they cross the play, strike, and are turned back before ball and body have followed.
+The encoder, on the motor's side, sees swings about as long as the play. Friction's sign then follows the motor and
+averages out over a swing (as dither does), whereas a model that fixes motor to wheel holds the ball by c + s. On such
+windows friction found elsewhere predicts the lean worse than none, and a fit to them alone finds none.
+
+Whether the heading follows the wheels, as it does where the ball does not pivot on the floor.
+
+Wheels that all turn alike turn the body against the ball, and show psi_dot less the ball's spin: all of psi_dot where
+the ball does not pivot, and where floor and ball are smooth and the ball turns along, a share of it,
+
+    share = sum (psi_dot - spin) psi_dot / sum psi_dot^2            over means of a tenth of a second
+
+(0.2 and 0.5 on two logs of a course's robot, 0.99 on a physics engine's). The model without pivoting then explains the
+heading by whatever else it has, first of all by rolling friction.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.identification.coordinates import Coordinates
+from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.windows import Windows
-from ballbot.log import STATE_NAMES
+from ballbot.identification.windows import Windows, ball_spin, measured_wheel_speeds
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import wheel_speed_names
+from ballbot.log.turning_points import turning_points
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 
@@ -189,3 +212,118 @@ def _rows(coordinates: Coordinates, names: tuple[str, ...], wheel: int | None) -
         return mine
     ends = np.array([label.endswith(str(wheel + 1)) for label in coordinates.labels])
     return mine & ends & np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])
+
+
+#: a swing is within the play where it is this many times as long: at its end a blow turns the wheel a little
+WITHIN = (0.3, 2.0)
+#: a turn back by less than this share of the play is the encoder's noise
+LEAST_TURN = 0.1
+#: a log whose wheels are within the play for more than this share of the time is said to chatter
+CHATTER = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chatter:
+    """How much a log's wheels swing within the play."""
+
+    share: float  #: of the time, the wheels' mean
+    swing: float  #: median length of the swings within the play [rad]; NaN where there is none
+
+    @property
+    def matters(self) -> bool:
+        """Whether predictions with friction are not to be trusted there."""
+        return self.share > CHATTER
+
+
+def chatter(log: Log, robot: Robot) -> Chatter:
+    """Return how much the wheels swing within the robot's play."""
+    play = robot.drive.backlash
+    if not play > 0.0:
+        return Chatter(share=0.0, swing=math.nan)
+    speeds = np.nan_to_num(measured_wheel_speeds(log, robot))
+    angles = np.cumsum(speeds[:-1] * np.diff(log.t)[:, None], axis=0)
+    lengths, rows = (
+        np.concatenate(parts)
+        for parts in zip(*(_swings(angle, LEAST_TURN * play) for angle in angles.T), strict=True)
+    )
+    within = (lengths > WITHIN[0] * play) & (lengths < WITHIN[1] * play)
+    swing = float(np.median(lengths[within])) if within.any() else math.nan
+    return Chatter(share=float(rows[within].sum() / rows.sum()), swing=swing)
+
+
+def chatter_finding(found: Chatter, robot: Robot, name: str) -> str:
+    """Return what to say of a log that chatters."""
+    return (
+        f"In {name} the wheels oscillate by {math.degrees(found.swing):.1f} deg for {100 * found.share:.0f} % "
+        f"of the time, within the gearbox's play of {math.degrees(robot.drive.backlash):.1f} deg: the motors "
+        "strike the stops while ball and body hardly follow. The model has no play, so friction there makes "
+        "its predictions worse, first those of the lean. Validate friction on logs of a softer gain."
+    )
+
+
+def _swings(angle: NDArray[np.float64], least: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return how far an angle (N,) travels from one turning point to the next, and for how many rows."""
+    turns = turning_points(angle, least)
+    return np.abs(np.diff(angle[turns])), np.diff(turns)
+
+
+#: the share is told from means over so long [s], in which encoders' noise averages out
+HEADING_MEAN = 0.1
+#: a heading that turns less, root mean square, is noise [rad/s]
+LEAST_TURNING = 0.03
+#: less than this share is said; less than the other is wheels that count backwards, which `ballbot check-log` tells
+LARGEST_SHARE, SMALLEST_SHARE = 0.8, -0.3
+HEADING = ("psi", "psi_dot")
+
+
+def share_shown(log: Log, robot: Robot) -> float | None:
+    """Return the share of the heading's turning that the wheels show; None where the log does not tell."""
+    if not {*wheel_speed_names(robot.wheel_count), *STATE_NAMES} <= set(log.names) or len(log) < 2:
+        return None
+    rate, spin = log["psi_dot"], ball_spin(log, robot)
+    known = np.isfinite(rate) & np.isfinite(spin)
+    rows = max(1, round(HEADING_MEAN / log.sample_time))
+    rate, spin = _block_means(rate[known], rows), _block_means(spin[known], rows)
+    if len(rate) < 2 or np.sqrt((rate**2).mean()) < LEAST_TURNING:
+        return None
+    return float((rate - spin) @ rate / (rate @ rate))
+
+
+def heading_findings(
+    shares: Sequence[float | None], *, left_out: Sequence[str], sought: Sequence[str]
+) -> list[str]:
+    """Return a sentence where wheels do not show the heading of logs, with what was done or what to do about it.
+
+    Parameters
+    ----------
+    shares : sequence of float or None
+        Of `share_shown`, one a log.
+    left_out : sequence of str
+        States left out of the cost.
+    sought : sequence of str
+        Quantities that vary.
+    """
+    few = [one for one in shares if one is not None and SMALLEST_SHARE < one < LARGEST_SHARE]
+    if not few:
+        return []
+    if "pivoting" in sought:
+        done = "; the friction against that, T_p, was among the estimated parameters."
+    elif set(HEADING) <= set(left_out):
+        done = "; the heading was excluded from the cost."
+    else:
+        done = (
+            ", which this model does not, so other friction parameters compensate for it. "
+            "Estimate the floor's friction against pivoting (--free friction,pivoting), "
+            "or exclude the heading from the cost (--leave-out psi,psi_dot)."
+        )
+    least = f"{100 * min(few):.0f} %"
+    most = f" to {100 * max(few):.0f} %" if len(few) > 1 else ""
+    return [
+        f"The wheels show only {least}{most} of the turning "
+        f"of the heading: the ball pivots on the floor{done}"
+    ]
+
+
+def _block_means(values: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+    count = len(values) // rows
+    return values[: count * rows].reshape(count, rows).mean(axis=1)

@@ -14,34 +14,31 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
-from ballbot.identification.assessment import assess
-from ballbot.identification.back_emf import standstill_torques
-from ballbot.identification.bounds import Bounds
-from ballbot.identification.checkpoint import Recall, afresh
-from ballbot.identification.coordinates import Coordinates, scale_between
-from ballbot.identification.evolution import Evolved
-from ballbot.identification.found_robot import found_robot
-from ballbot.identification.heading_words import heading_remarks, share_shown
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import Executor, ProgressCallback, ProgressReporter, Threads, check_seed
+from ballbot.fitting.search import SearchResult
+from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
+from ballbot.identification.gauss_newton import at_bound
+from ballbot.identification.identifiability import assess
 from ballbot.identification.laws import LawName, bounds_of, law_named
-from ballbot.identification.play import chatter, chatter_remark
-from ballbot.identification.polish import at_bound
+from ballbot.identification.parameters import Bounds, Coordinates, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.progress import Report, Teller
 from ballbot.identification.quantities import FRICTION, names_in
-from ballbot.identification.remarks import (
-    bound_remarks,
-    correlation_remarks,
-    error_remarks,
-    influence_remarks,
-    interval_remarks,
-    prediction_remarks,
-    ridge_remarks,
+from ballbot.identification.result import (
+    Identification,
+    WindowErrors,
+    bound_findings,
+    correlation_findings,
+    error_findings,
+    found_robot,
+    influence_findings,
+    interval_findings,
+    prediction_findings,
+    ridge_findings,
 )
-from ballbot.identification.result import Identification, WindowErrors
-from ballbot.identification.spread import Spread, Threads
 from ballbot.identification.stages import (
     Effort,
-    Estimate,
+    PointEstimate,
     Prepared,
     better_start,
     errors,
@@ -52,14 +49,14 @@ from ballbot.identification.stages import (
     stages_of,
     states_counted,
 )
-from ballbot.identification.sweep import SweepFriction, Told, told_together
+from ballbot.identification.sweep import Estimate, SweepFriction, with_sweep
+from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checked import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names
 from ballbot.log.spikes import spiked_rows
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 
 
 def identify(
@@ -83,9 +80,9 @@ def identify(
     evolution_windows: int = 64,
     polish_steps: int = 25,
     step: float = 1e-3,
-    spread: Spread | None = None,
-    recall: Recall = afresh,
-    progress: Report | None = None,
+    spread: Executor | None = None,
+    recall: Memoize = no_checkpoint,
+    progress: ProgressCallback | None = None,
 ) -> Identification:
     """Find b, c, s of each wheel, v_s, delta and C_rr from balancing logs, and what else is named.
 
@@ -113,7 +110,7 @@ def identify(
         States whose errors do not count in the fit, as the heading on a floor on which the ball pivots.
     back_emf : float
         What a motor driven by voltage brakes with [N m s/rad], if the logs' torques contain it; see
-        `ballbot.identification.back_emf`.
+        `ballbot.identification.windows`.
     start : Identification, optional
         One whose numbers the polish begins from where they predict better than what the evolution found.
     sweep : SweepFriction, optional
@@ -132,7 +129,7 @@ def identify(
     spread : Spread, optional
         Where the work is done: `Threads` of a number, a `Cluster`; by default a thread for each core.
     recall : Recall, optional
-        A checkpoint's, for a run that can be resumed; see `ballbot.identification.checkpoint`.
+        A checkpoint's, for a run that can be resumed; see `ballbot.fitting.checkpoint`.
     progress : callable, optional
         Told a `Progress` after each generation and each step of the polish.
 
@@ -158,7 +155,7 @@ def identify(
     )
     checked = checked_logs(robot, logs, accept=accept)
     fitted = list(checked.logs.values())
-    coordinates = sought(robot, free=free, law=law, bounds=bounds or Bounds())
+    coordinates = estimated_parameters(robot, free=free, law=law, bounds=bounds or Bounds())
     predictor = Predictor(
         robot=robot,
         formulation=formulation,
@@ -178,7 +175,7 @@ def identify(
         spread=spread or Threads(),
     )
     recall("inputs", inputs_of(prepared, effort=effort, seed=seed, start=start), list)
-    told = Teller(progress, stages_of(prepared, effort))
+    told = ProgressReporter(progress, stages_of(prepared, effort))
     evolved = search(prepared.coarse, effort=effort, seed=seed, told=told, recall=recall)
     begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
     estimate = refine(prepared, begin, effort=effort, told=told, recall=recall)
@@ -196,7 +193,7 @@ def identify(
     )
 
 
-def sought(robot: Robot, *, free: Sequence[str], law: LawName, bounds: Bounds) -> Coordinates:
+def estimated_parameters(robot: Robot, *, free: Sequence[str], law: LawName, bounds: Bounds) -> Coordinates:
     """Return which parameters `identify` deals with, and within which bounds.
 
     Raises
@@ -213,8 +210,8 @@ def sought(robot: Robot, *, free: Sequence[str], law: LawName, bounds: Bounds) -
 
 def _result(
     prepared: Prepared,
-    evolved: Evolved,
-    estimate: Estimate,
+    evolved: SearchResult,
+    estimate: PointEstimate,
     *,
     logs: Sequence[Log],
     findings: tuple[Finding, ...],
@@ -222,7 +219,7 @@ def _result(
     window: float,
     sweep: SweepFriction | None,
     seed: int,
-    recall: Recall,
+    recall: Memoize,
 ) -> Identification:
     coordinates, predictor = prepared.problem.coordinates, prepared.problem.predictor
     sure = assess(
@@ -234,9 +231,9 @@ def _result(
         recall=recall,
     )
     layout = predictor.layout
-    told = Told(values=estimate.values, uncertainty=sure)
+    told = Estimate(values=estimate.values, uncertainty=sure)
     if sweep is not None:
-        told = told_together(coordinates, told, sweep)
+        told = with_sweep(coordinates, told, sweep)
     values, sure = told.values, told.uncertainty
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
@@ -257,33 +254,35 @@ def _result(
         evolution_cost=evolved.history,
         polish_cost=estimate.polished.history,
         warnings=(
-            *_log_remarks(predictor, logs, left_out),
-            *_remarks(prepared, estimate, told, held_out),
+            *_log_findings(predictor, logs, left_out),
+            *_findings(prepared, estimate, told, held_out),
             *told.remarks,
         ),
         log_findings=findings,
     )
 
 
-def _remarks(prepared: Prepared, estimate: Estimate, told: Told, held_out: WindowErrors) -> list[str]:
+def _findings(
+    prepared: Prepared, estimate: PointEstimate, told: Estimate, held_out: WindowErrors
+) -> list[str]:
     """Return what to know of the numbers, in sentences."""
     coordinates, sure = prepared.problem.coordinates, told.uncertainty
     apart = (
-        *correlation_remarks(coordinates.labels, sure.correlation),
-        *ridge_remarks(coordinates.labels, sure.correlation),
+        *correlation_findings(coordinates.labels, sure.correlation),
+        *ridge_findings(coordinates.labels, sure.correlation),
     )
     return [
         *prepared.excitation.remarks,
-        *influence_remarks(coordinates, told.values, estimate.no_influence),
-        *bound_remarks(coordinates, told.values, _at_bounds(coordinates, estimate)),
-        *error_remarks(coordinates, sure.scaled_errors),
-        *interval_remarks(sure.intervals),
+        *influence_findings(coordinates, told.values, estimate.no_influence),
+        *bound_findings(coordinates, told.values, _at_bounds(coordinates, estimate)),
+        *error_findings(coordinates, sure.scaled_errors),
+        *interval_findings(sure.intervals),
         *dict.fromkeys(apart),
-        *prediction_remarks(held_out.ratios),
+        *prediction_findings(held_out.ratios),
     ]
 
 
-def _log_remarks(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[str]:
+def _log_findings(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[str]:
     """Return what the logs themselves show that the model does not have: spoilt rows, play, and a ball that pivots."""
     robot = predictor.robot
     found = [chatter(log, robot) for log in logs]
@@ -291,8 +290,8 @@ def _log_remarks(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[s
     shares = [share_shown(log, robot) for log, one in zip(logs, found, strict=True) if not one.matters]
     return [
         *filter(None, (_spoilt(log, robot, name) for log, name in zip(logs, names, strict=True))),
-        *(chatter_remark(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
-        *heading_remarks(shares, left_out=left_out, sought=predictor.layout.extra),
+        *(chatter_finding(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
+        *heading_findings(shares, left_out=left_out, sought=predictor.layout.extra),
     ]
 
 
@@ -308,5 +307,5 @@ def _spoilt(log: Log, robot: Robot, name: str) -> str:
     )
 
 
-def _at_bounds(coordinates: Coordinates, estimate: Estimate) -> NDArray[np.bool_]:
+def _at_bounds(coordinates: Coordinates, estimate: PointEstimate) -> NDArray[np.bool_]:
     return coordinates.free & ~estimate.unknown & at_bound(estimate.finished.point)

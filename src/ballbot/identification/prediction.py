@@ -1,4 +1,13 @@
-"""Predictions of windows by many sets of parameters in one batched call, and their errors."""
+"""Predictions of windows by many sets of parameters at once, and the least-squares problem they make.
+
+Predictions of windows by many sets of parameters in one batched call, and their errors.
+
+The pieces that a cost and its derivatives are computed in, over threads or a cluster.
+
+A piece is some sets of parameters on some windows; the problem fixes which, and sums are taken in the pieces' order.
+
+What a search makes small: windows, a predictor of them, and the parameters as the search sees them.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +17,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.identification.late_sensors import seen_late, state_delays
-from ballbot.identification.nuisance import acting_torques, sensor_offsets
-from ballbot.identification.quantities import Layout
-from ballbot.identification.rigid_body import RIGID, with_rigid_body
+from ballbot.fitting.run import Executor, Threads
+from ballbot.fitting.uncertainty import NormalEquations
+from ballbot.identification.input_and_sensor_model import (
+    acting_torques,
+    seen_late,
+    sensor_offsets,
+    state_delays,
+)
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine import simulate_lanes
@@ -55,7 +70,7 @@ class Predictor:
     layout : Layout, optional
         Which parameters vary; friction's by default. The ball pivots where "pivoting" is one of them.
     back_emf : float
-        b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.back_emf`.
+        b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.windows`.
     threads : int, optional
         All cores by default; the results do not depend on it.
     """
@@ -259,3 +274,129 @@ class Cost:
 
     def _floor(self) -> NDArray[np.float64]:
         return 1e-12 * self.reference + np.finfo(float).tiny
+
+
+#: of a piece; derivatives take all sets at once
+WINDOWS, SETS = 64, 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Work:
+    """What all pieces need."""
+
+    predictor: Predictor
+    windows: Windows
+
+    def residuals(self, values: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the residuals (sets, rows, k, 10) at the k times of comparison, in this thread."""
+        alone = replace(self.predictor, threads=1)
+        windows = self.windows.take(rows)
+        return alone.residuals(values, windows, every=windows.comparison_interval)
+
+    @property
+    def rows(self) -> list[NDArray[np.int64]]:
+        """The windows' numbers, piece by piece."""
+        count = len(self.windows)
+        return [np.arange(first, min(first + WINDOWS, count)) for first in range(0, count, WINDOWS)]
+
+
+def piecewise_square_sums(work: Work, values: NDArray[np.float64], spread: Executor) -> NDArray[np.float64]:
+    """Return the residuals' sums of squares (sets, 10) over windows and times of comparison, from values (sets, p)."""
+    groups = [slice(first, first + SETS) for first in range(0, len(values), SETS)]
+    pieces = [(group, rows) for group in groups for rows in work.rows]
+    found = spread(_squares, work, [(values[group], rows) for group, rows in pieces])
+    sums = np.zeros((len(values), 10))
+    for (group, _), part in zip(pieces, found, strict=True):
+        sums[group] += part
+    return sums
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Differences:
+    """Values about a point, and what turns residuals there into a weighted Jacobian."""
+
+    values: NDArray[np.float64]  #: (1 + 2 m, p): the point, m of them forward of it, m backward
+    distance: NDArray[np.float64]  #: (m,), from backward to forward, scaled
+    weight: NDArray[np.float64]  #: (10,), of each state's residuals
+
+
+def normal_equations(
+    work: Work, differences: Differences, spread: Executor
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return J^T J (m, m) and, for each window, J^T r (w, m)."""
+    found = spread(_products, work, [(differences, rows) for rows in work.rows])
+    matrix = np.zeros((len(differences.distance),) * 2)
+    for part, _ in found:
+        matrix += part
+    return matrix, np.concatenate([scores for _, scores in found])
+
+
+def _squares(work: Work, piece: tuple[NDArray[np.float64], NDArray[np.int64]]) -> NDArray[np.float64]:
+    return (work.residuals(*piece) ** 2).sum(axis=(1, 2))
+
+
+def _products(
+    work: Work, piece: tuple[Differences, NDArray[np.int64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    about, rows = piece
+    residuals = work.residuals(about.values, rows) * about.weight
+    residuals = residuals.reshape(len(about.values), len(rows), -1)
+    m = len(about.distance)
+    J = (residuals[1 : 1 + m] - residuals[1 + m :]) / about.distance[:, None, None]
+    # einsum and not BLAS, whose order of summation depends on its threads
+    matrix = np.einsum("iwk,jwk->ij", J, J, optimize=False)
+    return matrix, np.einsum("iwk,wk->wi", J, residuals[0], optimize=False)
+
+
+#: half the central difference, in the scaled coordinate; wide enough to average over single sticking steps
+DIFFERENCE = 2e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """Windows to fit and how. A point (p,) holds every parameter of `coordinates`, held ones too, scaled."""
+
+    predictor: Predictor
+    windows: Windows
+    coordinates: Coordinates
+    cost: Cost
+    spread: Executor = field(default_factory=Threads)  #: where the work is done
+
+    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the costs (sets,) of scaled parameters (sets, p)."""
+        return self.cost(self.square_sums(points))
+
+    def square_sums(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the sums of squares (sets, 10) of scaled parameters (sets, p), over windows and time."""
+        return piecewise_square_sums(self._work, self.coordinates.physical(points), self.spread)
+
+    def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return predicted minus measured states (sets, w, k, 10) at each window's k times of comparison."""
+        every = self.windows.comparison_interval
+        values = self.coordinates.physical(points)
+        parts = [self.predictor.residuals(values, chunk, every=every) for chunk in chunks(self.windows)]
+        return np.concatenate(parts, axis=1)
+
+    def resampled(self, rows: NDArray[np.int64]) -> Problem:
+        """Return the problem of the windows of those numbers, some of them more than once, at the same cost's scale."""
+        return replace(self, windows=self.windows.take(rows))
+
+    def linearize(self, point: NDArray[np.float64]) -> NormalEquations:
+        """Return the normal equations about `point` (p,); zero for parameters that are held."""
+        size, every = len(point), self.windows.comparison_interval
+        moved = np.flatnonzero(self.coordinates.free)
+        step = DIFFERENCE * np.eye(size)[moved]
+        forward, backward = np.clip(point + step, 0.0, 1.0), np.clip(point - step, 0.0, 1.0)
+        distance = (forward - backward)[np.arange(len(moved)), moved]
+        values = self.coordinates.physical(np.concatenate([point[None], forward, backward]))
+        compared = len(self.windows) * (self.windows.samples // every)
+        weight = self.cost.weights(self.square_sums(point[None])[0], compared)
+        differences = Differences(values=values, distance=distance, weight=weight)
+        part, score = normal_equations(self._work, differences, self.spread)
+        matrix, scores = np.zeros((size, size)), np.zeros((len(self.windows), size))
+        matrix[np.ix_(moved, moved)], scores[:, moved] = part, score
+        return NormalEquations(matrix=matrix, scores=scores)
+
+    @property
+    def _work(self) -> Work:
+        return Work(predictor=self.predictor, windows=self.windows)

@@ -9,22 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.identification.checkpoint import Recall, afresh, digest
-from ballbot.identification.coordinates import Coordinates
-from ballbot.identification.dormant import dormant
-from ballbot.identification.evolution import Evolved, evolve
+from ballbot.fitting.checkpoint import Memoize, digest, no_checkpoint
+from ballbot.fitting.run import Executor, ProgressReporter, Stage
+from ballbot.fitting.search import SearchResult, evolve
+from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
-from ballbot.identification.nuisance import samples_before
-from ballbot.identification.polish import CANDIDATES, Polished, at_bound, polish
-from ballbot.identification.prediction import Cost, Predictor, chunks
-from ballbot.identification.problem import Problem
-from ballbot.identification.progress import Stage, Teller
+from ballbot.identification.gauss_newton import CANDIDATES, GaussNewtonFit, at_bound, gauss_newton
+from ballbot.identification.identifiability import unidentifiable
+from ballbot.identification.initial_states import (
+    TRIALS,
+    WORK_OF_STARTS,
+    InitialStatesFit,
+    fit_with_initial_states,
+)
+from ballbot.identification.input_and_sensor_model import samples_before
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
 from ballbot.identification.result import Identification, WindowErrors
-from ballbot.identification.spread import Spread
-from ballbot.identification.starts import TRIALS, WORK_OF_STARTS, Finished, finish
-from ballbot.identification.uncertainty import without_influence
-from ballbot.identification.wheel_speeds import ball_spin
-from ballbot.identification.windows import Windows, cut_windows, split
+from ballbot.identification.windows import Windows, ball_spin, cut_windows, split
 from ballbot.log import STATE_NAMES, Log
 
 #: inner step of the evolution's simulations [s]; only the basin is asked of them, and the cost differs by 1e-4
@@ -73,11 +75,11 @@ class Prepared:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
+class PointEstimate:
     """Where the search ended and what could be told there."""
 
-    polished: Polished  #: windows predicted from their measured starts
-    finished: Finished  #: their starts estimated too: the estimate
+    polished: GaussNewtonFit  #: windows predicted from their measured starts
+    finished: InitialStatesFit  #: their starts estimated too: the estimate
     values: NDArray[np.float64]  #: (p,), SI units
     no_influence: NDArray[np.bool_]  #: (p,)
     refused: NDArray[np.bool_]  #: (p,), those that the logs cannot give for want of excitation
@@ -114,7 +116,7 @@ def prepare(
     seed: int,
     effort: Effort,
     counted: NDArray[np.bool_],
-    spread: Spread,
+    spread: Executor,
 ) -> Prepared:
     """Cut the logs, set windows aside and ask whether the rest can give the parameters.
 
@@ -156,7 +158,7 @@ def _problem(
     windows: Windows,
     coordinates: Coordinates,
     counted: NDArray[np.bool_],
-    spread: Spread,
+    spread: Executor,
 ) -> Problem:
     before = np.clip(coordinates.before, coordinates.lower, coordinates.upper)
     none = predictor.layout.without_friction(before)
@@ -198,7 +200,9 @@ def inputs_of(
     return np.frombuffer(digest(*parts), dtype=np.uint8).astype(float)
 
 
-def search(problem: Problem, *, effort: Effort, seed: int, told: Teller, recall: Recall = afresh) -> Evolved:
+def search(
+    problem: Problem, *, effort: Effort, seed: int, told: ProgressReporter, recall: Memoize = no_checkpoint
+) -> SearchResult:
     """Find the basin: an evolution over the parameters that are free, the others where they are held."""
     coordinates = problem.coordinates
     free = coordinates.free
@@ -218,7 +222,7 @@ def search(problem: Problem, *, effort: Effort, seed: int, told: Teller, recall:
         report=told.of("evolution"),
         recall=recall,
     )
-    return Evolved(best=points(evolved.best[None])[0], history=evolved.history)
+    return SearchResult(best=points(evolved.best[None])[0], history=evolved.history)
 
 
 def refine(
@@ -226,26 +230,30 @@ def refine(
     start: NDArray[np.float64],
     *,
     effort: Effort,
-    told: Teller,
-    recall: Recall = afresh,
-) -> Estimate:
+    told: ProgressReporter,
+    recall: Memoize = no_checkpoint,
+) -> PointEstimate:
     """Polish, free the starts; then hold what turned out to be without influence, and finish the rest."""
     problem = prepared.problem
     free, steps = problem.coordinates.free, STEPS_WITH_STARTS * effort.polish_steps
     polish_steps, report = effort.polish_steps, told.of("polish")
-    polished = polish(problem, start, free=free, most_steps=polish_steps, report=report, recall=recall)
+    polished = gauss_newton(problem, start, free=free, most_steps=polish_steps, report=report, recall=recall)
     report = told.of("starts")
-    finished = finish(problem, polished.point, free=free, most_steps=steps, report=report, recall=recall)
-    asleep = dormant(problem, finished, most_steps=steps, recall=recall)
+    finished = fit_with_initial_states(
+        problem, polished.point, free=free, most_steps=steps, report=report, recall=recall
+    )
+    asleep = unidentifiable(problem, finished, most_steps=steps, recall=recall)
     no_influence = free & (asleep.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
         again = _as_before(problem, finished.point, no_influence & ~asleep.dependent)
         own = problem.coordinates.scaled(problem.coordinates.before)
         again = np.where(asleep.through, 0.0, np.where(asleep.dependent, own, again))
         rest = free & ~no_influence
-        finished = finish(problem, again, free=rest, most_steps=steps, report=report, recall=recall)
+        finished = fit_with_initial_states(
+            problem, again, free=rest, most_steps=steps, report=report, recall=recall
+        )
     refused = prepared.excitation.refused & ~no_influence
-    return Estimate(
+    return PointEstimate(
         polished=polished,
         finished=finished,
         values=problem.coordinates.physical(finished.point),

@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ballbot.errors import InputError
-from ballbot.identification.assessment import CONFIDENCE, Uncertainty
-from ballbot.identification.checkpoint import digest
-from ballbot.identification.coordinates import Coordinates
-from ballbot.identification.intervals import Interval
+from ballbot.fitting.checkpoint import digest
+from ballbot.identification.identifiability import CONFIDENCE, Interval, Uncertainty
+from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import Layout
 from ballbot.inputs import read_json
 
@@ -54,7 +53,7 @@ class SweepFriction:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
+class Estimate:
     """An estimate and how sure it is."""
 
     values: NDArray[np.float64]  #: (p,), SI units
@@ -100,7 +99,7 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     return SweepFriction(values=values, covariances=covariances)
 
 
-def told_together(coordinates: Coordinates, told: Told, sweep: SweepFriction) -> Told:
+def with_sweep(coordinates: Coordinates, told: Estimate, sweep: SweepFriction) -> Estimate:
     """Return what logs and a sweep tell together, within bounds; bootstrap errors stay those of the logs.
 
     Of two errors of the logs, clustered and by bootstrap, the larger counts. Where nothing of the sweep could be used,
@@ -110,7 +109,7 @@ def told_together(coordinates: Coordinates, told: Told, sweep: SweepFriction) ->
     logs = np.fmax(sure.standard_errors, sure.bootstrap_errors)
     combined = combine(coordinates.layout, told.values, sure.correlation * np.outer(logs, logs), sweep)
     if not combined.used:
-        return Told(values=told.values, uncertainty=sure, remarks=combined.remarks)
+        return Estimate(values=told.values, uncertainty=sure, remarks=combined.remarks)
     values = np.clip(combined.values, coordinates.lower, coordinates.upper)
     errors = np.sqrt(combined.covariance.diagonal())
     half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
@@ -119,7 +118,7 @@ def told_together(coordinates: Coordinates, told: Told, sweep: SweepFriction) ->
         coordinates.labels[i]: Interval(lower=float(lower[i]), upper=float(upper[i]), method="with sweep")
         for i in np.flatnonzero(np.isfinite(errors))
     }
-    return Told(
+    return Estimate(
         values=values,
         uncertainty=Uncertainty(
             scaled_errors=errors / coordinates.slopes(coordinates.scaled(values)),

@@ -1,4 +1,18 @@
-"""Logs cut into short windows, each predicted from the state measured at its start.
+"""Logs cut into short windows, with the wheel speeds and the back-EMF that belong to them.
+
+Wheel speeds as a log has them, and the ball's spin that follows from them.
+
+Motors driven by voltage: their back-EMF brakes with the wheel's speed, and where that belongs.
+
+A motor on a duty d gives u = n k_t (d V - k_e n w) / R = u_0 - b_e w, with the torque at standstill
+u_0 = n k_t V d / R and b_e = n^2 k_t k_e / R. A log of duties becomes torques u with the speed w that was measured.
+What was commanded is u_0, though, and in a prediction the brake must follow the predicted speed: a model that turns too
+fast would else not be braked for it. So identification predicts with u_0 = u + b_e w and with the viscous friction
+b + b_e, and gives b.
+
+Where b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous friction found is b + b_e.
+
+Logs cut into short windows, each predicted from the state measured at its start.
 
 An unstable plant's open-loop prediction means something for a fraction of a second only. A window of m samples
 starts at row k: the torques are rows k .. k + m - 1, held as a log says, and states k + 1 .. k + m are compared.
@@ -11,16 +25,95 @@ with encoder counts and gearbox play: no state's error on other windows changed 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.drive_input import DutyInput
+from ballbot.log.mapping_file import read_mapping
 from ballbot.log.spikes import spiked_rows
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+
+
+def measured_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or where there are none those of the states."""
+    names = wheel_speed_names(robot.wheel_count)
+    if all(name in log for name in names):
+        return np.column_stack([log[name] for name in names])
+    states = _state_columns(log)
+    return Model(robot).wheel_speed(states[:, :5], states[:, 5:])
+
+
+def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
+    """Return the ball's spin about the vertical (N,) [rad/s], from the encoders and the body's rates.
+
+    The encoders see A (z - w), w the body's rates and z = R^T Omega the ball's, both in the body's frame; so the spin
+    is the vertical part of R (A^-1 wheel speeds + w).
+
+    Raises
+    ------
+    InputError
+        Where the log has no wheel speeds.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if not all(name in log for name in names):
+        raise InputError(
+            f"A pivoting ball needs the wheel speeds {names[0]} .. {names[-1]}, "
+            "which the log does not have; exclude the heading from the cost instead."
+        )
+    angles, rates = _state_columns(log)[:, 2:5], _state_columns(log)[:, 7:10]
+    w = (body_rates_matrix(*angles.T) @ rates[..., None])[..., 0]
+    z = measured_wheel_speeds(log, robot) @ transforms(robot).T_obw.T + w
+    return (rotation(*angles.T)[:, 2] * z).sum(axis=1)
+
+
+def _state_columns(log: Log) -> NDArray[np.float64]:
+    return np.column_stack([log[name] for name in STATE_NAMES])
+
+
+def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
+    """Return the log with u_0 in place of u.
+
+    Parameters
+    ----------
+    back_emf : float
+        b_e [N m s/rad], the same for every motor.
+
+    Raises
+    ------
+    InputError
+        Where b_e is no number from zero up.
+    """
+    if not (math.isfinite(back_emf) and back_emf >= 0.0):
+        raise InputError(f"back_emf is {back_emf!r}; it must be n^2 k_t k_e / R in N m s/rad, zero or more.")
+    speeds = measured_wheel_speeds(log, robot)
+    names = torque_names(robot.wheel_count)
+    return log.with_columns({name: log[name] + back_emf * speeds[:, i] for i, name in enumerate(names)})
+
+
+def back_emf_of(mapping: str | Path | None) -> float:
+    """Return b_e [N m s/rad] of the motors that a mapping file describes; zero where the log has torques or currents.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or is no mapping.
+    """
+    motors = read_mapping(mapping).motors if mapping else None
+    if motors is None or not isinstance(motors.drive, DutyInput):
+        return 0.0
+    drive = motors.drive
+    return drive.gear_ratio**2 * drive.torque_constant * drive.back_emf_constant / drive.resistance
+
 
 #: a sampling interval may differ from the median one by this share of it
 LARGEST_JITTER = 0.1

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.filtering import default_bandwidth, smoothed_motion, speed_at_start
-from ballbot.identification.axis.motion import Axis
-from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.inverse import default_bandwidth, smoothed_motion, speed_at_start
+from ballbot.identification.axis.model import Axis
 from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, thinned
 
 #: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest

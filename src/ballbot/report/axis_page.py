@@ -7,8 +7,8 @@ from functools import partial
 
 from ballbot.findings import Finding
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.laws import PARAMETERS
-from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.model import PARAMETERS
 from ballbot.report.axis_figures import (
     axis_friction_figure,
     closed_loop_figure,

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.identification.axis.driveline import DrivelineFit, PrintedFit, Sweep
+from ballbot.identification.driveline import DrivelineFit, PrintedFit, Sweep
 from ballbot.report.axis_figures import panels_over_time
 from ballbot.report.style import (
     BLUE,

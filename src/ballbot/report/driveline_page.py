@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
-from ballbot.identification.axis.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
+from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.report.driveline_figures import (
     comparison_figure,
     curve_figure,

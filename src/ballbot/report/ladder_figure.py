@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from ballbot.identification.ladder import Ladder, Rung
+from ballbot.identification.laws import Candidate, ModelSelection
 from ballbot.report.style import BLUE, INK, MUTED
 
 
-def ladder_figure(ladder: Ladder) -> Figure:
+def ladder_figure(ladder: ModelSelection) -> Figure:
     """Draw, for each law, its error over that without friction and its gain with the 95 % interval."""
     figure = Figure(figsize=(7.4, 0.75 + 0.36 * len(ladder.rungs)), layout="constrained")
     errors, gains = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.4])
@@ -35,5 +35,5 @@ def ladder_figure(ladder: Ladder) -> Figure:
     return figure
 
 
-def _words(rung: Rung) -> str:
+def _words(rung: Candidate) -> str:
     return f"{'taken' if rung.taken else 'not taken'}, over {rung.law.within or 'no friction'}"

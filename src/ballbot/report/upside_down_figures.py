@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.experiments.ball_movement import BallMovement
-from ballbot.identification.upside_down import UpsideDown
-from ballbot.identification.upside_down.windows import cut_ball_windows
+from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.report.style import MEASURED, REFERENCE, SHADE, WITH_FRICTION, WITHOUT_FRICTION, thinned
 from ballbot.robot import Friction

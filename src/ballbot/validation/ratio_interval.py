@@ -1,7 +1,7 @@
 """A 95 % interval on the ratio of two models' mean errors, from a block bootstrap of the runs.
 
 Runs side by side share the same stretch of floor and the same swing of the limit cycle, so blocks of neighbours are
-drawn (`ballbot.block_bootstrap`), both models' errors of a run together. With r* the ratio of a draw,
+drawn (`ballbot.fitting.uncertainty`), both models' errors of a run together. With r* the ratio of a draw,
 
     log r  +-  t  s*,     s* = std(log r*) sqrt(m / (m - 1)),     m = runs / block,   t Student's with m - 1
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ballbot.block_bootstrap import block_length, resampled_means
+from ballbot.fitting.uncertainty import block_length, resampled_means
 
 #: resamples; they give the standard error to 1 / sqrt(2 * 2000) = 1.6 %
 _REPEATS = 2000

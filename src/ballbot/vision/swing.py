@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.identification.swing.record import Swing, swing_of
+from ballbot.identification.swing import Swing, swing_of
 from ballbot.vision.video import frame_times, open_video
 
 _FRAMES_LOOKED_AT = 40  #: spread over the film, to see what moves

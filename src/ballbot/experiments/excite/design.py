@@ -20,9 +20,9 @@ from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import UNITS, Peaks
 from ballbot.experiments.excite.multisine import Family, family
 from ballbot.experiments.excite.task import Run, Task, run
-from ballbot.identification.checkpoint import Recall, afresh
-from ballbot.identification.evolution import evolve
-from ballbot.identification.spread import Spread, Threads
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import Executor, Threads
+from ballbot.fitting.search import evolve
 from ballbot.sizes import MOST_TRIALS
 
 #: on the model the limits are this share of those given: noise, rollers and a friction believed wrongly come on top
@@ -82,8 +82,8 @@ def design(
     *,
     effort: Effort | None = None,
     seed: int = 0,
-    spread: Spread | None = None,
-    recall: Recall = afresh,
+    spread: Executor | None = None,
+    recall: Memoize = no_checkpoint,
     report: Callable[[float, float], None] | None = None,
 ) -> Design:
     """Find the reference whose log would tell the parameters best, that which it tells worst above all.

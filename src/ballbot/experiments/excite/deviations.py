@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.identification.coordinates import scale_between
+from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
 from ballbot.inputs import read_json

@@ -18,11 +18,11 @@ from ballbot.experiments.excite.information import expected_errors
 from ballbot.experiments.excite.limits import Limits
 from ballbot.experiments.excite.task import Law, Run, Task, run, task
 from ballbot.experiments.excite.trial import Trial, follow_on_twin, try_reference
-from ballbot.identification.bounds import Bounds
-from ballbot.identification.checkpoint import Recall, afresh
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import check_seed
+from ballbot.identification.parameters import Bounds
 from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 from ballbot.twin.scenario import Scenario
 
 #: the square that the design is held against: its side [m], where the floor has room for it, and its period [s]
@@ -128,7 +128,7 @@ def excite(
     window: float = 0.25,
     effort: Effort | None = None,
     seed: int = 0,
-    recall: Recall = afresh,
+    recall: Memoize = no_checkpoint,
     tell: Tell | None = None,
 ) -> Excitation:
     """Design an experiment, hold it against a square of the same length, and try both on the twin.

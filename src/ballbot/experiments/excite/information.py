@@ -19,12 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.identification.coordinates import Coordinates
-from ballbot.identification.prediction import Cost, Predictor
-from ballbot.identification.problem import Problem
-from ballbot.identification.spread import Threads
+from ballbot.fitting.run import Threads
+from ballbot.identification.initial_states import linearize
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.stages import windows_for
-from ballbot.identification.starts import linearize
 from ballbot.log import Log
 
 #: a parameter that all others known would not tell to its range's width, by one residual, has no influence

@@ -14,11 +14,10 @@ from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.experiments.excite.information import Question
 from ballbot.experiments.excite.limits import Limits, Peaks, peaks_of
-from ballbot.identification.bounds import Bounds
-from ballbot.identification.coordinates import Coordinates
-from ballbot.identification.identify import sought
+from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.parameters import Bounds, Coordinates
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.rigid_body import with_friction
+from ballbot.identification.quantities import with_friction
 from ballbot.identification.stages import EVOLUTION_STEP
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
@@ -98,7 +97,7 @@ def task(
     """
     if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
         raise InputError("The states' deviations must be ten positive numbers, one for each state.")
-    coordinates = sought(robot, free=("friction",), law=law, bounds=bounds or Bounds())
+    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds or Bounds())
     point = _believed(robot, coordinates)
     question = Question(
         predictor=Predictor(

@@ -12,10 +12,10 @@ from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.experiments.excite.limits import Peaks, peaks_of
 from ballbot.experiments.excite.task import Law
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
 from ballbot.identification import Bounds, Identification, identify
-from ballbot.identification.checkpoint import Recall, afresh
-from ballbot.identification.coordinates import Coordinates
-from ballbot.identification.identify import sought
+from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.parameters import Coordinates
 from ballbot.log import Log
 from ballbot.log.checked import CheckedLogs
 from ballbot.robot import Robot
@@ -66,7 +66,7 @@ def try_reference(
     bounds: Bounds | None = None,
     window: float = 0.25,
     seed: int = 0,
-    recall: Recall = afresh,
+    recall: Memoize = no_checkpoint,
     progress: Callable[[float], None] | None = None,
 ) -> Trial:
     """Identify from a log of the twin, as from a robot's, and return what it told.
@@ -102,7 +102,7 @@ def try_reference(
         recall=recall,
         progress=(lambda told: progress(told.share)) if progress else None,
     )
-    coordinates = sought(robot, free=("friction",), law=law, bounds=asked)
+    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=asked)
     return Trial(
         log=log,
         peaks=peaks_of(log.truth().states, log.torques),

@@ -21,7 +21,7 @@ from ballbot.experiments.league.course import Course
 from ballbot.experiments.metrics import true_place
 from ballbot.experiments.run_ahead import RunAhead
 from ballbot.experiments.score import Score, score
-from ballbot.identification.checkpoint import Arrays, Recall, afresh
+from ballbot.fitting.checkpoint import Arrays, Memoize, no_checkpoint
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
@@ -62,7 +62,7 @@ def play(
     *,
     seeds: Sequence[int],
     processes: int | None = None,
-    recall: Recall = afresh,
+    recall: Memoize = no_checkpoint,
     progress: Callable[[float], None] | None = None,
 ) -> League:
     """Put every controller through every course with every seed.

@@ -6,7 +6,7 @@ import math
 
 from ballbot.experiments.reproduce.bench import Bench
 from ballbot.experiments.reproduce.item import Check, Item, over_runs
-from ballbot.identification.swing import Pivot, inertia_of_swing
+from ballbot.identification.inertia import Pivot, inertia_of_swing
 
 #: what the swing gave, by Appendix III [kg m^2]
 THESIS_INERTIA = 4.37

@@ -26,15 +26,8 @@ from ballbot.experiments.reproduce.grid import ModelOnGrid
 from ballbot.experiments.reproduce.recordings import CHANGE, CHANGE_RUN, FILMED, Logs
 from ballbot.experiments.reproduce.seeds import LONG_RUNS, RUNS, run_seed
 from ballbot.experiments.reproduce.validated import Validated, validated
-from ballbot.identification.axis.driveline import (
-    DrivelineBounds,
-    DrivelineFit,
-    Sweep,
-    fit_driveline,
-    sweeps_of,
-)
-from ballbot.identification.swing import SwingFit, fit_swing, swing_of
-from ballbot.identification.swing.pendulum import follow_pendulum
+from ballbot.identification.driveline import DrivelineBounds, DrivelineFit, Sweep, fit_driveline, sweeps_of
+from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.formulation import Formulation

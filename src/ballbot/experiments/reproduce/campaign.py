@@ -13,8 +13,8 @@ from ballbot.experiments.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.experiments.reproduce.mistakes import MISTAKES
 from ballbot.experiments.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
 from ballbot.experiments.reproduce.registry import ITEMS
+from ballbot.fitting.run import Progress as Identifying
 from ballbot.identification.identify import identify
-from ballbot.identification.progress import Progress as Identifying
 from ballbot.log import Log
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import read_robot, write_robot

@@ -8,7 +8,7 @@ from ballbot.experiments.metrics import position_error
 from ballbot.experiments.reproduce.bench import BASIC, FIRST_LEAN, Bench
 from ballbot.experiments.reproduce.item import Check, Item, over_runs
 from ballbot.experiments.reproduce.seeds import RUNS
-from ballbot.identification.axis.driveline import Sweep
+from ballbot.identification.driveline import Sweep
 
 #: the supply's speed limit that the thesis reads from its sweep [rad/s]
 THESIS_LIMIT = 27.7

@@ -30,8 +30,8 @@ from ballbot.experiments.reproduce import grid
 from ballbot.experiments.reproduce.grid import TwinOnGrid
 from ballbot.experiments.reproduce.seeds import LONG_RUNS, RUNS, run_seed
 from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.run import uninterrupted, worker_pool
 from ballbot.log import Log
-from ballbot.processes import uninterrupted, worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin

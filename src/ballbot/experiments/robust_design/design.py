@@ -19,10 +19,10 @@ from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
 from ballbot.experiments.robust_design.cost import Marks, Units, run_marks, units_of, worst_tenth
 from ballbot.experiments.robust_design.perturbed import Spread, draw_perturbed
-from ballbot.identification.checkpoint import Recall, afresh
-from ballbot.identification.evolution import evolve
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import check_seed
+from ballbot.fitting.search import evolve
 from ballbot.robot import Robot
-from ballbot.seeds import check_seed
 from ballbot.sizes import MOST_TRIALS
 
 #: places of the state that share a weight
@@ -123,7 +123,7 @@ def robust_design(
     effort: Effort,
     seed: int,
     tell: Callable[[float, str], None] | None = None,
-    recall: Recall = afresh,
+    recall: Memoize = no_checkpoint,
     threads: int | None = None,
 ) -> RobustDesign:
     """Seek the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.

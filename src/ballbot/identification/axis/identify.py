@@ -1,8 +1,13 @@
-"""One axis, identified by three methods, with a ladder of friction laws judged on windows held out."""
+"""One axis, identified by three methods, with a ladder of friction laws judged on windows held out.
+
+What identification of an axis gives.
+
+What an axis's identification has to say in plain words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,30 +15,193 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.identification.axis.filtering import (
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.identification.axis.inverse import (
+    BLOCK,
+    InverseFit,
     Motion,
+    asymmetry_over_time,
     default_bandwidth,
     first_row,
+    inverse_fit,
     smoothed_motion,
     speed_at_start,
 )
-from ballbot.identification.axis.inverse import BLOCK, InverseFit, asymmetry_over_time, inverse_fit
-from ballbot.identification.axis.ladder import chosen, climb
-from ballbot.identification.axis.laws import RUNGS, Rung, Values, rung_of
-from ballbot.identification.axis.motion import Axis
+from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Values, axis_law_named
 from ballbot.identification.axis.output_error import (
+    LawVerdict,
     OutputErrorFit,
     closed_loop_residuals,
+    cross_validate_laws,
     equal_spans,
     fit_output_error,
+    memoized,
     open_loop_residuals,
-    recalled,
     search_output_error,
+    select_law,
 )
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.axis.remarks import remarks
-from ballbot.identification.axis.result import AxisErrors, AxisIdentification, Estimate
-from ballbot.identification.checkpoint import Recall, afresh
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisErrors:
+    """How well parameters predict a record."""
+
+    record: str
+    open_loop_rmse: float  #: of the position over the whole record, from its start [m]
+    closed_loop_force: float | None  #: |F - F_hat| / |F| in closed loop; None where the loop is not known
+    closed_loop_position: float | None  #: alike for the position
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """One method's parameters and what they predict."""
+
+    method: str  #: "inverse", "closed loop" or "open loop"
+    rung: AxisLaw
+    values: dict[str, float]  #: SI units
+    standard_errors: dict[str, float]  #: clustered in time; NaN where there is none
+    errors: tuple[AxisErrors, ...]  #: on the record fitted, then on those held against it
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "method": self.method,
+            "law": self.rung.name,
+            "parameters": self.values,
+            "standard_errors": self.standard_errors,
+            "errors": {
+                one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors
+            },
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisIdentification:
+    """An axis, identified."""
+
+    record: str  #: that was fitted
+    unit: str  #: of positions: "m" or "rad"
+    inverse: dict[str, InverseFit]  #: by form
+    ladder: tuple[LawVerdict, ...]
+    chosen: AxisLaw
+    estimates: tuple[Estimate, ...]  #: the chosen law by every method
+    rungs: dict[str, Estimate]  #: every law by output error in open loop
+    asymmetry: NDArray[
+        np.float64
+    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none where a part cannot tell
+    remarks: tuple[str, ...]
+
+    def estimate(self, method: str) -> Estimate:
+        """Return the estimate by that method."""
+        return next(one for one in self.estimates if one.method == method)
+
+    @property
+    def best(self) -> Estimate:
+        """The estimate to simulate the axis with."""
+        return self.estimate("open loop")
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "record": self.record,
+            "unit": self.unit,
+            "law": self.chosen.name,
+            "parameters": self.best.values,
+            "standard_errors": self.best.standard_errors,
+            "estimates": {one.method: one.to_dict() for one in self.estimates},
+            "inverse": {form: fit.to_dict() for form, fit in self.inverse.items()},
+            "ladder": [
+                {
+                    "law": one.rung.name,
+                    "below": one.rung.below,
+                    "held_out_rms": one.rms,
+                    "gain": one.gain,
+                    "gain_interval": list(one.interval),
+                }
+                for one in self.ladder
+            ],
+            "laws": {name: one.to_dict() for name, one in self.rungs.items()},
+            "asymmetry_over_time": self.asymmetry,
+            "remarks": list(self.remarks),
+        }
+
+
+#: a standard error of this share of a parameter leaves it all but open
+_OPEN = 0.5
+#: beyond so many standard errors, two parts of a record differ
+_DIFFERENT = 2.0
+
+
+def axis_findings(
+    record: AxisRecord,
+    ladder: Sequence[LawVerdict],
+    rung: AxisLaw,
+    rungs: Mapping[str, Estimate],
+    asymmetry: NDArray[np.float64],
+    *,
+    taken: bool,
+) -> tuple[str, ...]:
+    """Return the sentences; `taken` says that the user named the law."""
+    return (
+        _choice_finding(ladder, rung, taken=taken),
+        *_asymmetry_findings(record, ladder, rung, asymmetry),
+        *_open_parameters(rungs[rung.name]),
+    )
+
+
+def _choice_finding(ladder: Sequence[LawVerdict], rung: AxisLaw, *, taken: bool) -> str:
+    others = [one for one in ladder if one.rung.below and one.rung.symmetric]
+    failed = [one.rung.name for one in others if not one.earned and one.rung.name != rung.name]
+    words = f"The law {rung.name} was {('asked for' if taken else 'taken')}"
+    if not failed:
+        return f"{words}; every law below it improves the prediction of held-out windows."
+    return (
+        f"{words}; on held-out windows, {', '.join(failed)} "
+        "did not improve the prediction over the law below."
+    )
+
+
+def _asymmetry_findings(
+    record: AxisRecord, ladder: Sequence[LawVerdict], rung: AxisLaw, asymmetry: NDArray[np.float64]
+) -> list[str]:
+    verdict = next(one for one in ladder if not one.rung.symmetric)
+    if not verdict.earned or not rung.symmetric:
+        return []
+    over_time = _over_time(asymmetry, PARAMETERS["viscous"].unit_for(record.unit)) if len(asymmetry) else ""
+    return [
+        "The asymmetric law predicts other windows of this record with "
+        f"{100.0 * verdict.gain:.0f} % less squared error, yet it is not selected: "
+        f"{over_time}only another record can show whether the asymmetry belongs to the machine "
+        "or to this run (temperature, supply). Validate against one, or choose --law asymmetric."
+    ]
+
+
+def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
+    """Return how the asymmetry (parts, 2) goes from the record's start to its end."""
+    (first, first_error), (last, last_error) = asymmetry[0], asymmetry[-1]
+    apart = abs(last - first) / np.hypot(first_error, last_error)
+    moving = (
+        f", and it changes within the record (by {apart:.1f} standard errors)" if apart > _DIFFERENT else ""
+    )
+    return (
+        f"half the difference of the viscous coefficients is {first:.3g} +- {first_error:.2g} {unit} at the start and "
+        f"{last:.3g} +- {last_error:.2g} at the end{moving}; "
+    )
+
+
+def _open_parameters(best: Estimate) -> list[str]:
+    sentences = []
+    for name, value in best.values.items():
+        error, symbol = best.standard_errors[name], PARAMETERS[name].symbol
+        if not np.isfinite(error):
+            sentences.append(f"{symbol} is at a bound and has no standard error.")
+        elif error > _OPEN * abs(value):
+            sentences.append(
+                f"{symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
+            )
+    return sentences
+
 
 Report = Callable[[float, str], None]
 
@@ -51,7 +219,7 @@ def identify_axis(
     window: float = 1.0,
     horizon: float | None = None,
     held_against: Sequence[AxisRecord] = (),
-    recall: Recall = afresh,
+    recall: Memoize = no_checkpoint,
     progress: Report | None = None,
 ) -> AxisIdentification:
     """Identify an axis's mass and friction.
@@ -82,7 +250,7 @@ def identify_axis(
         Where the record cannot give the parameters, there is no such law, or an option makes no sense.
     """
     _check(record, held_against, window=window, horizon=horizon)
-    wanted = rung_of(law) if law else None
+    wanted = axis_law_named(law) if law else None
     tell = progress or _silent
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     inverse = {
@@ -90,20 +258,20 @@ def identify_axis(
         "asymmetric": inverse_fit(record, form="asymmetric", bandwidth=band),
     }
     motion = smoothed_motion(record, bandwidth=band)
-    starts = _starts(record, motion, inverse)
+    starts = _initial_values(record, motion, inverse)
 
     def tell_ladder(share: float, what: str) -> None:
         tell(_LADDER_FROM + (_LADDER_TO - _LADDER_FROM) * share, what)
 
-    ladder = climb(record, motion, starts, window=window, recall=recall, progress=tell_ladder)
-    rung = wanted or chosen(ladder)
+    ladder = cross_validate_laws(record, motion, starts, window=window, recall=recall, progress=tell_ladder)
+    rung = wanted or select_law(ladder)
     bench = _Bench(records=(record, *held_against), bandwidth=band)
     rungs = {}
-    for number, name in enumerate(RUNGS):
-        tell(_LADDER_TO + 0.25 * number / len(RUNGS), f"open loop, law {name}")
-        fit = partial(_open_loop, record, motion, RUNGS[name], starts[name], horizon)
+    for number, name in enumerate(AXIS_LAWS):
+        tell(_LADDER_TO + 0.25 * number / len(AXIS_LAWS), f"open loop, law {name}")
+        fit = partial(_open_loop, record, motion, AXIS_LAWS[name], starts[name], horizon)
         rungs[name] = bench.estimate(
-            "open loop", recalled(recall, "open loop", RUNGS[name], starts[name], fit)
+            "open loop", memoized(recall, "open loop", AXIS_LAWS[name], starts[name], fit)
         )
     tell(0.95, "closed loop")
     estimates = [_inverse_estimate(bench, inverse)]
@@ -113,7 +281,7 @@ def identify_axis(
         usual = float(np.std(record.force)) * 0.05
         begin = starts[rung.name]
         fit = partial(fit_output_error, rung, begin, residuals, scale=usual)
-        estimates.append(bench.estimate("closed loop", recalled(recall, "closed loop", rung, begin, fit)))
+        estimates.append(bench.estimate("closed loop", memoized(recall, "closed loop", rung, begin, fit)))
     estimates.append(rungs[rung.name])
     asymmetry = asymmetry_over_time(record)
     tell(1.0, "done")
@@ -126,7 +294,7 @@ def identify_axis(
         estimates=tuple(estimates),
         rungs=rungs,
         asymmetry=asymmetry,
-        remarks=remarks(record, ladder, rung, rungs, asymmetry, taken=wanted is not None),
+        remarks=axis_findings(record, ladder, rung, rungs, asymmetry, taken=wanted is not None),
     )
 
 
@@ -195,7 +363,7 @@ def _inverse_estimate(bench: _Bench, inverse: dict[str, InverseFit]) -> Estimate
     return bench.estimate(
         "inverse",
         OutputErrorFit(
-            rung=RUNGS["coulomb"],
+            rung=AXIS_LAWS["coulomb"],
             values=dict(zip(fit.names, fit.values.tolist(), strict=True)),
             standard_errors=dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True)),
             rms=fit.relative_force_error,
@@ -204,14 +372,14 @@ def _inverse_estimate(bench: _Bench, inverse: dict[str, InverseFit]) -> Estimate
 
 
 def _open_loop(
-    record: AxisRecord, motion: Motion, rung: Rung, start: Values, horizon: float | None
+    record: AxisRecord, motion: Motion, rung: AxisLaw, start: Values, horizon: float | None
 ) -> OutputErrorFit:
     spans = equal_spans(record, np.inf if horizon is None else horizon)
     residuals = open_loop_residuals(record, motion, spans, block=BLOCK)
     return search_output_error(rung, start, residuals, scale=1e-3 * float(np.ptp(record.position)))
 
 
-def _starts(
+def _initial_values(
     record: AxisRecord, motion: Motion, inverse: dict[str, InverseFit]
 ) -> dict[str, dict[str, float]]:
     """Return where each rung's search starts: at the inverse model's parameters."""
@@ -230,7 +398,7 @@ def _starts(
     values["micro_damping"] = 0.1 * float(np.sqrt(values["stiffness"] * values["mass"]))
     asymmetric = dict(zip(inverse["asymmetric"].names, inverse["asymmetric"].values.tolist(), strict=True))
     asymmetric = {name: max(value, least) for name, value in asymmetric.items()}
-    return {name: (values if rung.symmetric else asymmetric) for name, rung in RUNGS.items()}
+    return {name: (values if rung.symmetric else asymmetric) for name, rung in AXIS_LAWS.items()}
 
 
 def _silent(share: float, what: str) -> None:

@@ -1,27 +1,37 @@
-"""Output error: the parameters whose simulation comes closest to the record, in open or in closed loop.
+"""Output error, and the ladder of friction laws fitted by it and judged on windows held out.
+
+Output error: the parameters whose simulation comes closest to the record, in open or in closed loop.
 
 In open loop the recorded force moves the axis from the state at a window's start, and positions are compared; in
 closed loop the recorded reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with
 central differences wide enough to average over single events of sticking.
+
+The ladder: which friction law earns its place, by windows that it was not fitted to.
+
+Each rung is fitted to all windows but those of one fold, and predicts these; every window is held out once. A rung's
+gain over the one below is the mean over windows of the squared errors' difference, with a 95 % interval by Student's
+t over windows, which are taken for independent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.optimize import least_squares
 
-from ballbot.identification.axis.covariance import clustered_covariance
-from ballbot.identification.axis.filtering import Motion, speed_at_start
-from ballbot.identification.axis.laws import PARAMETERS, Rung, Scaling, Values
-from ballbot.identification.axis.motion import Axis
+from ballbot.errors import InputError
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.search import evolve
+from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.identification.axis.inverse import Motion, speed_at_start
+from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Scaling, Values
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.identification.checkpoint import Recall
-from ballbot.identification.evolution import evolve
 
 #: half the central difference, in the scaled parameter
 _DIFFERENCE = 5e-4
@@ -53,7 +63,7 @@ class Residuals:
 class OutputErrorFit:
     """What output error gives."""
 
-    rung: Rung
+    rung: AxisLaw
     values: dict[str, float]  #: SI units
     standard_errors: dict[str, float]  #: NaN where a parameter stands at a bound
     rms: float  #: of the residuals: [m] in open loop, [N] in closed loop
@@ -109,7 +119,7 @@ def closed_loop_residuals(record: AxisRecord, *, start: int, block: float) -> Ca
 
 
 def fit_output_error(
-    rung: Rung, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
+    rung: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
 ) -> OutputErrorFit:
     """Descend from `start`; `scale` is a usual size of the residuals."""
     sizes = np.array([abs(start[name]) or 1.0 for name in rung.names])
@@ -147,8 +157,8 @@ def fit_output_error(
     )
 
 
-def recalled(
-    recall: Recall, stage: str, rung: Rung, start: Values, fit: Callable[[], OutputErrorFit]
+def memoized(
+    recall: Memoize, stage: str, rung: AxisLaw, start: Values, fit: Callable[[], OutputErrorFit]
 ) -> OutputErrorFit:
     """Return a rung's fit from `start`, from a checkpoint where that has it."""
 
@@ -168,7 +178,7 @@ def recalled(
 
 
 def search_output_error(
-    rung: Rung, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
+    rung: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
 ) -> OutputErrorFit:
     """Descend from the best of an evolution strategy around where a descent from `start` ends.
 
@@ -208,6 +218,121 @@ def _standard_errors(
     kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
     errors = np.full(len(z), np.nan)
     neighbours = (int(last.block.max()) + 1) // _NEIGHBOURS
-    covariance = clustered_covariance(J[:, kept], last.values / scale, last.block, neighbours=neighbours)
+    covariance = covariance_in_time(J[:, kept], last.values / scale, last.block, neighbours=neighbours)
     errors[kept] = np.sqrt(covariance.diagonal())
     return dict(zip(scaling.names, (errors * scaling.slopes(z)).tolist(), strict=True))
+
+
+FOLDS = 3
+LEAST_WINDOWS = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawVerdict:
+    """How one rung does on windows held out."""
+
+    rung: AxisLaw
+    rms: float  #: of all held-out position errors [m]
+    square_sums: NDArray[np.float64]  #: (w,) mean square error of each window [m^2]
+    gain: float  #: 1 - (mean square error over that of the rung below); NaN for the lowest
+    interval: tuple[float, float]  #: of the gain, 95 %
+
+    @property
+    def earned(self) -> bool:
+        """Whether the interval of the gain lies above zero."""
+        return self.interval[0] > 0.0
+
+
+def cross_validate_laws(
+    record: AxisRecord,
+    motion: Motion,
+    starts: Mapping[str, Values],
+    *,
+    window: float,
+    recall: Memoize = no_checkpoint,
+    progress: Callable[[float, str], None],
+) -> tuple[LawVerdict, ...]:
+    """Return the verdict on every rung.
+
+    Parameters
+    ----------
+    record : AxisRecord
+    motion : Motion
+        The record's, filtered: windows start from it.
+    starts : mapping of str to mapping
+        By the rung's name, where its search starts.
+    window : float
+        Duration of the windows [s].
+    recall : Recall, optional
+        A checkpoint's: it answers for each rung.
+    progress : callable
+        Told a share and what is done.
+
+    Raises
+    ------
+    InputError
+        Where the record has too few such windows.
+    """
+    spans = equal_spans(record, window)
+    if len(spans) < LEAST_WINDOWS:
+        raise InputError(
+            f"{record.name} has {len(spans)} windows of {window:g} s; model "
+            f"selection needs {LEAST_WINDOWS}. Choose a shorter --window."
+        )
+    verdicts: dict[str, LawVerdict] = {}
+    for number, (name, rung) in enumerate(AXIS_LAWS.items()):
+        progress(number / len(AXIS_LAWS), f"law {name}")
+        asked = np.array([starts[name][one] for one in rung.names])
+        judge = partial(_held_out, record, motion, rung, starts[name], spans)
+        squares = recall(f"ladder, {name}", asked, lambda judge=judge: [judge()])[0]
+        below = verdicts[rung.below].square_sums if rung.below else None
+        gain, interval = _gain(squares, below)
+        verdicts[name] = LawVerdict(
+            rung=rung, rms=float(np.sqrt(squares.mean())), square_sums=squares, gain=gain, interval=interval
+        )
+    return tuple(verdicts.values())
+
+
+def select_law(verdicts: Sequence[LawVerdict]) -> AxisLaw:
+    """Return the symmetric rung of the least error on windows held out, of those that beat every rung below.
+
+    An asymmetry is not taken from one record: windows of the same record share whatever made it, such as a
+    temperature, and do not show that it is the machine's own.
+    """
+    by_name = {verdict.rung.name: verdict for verdict in verdicts}
+
+    def earned(verdict: LawVerdict) -> bool:
+        below = verdict.rung.below
+        return below is None or (verdict.earned and earned(by_name[below]))
+
+    candidates = [verdict for verdict in verdicts if verdict.rung.symmetric and earned(verdict)]
+    return min(candidates, key=lambda verdict: verdict.rms).rung
+
+
+def _held_out(
+    record: AxisRecord, motion: Motion, rung: AxisLaw, start: Values, spans: Sequence[Span]
+) -> NDArray[np.float64]:
+    """Return each window's mean square error (w,) [m^2] by the fit that did not see it."""
+    squares = np.empty(len(spans))
+    scale = float(np.ptp(record.position)) * 1e-3
+    for fold in range(FOLDS):
+        seen = [span for i, span in enumerate(spans) if i % FOLDS != fold]
+        fit = fit_output_error(
+            rung, start, open_loop_residuals(record, motion, seen, block=np.inf), scale=scale
+        )
+        for i in range(fold, len(spans), FOLDS):
+            errors = open_loop_residuals(record, motion, [spans[i]], block=np.inf)(fit.axis).values
+            squares[i] = np.mean(errors**2)
+    return squares
+
+
+def _gain(
+    squares: NDArray[np.float64], below: NDArray[np.float64] | None
+) -> tuple[float, tuple[float, float]]:
+    if below is None:
+        return np.nan, (np.nan, np.nan)
+    difference = (below - squares) / below.mean()
+    error = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
+    half = float(stats.t.ppf(0.975, len(difference) - 1)) * error
+    gain = float(difference.mean())
+    return gain, (gain - half, gain + half)

@@ -1,0 +1,273 @@
+"""A long run that can be killed and goes on bit for bit: a journal of what it has computed.
+
+A run is determined by its inputs and by the answers to its expensive questions: the costs of a population, the
+normal equations about a point, a batch of a bootstrap. Each answer is written, with its question, before it is used.
+Resuming is running again: the questions come in the same order, those on file are answered from it, and no private
+state of the search or of its random numbers has to be kept. A question that differs by one bit ends the run.
+
+The file is text, a JSON object a line, floats with as many digits as give the same bits back:
+
+    {"format": "ballbot checkpoint 2", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
+    {"stage": "evolution", "question": {"shape": [24, 12], ...}, "answer": [...], "sha256": "..."}
+
+It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one. A line ends with the
+SHA-256 of the line before's and of its own text, so that a line that was changed, added or taken out is noticed before
+any of it is used.
+
+What the last bits of a result depend on besides its inputs: versions, and the processor code is compiled for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from llvmlite.binding import get_host_cpu_name
+from numba.core.registry import cpu_target
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.files import check_file, remove, write_bytes
+from ballbot.log import Log
+from ballbot.robot import Robot
+
+_PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
+
+
+@cache
+def machine() -> dict[str, str]:
+    """Return the versions and the processor's kind, each by a plain name.
+
+    In brackets stands a digest of the instructions that Numba compiles to.
+    """
+    _, _, features = cpu_target.target_context.codegen().magic_tuple()  # pyright: ignore[reportAttributeAccessIssue]
+    compiled_for = hashlib.sha256(features.encode()).hexdigest()[:8]
+    kind = f"{get_host_cpu_name()} ({compiled_for})"
+    return {package: version(package) for package in _PACKAGES} | {"processor": kind}
+
+
+_FORMAT = "ballbot checkpoint 2"
+_SEAL = b', "sha256": "'
+_END = b'"}\n'
+
+Arrays = tuple[NDArray[np.float64], ...]
+
+
+class CheckpointError(InputError):
+    """A checkpoint that is damaged or another run's; it is its owner's to delete."""
+
+
+class Memoize(Protocol):
+    """Answers a question, from a checkpoint where the answer is on file."""
+
+    def __call__(
+        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
+    ) -> Arrays:
+        """Return the arrays that `answer` gives.
+
+        Parameters
+        ----------
+        stage : str
+            What part of the run asks.
+        question : ndarray
+            What the answer depends on.
+        answer : callable
+            Computes it; draws no random numbers.
+        """
+        ...
+
+
+def no_checkpoint(
+    stage: str,  # noqa: ARG001
+    question: NDArray[np.float64],  # noqa: ARG001
+    answer: Callable[[], Sequence[NDArray[np.float64]]],
+) -> Arrays:
+    """Compute every answer: the `Recall` of a run without a checkpoint."""
+    return tuple(answer())
+
+
+class Checkpoint:
+    """A run's journal; made by `open_checkpoint`."""
+
+    def __init__(self, path: Path, lines: Sequence[bytes]) -> None:
+        """Keep the lines of the file at `path`, the header first."""
+        self._path = path
+        self._lines = list(lines)
+        self._next = 1  # the line that the next question is compared with
+
+    def recall(
+        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
+    ) -> Arrays:
+        """Answer as `Recall` says; a new answer is on file before it is returned.
+
+        Raises
+        ------
+        CheckpointError
+            Where the file has an answer to another question in this place, or is damaged.
+        InputError
+            Where it cannot be written.
+        """
+        if self._next == len(self._lines):
+            arrays = tuple(np.asarray(array, float) for array in answer())
+            self._lines.append(_line(stage, question, arrays, after=self._lines[-1]))
+            write_bytes(self._path, b"".join(self._lines))
+        else:
+            arrays = self._on_file(stage, question)
+        self._next += 1
+        return arrays
+
+    def remove(self) -> None:
+        """Delete the file, as its run's results are kept elsewhere now."""
+        remove(self._path)
+
+    def _on_file(self, stage: str, question: NDArray[np.float64]) -> Arrays:
+        try:
+            entry = json.loads(self._lines[self._next])
+            same = entry["stage"] == stage and _text(entry["question"]) == _text(_plain(question))
+            answered = tuple(_array(one) for one in entry["answer"])
+        except (ValueError, KeyError, TypeError):
+            raise CheckpointError(
+                f"{self._path} is damaged at line {self._next + 1}; delete it to start again."
+            ) from None
+        if not same:
+            raise CheckpointError(
+                f"{self._path} cannot be resumed: from line {self._next + 1} on the "
+                "run differs from the one that wrote it. Delete it to start again."
+            )
+        return answered
+
+
+def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: bool) -> Checkpoint:
+    """Return the journal of a run, a new one or one to go on with; the file is written at the first answer.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of the file.
+    belongs_to : mapping of str to str
+        What the answers depend on, each by a plain name; see `identity`.
+    resume : bool
+        Go on with what the file holds; where there is no file, begin.
+
+    Raises
+    ------
+    InputError
+        Where there is a file that is not to be resumed, that belongs to another run or is no checkpoint, or where it
+        cannot be read or written.
+    """
+    path = Path(path)
+    if not check_file(path).exists():
+        return Checkpoint(path, [_sealed({"format": _FORMAT, "belongs_to": dict(belongs_to)}, after=b"")])
+    if not resume:
+        raise InputError(
+            f"{path} holds a run that was not finished; resume it (--resume), or delete it to start again."
+        )
+    lines = _read(path)
+    begun = _header(path, lines)  # first, so that a file of another kind is named as such
+    _check_seals(path, lines)
+    _check_same(path, begun, belongs_to)
+    return Checkpoint(path, lines)
+
+
+def identity(robot: Robot, logs: Sequence[Log], options: Mapping[str, object]) -> dict[str, str]:
+    """Return what a run belongs to: its robot, logs and options, and the machine's kind and versions."""
+    columns = [(log.names, *(log[name] for name in log.names)) for log in logs]
+    return identity_of({"robot": [robot], "logs": [part for log in columns for part in log]}, options)
+
+
+def identity_of(inputs: Mapping[str, Sequence[object]], options: Mapping[str, object]) -> dict[str, str]:
+    """Return what a run belongs to: inputs by name, each of parts for `digest`, its options, and the machine's kind."""
+    return {
+        **{name: digest(*parts).hex() for name, parts in inputs.items()},
+        **{name: str(value) for name, value in options.items()},
+        **machine(),
+    }
+
+
+def digest(*parts: object) -> bytes:
+    """Return the SHA-256 of arrays and of what has a `repr` that tells all of it."""
+    found = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            found.update(f"{part.dtype} {part.shape}\n".encode())
+            found.update(np.ascontiguousarray(part).tobytes())
+        else:
+            found.update(f"{part!r}\n".encode())
+    return found.digest()
+
+
+def _read(path: Path) -> list[bytes]:
+    try:
+        return path.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+
+
+def _header(path: Path, lines: Sequence[bytes]) -> dict[str, str]:
+    try:
+        header = json.loads(lines[0])
+        whole = header["format"] == _FORMAT and lines[-1].endswith(b"\n")
+        belongs_to = dict(header["belongs_to"])
+    except (IndexError, ValueError, KeyError, TypeError, RecursionError):
+        whole, belongs_to = False, {}
+    if not whole:
+        raise InputError(
+            f"{path} is not a complete checkpoint of this version of Ballbot; delete it to start again."
+        )
+    return belongs_to
+
+
+def _check_seals(path: Path, lines: Sequence[bytes]) -> None:
+    """Raise CheckpointError unless every line is as it was written, after the lines that it was written after."""
+    for number, (before, line) in enumerate(pairwise((b"", *lines)), start=1):
+        text, seal, rest = line.rpartition(_SEAL)
+        if not seal or rest != _seal(text, before) + _END:
+            raise CheckpointError(
+                f"{path} is damaged or was edited at line {number}; delete it to start again."
+            )
+
+
+def _check_same(path: Path, begun: Mapping[str, str], now: Mapping[str, str]) -> None:
+    differing = [name for name in [*now, *begun] if begun.get(name) != now.get(name)]
+    names = ", ".join(dict.fromkeys(differing))
+    if names:
+        raise InputError(
+            f"{path} belongs to another run, which differs in: {names}; "
+            "resume with the same inputs, or delete it to start again."
+        )
+
+
+def _line(stage: str, question: NDArray[np.float64], answer: Arrays, *, after: bytes) -> bytes:
+    entry = {"stage": stage, "question": _plain(question), "answer": [_plain(array) for array in answer]}
+    return _sealed(entry, after=after)
+
+
+def _sealed(entry: Mapping[str, object], *, after: bytes) -> bytes:
+    """Return the line of an entry that stands after another line."""
+    text = json.dumps(entry).encode().removesuffix(b"}")
+    return text + _SEAL + _seal(text, after) + _END
+
+
+def _seal(text: bytes, before: bytes) -> bytes:
+    previous = before.rpartition(_SEAL)[2].removesuffix(_END)
+    return hashlib.sha256(previous + text).hexdigest().encode()
+
+
+def _plain(array: NDArray[np.float64]) -> dict[str, list]:
+    return {"shape": list(np.shape(array)), "values": np.asarray(array, float).ravel().tolist()}
+
+
+def _array(plain: Mapping[str, list]) -> NDArray[np.float64]:
+    return np.array(plain["values"], float).reshape(plain["shape"])
+
+
+def _text(plain: object) -> str:
+    """Return what the file holds; equal texts are equal bits, but for the many kinds of NaN."""
+    return json.dumps(plain)

@@ -1,0 +1,86 @@
+"""The search for the basin: an evolution strategy, whose every generation is one batch.
+
+CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from cmaes import CMA
+from numpy.typing import NDArray
+
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import check_seed
+
+#: the search ends early where this many generations together gain less than `LEAST_GAIN`; a polish follows
+PATIENCE = 25
+LEAST_GAIN = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SearchResult:
+    """What a search found."""
+
+    best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
+    history: tuple[float, ...]  #: best cost after each generation
+
+
+def evolve(
+    cost_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    size: int,
+    generations: int,
+    population: int,
+    seed: int,
+    report: Callable[[int, float], None],
+    recall: Memoize = no_checkpoint,
+) -> SearchResult:
+    """Minimise a cost over the unit cube.
+
+    Parameters
+    ----------
+    cost_of : callable
+        From a population (population, p) to its costs (population,).
+    size : int
+        Number of coordinates, p.
+    generations, population : int
+    seed : int
+        The same seed gives the same search, bit for bit.
+    report : callable
+        Told the number of generations done and the best cost after each.
+    recall : Recall
+        Answers for the costs of a generation; by default they are computed.
+
+    Raises
+    ------
+    InputError
+        Where the seed is none.
+    """
+    check_seed(seed)
+    strategy = CMA(
+        mean=np.full(size, 0.5),
+        sigma=0.3,
+        bounds=np.tile([0.0, 1.0], (size, 1)),
+        population_size=population,
+        seed=seed,
+    )
+
+    def costs_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        return recall("evolution", candidates, lambda: [cost_of(candidates)])[0]
+
+    best, least, history = np.full(size, 0.5), np.inf, []
+    for generation in range(1, generations + 1):
+        candidates = np.array([strategy.ask() for _ in range(population)])
+        costs = costs_of(candidates)
+        strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
+        if costs.min() < least:
+            best, least = candidates[costs.argmin()], float(costs.min())
+        history.append(least)
+        report(generation, least)
+        waited = len(history) > PATIENCE and history[-PATIENCE - 1] - least < LEAST_GAIN
+        if waited or strategy.should_stop():
+            break
+    return SearchResult(best=best, history=tuple(history))

@@ -1,0 +1,238 @@
+"""How sure an estimate is: covariance with dependent residuals, and a bootstrap of blocks.
+
+How sure each number is: standard errors clustered by window, correlations, and what has no influence.
+
+Residuals within a window are one trajectory and far from independent, so the usual s^2 (J^T J)^-1 is several
+times too small. With a window's score g_w = J_w^T r_w the covariance is
+
+    H^-1 (sum_w g_w g_w^T) H^-1 W / (W - 1)          H = sum_w J_w^T J_w
+
+(K.-Y. Liang and S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986) 13-22).
+A window's residuals are smaller than its errors were, as the fit follows them, the more the fewer windows there are.
+Where each window's H_w is known its score is therefore taken without that, (I - H_w H^-1)^-1 g_w, which makes of the
+above the jackknife that leaves out one window after another (R. Bell and D. McCaffrey, Bias reduction in standard
+errors for linear regression with multi-stage samples, Survey Methodology 28 (2002) 169-181).
+
+How sure the numbers are where residuals depend on their neighbours.
+
+    (J^T J)^-1 S (J^T J)^-1      S = sum_|k| <= L (1 - |k|/(L + 1)) sum_b g_b g_(b+k)^T      g_b = J_b^T r_b
+
+with the rows taken together in blocks b of time, and neighbouring blocks with falling weights: W. Newey and K. West,
+A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix, Econometrica
+55 (1987) 703-708. With L = 0 it is the clustered one of `ballbot.fitting.uncertainty`.
+
+Moving blocks: drawing again from things that stand side by side in time and are not independent.
+
+Neighbours share what came between them, so blocks of neighbours are drawn, with replacement, until there are as many as
+before (H. Kuensch, Annals of Statistics 17 (1989) 1217-1241; taken round the end, D. Politis and J. Romano 1992).
+
+Block bootstrap of an estimate, without a simulation: one Gauss-Newton step from it for each resample.
+
+Windows that lie side by side share the sample between them and the same stretch of floor, so blocks of neighbours are
+drawn. With m_w the number of times that window w was drawn, its equations H_w and scores
+g_w about the estimate give the resample's estimate to first order,
+
+    p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
+
+On a simulated log of 32 s, six resamples fitted in full ended 0.15 standard errors from that (root mean square over
+their twelve parameters, 0.7 at most); tests/test_starts.py looks at two of a shorter log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: a parameter has no influence where its standard error, all others known, is this share of its range
+NO_INFLUENCE = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NormalEquations:
+    """The weighted least-squares problem about a point, in scaled coordinates."""
+
+    matrix: NDArray[np.float64]  #: H = sum J^T J (p, p)
+    scores: NDArray[np.float64]  #: J^T r of each window (w, p); their sum is the gradient
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowEquations:
+    """The parameters' equations of each window, its start eliminated; zero for parameters that are held."""
+
+    matrices: NDArray[np.float64]  #: (w, p, p)
+    scores: NDArray[np.float64]  #: (w, p)
+
+    @property
+    def normal(self) -> NormalEquations:
+        """Summed over the windows."""
+        return NormalEquations(matrix=self.matrices.sum(axis=0), scores=self.scores)
+
+
+def covariance(equations: NormalEquations, estimated: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the clustered covariance (p, p) in scaled coordinates; NaN for parameters not `estimated` (p,)."""
+    places = np.flatnonzero(estimated)
+    result = np.full((len(estimated), len(estimated)), np.nan)
+    if len(places):
+        inverse = _inverse(equations.matrix[np.ix_(places, places)])
+        scores = equations.scores[:, places]
+        spread = np.einsum("wi,wj->ij", scores, scores, optimize=False)
+        count = len(scores)
+        result[np.ix_(places, places)] = count / (count - 1) * inverse @ spread @ inverse
+    return result
+
+
+def unleveraged(
+    matrices: NDArray[np.float64], scores: NDArray[np.float64], estimated: NDArray[np.bool_]
+) -> NormalEquations:
+    """Return normal equations whose scores are those of errors and not of residuals, see the module's text.
+
+    Parameters
+    ----------
+    matrices : ndarray (w, p, p)
+        J^T J of each window.
+    scores : ndarray (w, p)
+    estimated : ndarray (p,)
+        Which parameters the fit moved; the other scores stay.
+    """
+    places = np.flatnonzero(estimated)
+    matrix, result = matrices.sum(axis=0), scores.copy()
+    if len(places):
+        own = matrices[:, places[:, None], places]
+        # scaled, so that what is held against what does not depend on units
+        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal()[places], np.finfo(float).tiny))
+        own, total = own * np.outer(scale, scale), matrix[np.ix_(places, places)] * np.outer(scale, scale)
+        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; one window may be all that tells a parameter
+        rest = total - own + 1e-12 * np.eye(len(places))
+        scaled = np.linalg.solve(rest, (scores[:, places] * scale)[..., None])[..., 0]
+        result[:, places] = np.einsum("ij,wj->wi", total, scaled, optimize=False) / scale
+    return NormalEquations(matrix=matrix, scores=result)
+
+
+def without_influence(equations: NormalEquations) -> NDArray[np.bool_]:
+    """Return which parameters (p,) the residuals hardly depend on, even with all others known."""
+    H = equations.matrix.diagonal()
+    spread = np.sqrt((equations.scores**2).sum(axis=0))
+    # one unit of H is one residual as large as its standard deviation, over a parameter's whole range
+    return (H < 1.0) | (spread > NO_INFLUENCE * H)
+
+
+def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the correlation matrix (p, p) of a covariance; NaN where that is."""
+    variance = covariance.diagonal()
+    deviation = np.sqrt(np.where(variance > 0.0, variance, np.nan))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return covariance / np.outer(deviation, deviation)
+
+
+def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return H^-1, with directions that the data say nothing of kept, as very uncertain ones."""
+    scale = 1.0 / np.sqrt(H.diagonal())
+    values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
+    inverse = (vectors / np.maximum(values, 1e-13 * values[-1])) @ vectors.T
+    return inverse * np.outer(scale, scale)
+
+
+def covariance_in_time(
+    J: NDArray[np.float64], residual: NDArray[np.float64], block: NDArray[np.int64], *, neighbours: int = 0
+) -> NDArray[np.float64]:
+    """Return the covariance (p, p) of a least-squares estimate.
+
+    Parameters
+    ----------
+    J : ndarray (m, p)
+        Of the residuals by the parameters.
+    residual : ndarray (m,)
+    block : ndarray (m,)
+        The number of each row's block, from 0 in the order of time.
+    neighbours : int
+        L, how many blocks on either side depend on each other.
+    """
+    count = int(block.max()) + 1
+    scores = np.zeros((count, J.shape[1]))
+    np.add.at(scores, block, J * residual[:, None])
+    spread = scores.T @ scores
+    for k in range(1, min(neighbours, count - 1) + 1):
+        both = scores[:-k].T @ scores[k:]
+        spread += (1.0 - k / (neighbours + 1.0)) * (both + both.T)
+    # columns of length one first: mass, viscosity and stiffness are of very different sizes
+    lengths = np.linalg.norm(J, axis=0)
+    scaled = J / lengths
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(lengths, lengths)
+    return count / max(count - 1, 1) * inverse @ spread @ inverse
+
+
+def block_length(count: int) -> int:
+    """Return how many of `count` neighbours make a block: the cube root of their number, as a variance wants it.
+
+    P. Hall, J. Horowitz and B.-Y. Jing, Biometrika 82 (1995) 561-574.
+    """
+    return max(1, round(count ** (1.0 / 3.0)))
+
+
+def resamples(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.float64]:
+    """Return how often each of `count` neighbours is drawn in each of the repeats, (repeats, count)."""
+    starts = np.random.default_rng(seed).integers(count, size=(repeats, -(-count // block)))
+    rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(repeats, -1)[:, :count]
+    drawn = np.zeros((repeats, count))
+    np.add.at(drawn, (np.arange(repeats)[:, None], rows), 1.0)
+    return drawn
+
+
+def resampled_means(
+    values: NDArray[np.float64], *, block: int, repeats: int, seed: int
+) -> NDArray[np.float64]:
+    """Return the column means (repeats, k) of rows drawn anew from `values` (n, k), whole blocks at a time."""
+    count, blocks = len(values), -(-len(values) // block)
+    ends = np.cumsum(np.vstack([np.zeros_like(values[:1]), values, values[: block - 1]]), axis=0)
+    sums = ends[block:] - ends[:-block]
+    starts = np.random.default_rng(seed).integers(count, size=(repeats, blocks))
+    return np.array([sums[drawn].sum(axis=0) for drawn in starts]) / (blocks * block)
+
+
+#: resamples; they give a standard error to 1 / sqrt(2 * 1000) = 2 %
+REPEATS = 1000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bootstrap:
+    """What the resamples say, in scaled coordinates; NaN for parameters that are not estimated."""
+
+    block: int  #: windows in a block
+    shifts: NDArray[np.float64]  #: (repeats, p), p* - p
+
+    @property
+    def errors(self) -> NDArray[np.float64]:
+        """Standard errors (p,)."""
+        return self.shifts.std(axis=0, ddof=1)
+
+
+def bootstrap(
+    equations: WindowEquations, estimated: NDArray[np.bool_], *, seed: int, repeats: int = REPEATS
+) -> Bootstrap:
+    """Resample blocks of windows.
+
+    Parameters
+    ----------
+    equations : WindowEquations
+        About the estimate, of windows in the order of time.
+    estimated : ndarray (p,)
+        Which parameters the resamples estimate; the others stay.
+    seed : int
+    repeats : int
+    """
+    count, block = len(equations.scores), block_length(len(equations.scores))
+    drawn = resamples(count, block=block, repeats=repeats, seed=seed)
+    places = np.flatnonzero(estimated)
+    shifts = np.full((repeats, len(estimated)), np.nan)
+    if len(places):
+        matrices = equations.matrices[:, places[:, None], places]
+        # einsum and not BLAS, whose order of summation depends on its threads
+        H = np.einsum("rw,wij->rij", drawn, matrices, optimize=False)
+        g = np.einsum("rw,wi->ri", drawn, equations.scores[:, places], optimize=False)
+        scale = 1.0 / np.sqrt(equations.matrices.sum(axis=0).diagonal()[places])
+        # a resample may leave out all that tells a parameter: a trifle keeps its equations soluble
+        scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))
+        shifts[:, places] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
+    return Bootstrap(block=block, shifts=shifts)

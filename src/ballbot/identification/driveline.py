@@ -1,0 +1,432 @@
+"""Stage one of the thesis (3.1 to 3.5): one driveline, the wheel free, five parameters by an evolution strategy.
+
+    (j_w + j_r) w_dot = u - (b w + (c + s exp(-|w/v_s|^delta)) sgn(w))           cost (3.5): |w - w_measured|
+
+The measured torque is the input, the measured speed what is compared, the inertia is the robot's. Two readings of the
+supply's speed limit l:
+
+*restarted*: where the supply limits the speed, the torque that acts is not the one recorded, so that the sweep is cut
+there; each piece starts from the measured speed. *As printed* (3.2): the speed seen is clamped while the one
+integrated runs on through the limit for as long as the torque pushes, and comes back late.
+
+A motor driven by voltage brakes with its back-EMF (`ballbot.identification.windows`). The brake follows the predicted
+speed, or an error of the speed would not die out: the torque is that at standstill, and b acts beside the brake b_e.
+
+Whether the wheels of a sweep turned freely: what a log shows where the ball was on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ballbot.errors import InputError
+from ballbot.fitting.search import evolve
+from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.log import Log
+from ballbot.mechanics.friction_laws.classical import Classical
+from ballbot.robot import Robot
+from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
+
+#: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
+#: and more (root mean square) [rad]
+_STILL = np.radians(0.2)
+_LEANS = ("theta", "phi")
+_BALL = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
+
+
+def check_wheels_free(log: Log) -> None:
+    """Refuse the log of a robot that balances, or that has the ball on its wheels.
+
+    A log without lean and without the ball's angular velocity tells neither, and passes.
+
+    Raises
+    ------
+    InputError
+        Where it is such a log.
+    """
+    for name in _LEANS:
+        swing = _deviation(_known(log, name))
+        if swing > _STILL:
+            raise InputError(
+                f"In this log the body sways by {np.degrees(swing):.2g} degrees (root mean "
+                f"square of {name}), as when it balances. A sweep needs the body held still and "
+                "the wheels off the ball; use `ballbot identify` for logs of a balancing robot."
+            )
+    for name in _BALL:
+        if np.any(_known(log, name) != 0.0):
+            raise InputError(
+                f"In this log a ball turns ({name}). A sweep needs the wheels off the ball; "
+                "use `ballbot identify-upside-down` for logs of the ball on the clamped robot."
+            )
+
+
+def _known(log: Log, name: str) -> NDArray[np.float64]:
+    """Return a column's values without those that are missing; none where there is no such column."""
+    values = log[name] if name in log else np.empty(0)
+    return values[np.isfinite(values)]
+
+
+def _deviation(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation that white noise, judged by the changes from row to row, does not explain."""
+    if values.size < 2:
+        return 0.0
+    return float(np.sqrt(max(np.var(values) - 0.5 * np.mean(np.diff(values) ** 2), 0.0)))
+
+
+NAMES = ("b", "c", "s", "v_s", "delta")
+#: of that share of the limit, the speed counts as limited
+_LIMITED = 0.995
+_SHORTEST_PIECE = 0.5  # [s]
+_DIFFERENCE = 1e-3  # half the central difference, of the bounds' width
+_AT_BOUND = 1e-4
+#: a standard error of this share of the bounds' width leaves a parameter unknown
+_UNKNOWN = 0.5
+_BLOCK = 0.5  # [s]; residuals of one block may depend on each other
+Report = Callable[[float, str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrivelineBounds:
+    """Within which the five parameters are sought."""
+
+    lower: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.05, 0.3)  #: b, c, s, v_s, delta
+    upper: tuple[float, float, float, float, float] = (0.1, 0.5, 0.5, 5.0, 4.0)
+
+    def __post_init__(self) -> None:
+        for name, low, high in zip(NAMES, self.lower, self.upper, strict=True):
+            if not 0.0 <= low < high < np.inf or (low == 0.0 and name in ("v_s", "delta")):
+                raise InputError(
+                    f"The bounds of {name} are [{low:g}, {high:g}]; the lower one must be "
+                    "below the upper one and zero or more (for v_s and delta above zero)."
+                )
+
+    def values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., 5) from scaled ones in 0 .. 1; v_s and delta by their logarithm."""
+        low, high = np.array(self.lower), np.array(self.upper)
+        linear = low + np.clip(z, 0.0, 1.0) * (high - low)
+        ratio = np.log(high[3:] / low[3:])
+        linear[..., 3:] = low[3:] * np.exp(np.clip(z[..., 3:], 0.0, 1.0) * ratio)
+        return linear
+
+    def slopes(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return dp/dz (5,)."""
+        low, high = np.array(self.lower), np.array(self.upper)
+        slope = high - low
+        slope[3:] = self.values(z)[3:] * np.log(high[3:] / low[3:])
+        return slope
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivelineFit:
+    """One driveline's friction."""
+
+    wheel: int  #: from 1
+    values: NDArray[np.float64]  #: (5,) b, c, s, v_s, delta
+    standard_errors: NDArray[np.float64]  #: (5,), clustered in time; NaN at a bound
+    correlation: NDArray[np.float64]  #: (5, 5)
+    unknown: NDArray[
+        np.bool_
+    ]  #: (5,) what the sweep cannot tell; the value is where the search happened to end
+    cost: float  #: (3.5) over the samples compared [rad/s]
+    samples: int
+    rmse: float  #: [rad/s]
+    rmse_without: float  #: without friction, over the whole sweep, the speed clamped as printed [rad/s]
+    predicted: NDArray[np.float64]  #: (N,) speed [rad/s]; NaN where it is limited
+    without: NDArray[np.float64]  #: (N,) without friction, the speed clamped as printed
+
+    @property
+    def law(self) -> Classical:
+        """The friction found."""
+        return classical(self.values)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PrintedFit:
+    """The same driveline with the speed clamped as (3.2) prints it, over the whole sweep."""
+
+    values: NDArray[np.float64]  #: (5,)
+    rmse: float  #: [rad/s]
+    predicted: NDArray[np.float64]  #: (N,) [rad/s]
+    rmse_restarted: float  #: what the friction found from the pieces gives under this clamp [rad/s]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sweep:
+    """One wheel's sweep."""
+
+    wheel: int  #: from 1
+    t: NDArray[np.float64]  #: (N,) [s]
+    torque: NDArray[np.float64]  #: (N,) [N m]
+    speed: NDArray[np.float64]  #: (N,) [rad/s]
+    limit: float  #: l [rad/s]
+    inertia: float  #: [kg m^2]
+    brake: float = 0.0  #: b_e of the motor's back-EMF [N m s/rad]; the torque is then that at standstill
+
+    def driveline(self, values: NDArray[np.float64], *, clamp: SpeedClamp | None = None) -> Driveline:
+        """Return the driveline with friction b, c, s, v_s, delta (5,) beside the motor's brake."""
+        law = classical(values + np.array([self.brake, 0.0, 0.0, 0.0, 0.0]))
+        return Driveline(inertia=self.inertia, friction=law, speed_limit=clamp)
+
+    @property
+    def sample_time(self) -> float:
+        """[s]"""
+        return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
+
+    def pieces(self) -> list[tuple[int, int]]:
+        """Return first row and row after the last of the pieces in which the speed is not limited."""
+        free = np.abs(self.speed) < _LIMITED * self.limit
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
+        shortest = _SHORTEST_PIECE / self.sample_time
+        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
+
+
+def classical(values: NDArray[np.float64]) -> Classical:
+    """Return the law of b, c, s, v_s, delta (5,)."""
+    b, c, s, v_s, delta = (float(value) for value in values)
+    return Classical(viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=delta)
+
+
+def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: float = 0.0) -> list[Sweep]:
+    """Return each wheel's sweep; the limit [rad/s] is the greatest speed in the log where none is given.
+
+    `back_emf` is what motors driven by voltage brake with [N m s/rad], where the log's torques contain it.
+
+    Raises
+    ------
+    InputError
+        Where the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
+        free of the ball, or the limit is none.
+    """
+    check_wheels_free(log)
+    torques, speeds = log.torques, log.wheel_speeds
+    if torques.shape[1] != robot.wheel_count or speeds.shape[1] != robot.wheel_count:
+        raise InputError(
+            f"The log has torques of {torques.shape[1]} wheels and speeds of "
+            f"{speeds.shape[1]} wheels; {robot.name} has {robot.wheel_count} wheels."
+        )
+    for i in range(robot.wheel_count):
+        if np.ptp(torques[:, i]) == 0.0:
+            raise InputError(
+                f"u{i + 1} is {torques[0, i]:g} N m throughout; the "
+                "torque of a sweep must vary slowly up and down."
+            )
+    if limit is not None and not limit > 0.0:
+        raise InputError(f"The speed limit is {limit:g} rad/s; it must be above zero.")
+    highest = float(np.abs(speeds).max()) if limit is None else limit
+    if not highest > 0.0:
+        raise InputError("The wheels never turn in this log; a sweep must go well beyond break-away.")
+    return [
+        Sweep(
+            wheel=i + 1,
+            t=log.t,
+            torque=torques[:, i] + back_emf * speeds[:, i],
+            speed=speeds[:, i],
+            limit=highest,
+            inertia=Driveline.of_wheel(robot, i).inertia,
+            brake=back_emf,
+        )
+        for i in range(robot.wheel_count)
+    ]
+
+
+def fit_driveline(
+    sweep: Sweep,
+    *,
+    bounds: DrivelineBounds,
+    seed: int,
+    generations: int = 120,
+    population: int = 20,
+    progress: Report,
+) -> DrivelineFit:
+    """Find one driveline's five parameters from the pieces of its sweep.
+
+    Raises
+    ------
+    InputError
+        Where the sweep has no piece to compare, or tells none of the five.
+    """
+    pieces = sweep.pieces()
+    if not any(sweep.speed[first:end].any() for first, end in pieces):
+        raise InputError(
+            f"Wheel {sweep.wheel} is at rest or at its speed limit of "
+            f"{sweep.limit:.3g} rad/s throughout, or the log is too short."
+        )
+    block = np.concatenate([np.arange(a, b) for a, b in pieces]) * sweep.sample_time // _BLOCK
+    blocks = np.unique(block, return_inverse=True)[1].astype(np.int64)
+
+    def errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        predicted = _predict_pieces(sweep, pieces, values)
+        return np.concatenate(
+            [p - sweep.speed[a:b] for p, (a, b) in zip(predicted, pieces, strict=True)], axis=1
+        )
+
+    def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _jacobian(lambda many: errors(bounds.values(many)), z)
+
+    best = _evolve(
+        lambda values: np.linalg.norm(errors(values), axis=1), bounds, seed, generations, population, progress
+    )
+    z = least_squares(
+        lambda z: errors(bounds.values(z[None]))[0],
+        np.clip(best, 1e-3, 1.0 - 1e-3),
+        jac=slopes,  # pyright: ignore[reportArgumentType] (SciPy takes a function too)
+        bounds=(0.0, 1.0),
+        x_scale="jac",
+        ftol=1e-8,
+        max_nfev=40,
+    ).x
+    z = np.where(z <= _AT_BOUND, 0.0, np.where(z >= 1.0 - _AT_BOUND, 1.0, z))
+    residual = errors(bounds.values(z[None]))[0]
+    covariance = _covariance(slopes(z), residual, blocks, z)
+    if np.isnan(covariance).all():
+        raise InputError(
+            f"The sweep of wheel {sweep.wheel} identifies none of {', '.join(NAMES)}: all end at a "
+            "bound or have no effect. Sweep slowly and well beyond break-away, or widen the bounds."
+        )
+    return _result(sweep, pieces, residual, z=z, covariance=covariance, bounds=bounds)
+
+
+def _result(
+    sweep: Sweep,
+    pieces: Sequence[tuple[int, int]],
+    residual: NDArray[np.float64],
+    *,
+    z: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    bounds: DrivelineBounds,
+) -> DrivelineFit:
+    """Return the fit; z (5,) are the scaled parameters and `covariance` (5, 5) theirs."""
+    values = bounds.values(z)
+    scaled_errors = np.sqrt(covariance.diagonal())
+    at_bound = (z <= _AT_BOUND) | (z >= 1.0 - _AT_BOUND)
+    # one without influence has no standard error though it is at no bound; v_s and delta shape nothing if s is zero
+    unknown = np.where(np.isnan(scaled_errors), ~at_bound, scaled_errors > _UNKNOWN)
+    unknown[3:] |= values[2] == 0.0
+    predicted = np.full(len(sweep.t), np.nan)
+    for piece, (first, end) in zip(_predict_pieces(sweep, pieces, values[None]), pieces, strict=True):
+        predicted[first:end] = piece[0]
+    without = _predict_clamped(sweep, np.array([[0.0, 0.0, 0.0, 1.0, 1.0]]))[0]
+    return DrivelineFit(
+        wheel=sweep.wheel,
+        values=values,
+        standard_errors=scaled_errors * bounds.slopes(z),
+        unknown=unknown,
+        correlation=covariance / np.outer(scaled_errors, scaled_errors),
+        cost=float(np.linalg.norm(residual)),
+        samples=len(residual),
+        rmse=_rms(residual),
+        rmse_without=_rms(without - sweep.speed),
+        predicted=predicted,
+        without=without,
+    )
+
+
+def fit_as_printed(
+    sweep: Sweep,
+    fit: DrivelineFit,
+    *,
+    bounds: DrivelineBounds,
+    seed: int,
+    generations: int = 60,
+    population: int = 16,
+    progress: Report,
+) -> PrintedFit:
+    """Find the five parameters with the clamp (3.2) as printed, over the whole sweep."""
+
+    def costs(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.linalg.norm(_predict_clamped(sweep, values) - sweep.speed, axis=1)
+
+    best = bounds.values(_evolve(costs, bounds, seed, generations, population, progress))
+    predicted, restarted = _predict_clamped(sweep, np.stack([best, fit.values]))
+    return PrintedFit(
+        values=best,
+        rmse=_rms(predicted - sweep.speed),
+        predicted=predicted,
+        rmse_restarted=_rms(restarted - sweep.speed),
+    )
+
+
+def _evolve(
+    costs: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    bounds: DrivelineBounds,
+    seed: int,
+    generations: int,
+    population: int,
+    progress: Report,
+) -> NDArray[np.float64]:
+    """Return the best scaled parameters (5,) of an evolution strategy; amounts are looked for closer near zero."""
+
+    def z_of(sought: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([sought[..., :3] ** 2, sought[..., 3:]], axis=-1)
+
+    evolved = evolve(
+        lambda sought: np.log(costs(bounds.values(z_of(sought)))),
+        size=5,
+        generations=generations,
+        population=population,
+        seed=seed,
+        report=lambda generation, cost: progress(generation / generations, f"error {np.exp(cost):.3g}"),
+    )
+    return z_of(evolved.best)
+
+
+def _predict_pieces(
+    sweep: Sweep, pieces: Sequence[tuple[int, int]], values: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Return each piece's speeds (sets, rows), from the measured speed at its start."""
+    lines = [sweep.driveline(one) for one in values]
+    predicted = []
+    for first, end in pieces:
+        start = float(sweep.speed[first])
+        motion = simulate_drivelines(
+            lines,
+            sweep.torque[first : end - 1],
+            sample_time=sweep.sample_time,
+            step=2.5e-3,
+            initial_speeds=start,
+        )
+        predicted.append(np.concatenate([np.full((len(lines), 1), start), motion.speeds], axis=1))
+    return predicted
+
+
+def _predict_clamped(sweep: Sweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return speeds (sets, N) over the whole sweep with the clamp (3.2)."""
+    clamp = SpeedClamp(limit=sweep.limit)
+    lines = [sweep.driveline(one, clamp=clamp) for one in values]
+    motion = simulate_drivelines(
+        lines,
+        sweep.torque[:-1],
+        sample_time=sweep.sample_time,
+        step=5e-3,
+        initial_speeds=float(sweep.speed[0]),
+    )
+    return np.concatenate([np.full((len(lines), 1), sweep.speed[0]), motion.speeds], axis=1)
+
+
+def _jacobian(
+    errors: Callable[[NDArray[np.float64]], NDArray[np.float64]], z: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the residuals' derivatives (m, 5) by central differences, all in one batch."""
+    ahead = np.minimum(z + _DIFFERENCE * np.eye(5), 1.0)
+    behind = np.maximum(z - _DIFFERENCE * np.eye(5), 0.0)
+    both = errors(np.concatenate([ahead, behind]))
+    return ((both[:5] - both[5:]) / (ahead - behind).diagonal()[:, None]).T
+
+
+def _covariance(
+    J: NDArray[np.float64], residual: NDArray[np.float64], block: NDArray[np.int64], z: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    kept = np.flatnonzero((z > _AT_BOUND) & (z < 1.0 - _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0))
+    full = np.full((5, 5), np.nan)
+    # a start's error lasts for a mechanical time constant or two, hence a few neighbours
+    full[np.ix_(kept, kept)] = covariance_in_time(J[:, kept], residual, block, neighbours=4)
+    return full
+
+
+def _rms(errors: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(errors**2)))

@@ -1,0 +1,450 @@
+"""The fits behind the survey of a geometry: increments, motion capture, mounting, rolling and upside down.
+
+Motion as increments over windows: encoder angles against integrals of rates and sums of small turns.
+
+Increments need no derivative of an encoder, so that counts, sampling jitter and glitches of logged speeds do not
+matter, and the noise of a rate averages out over the window.
+
+What cameras tell of a balancing robot, in its body's own frame, so that the cameras' frame does not matter.
+
+    body's turning        sum of log(R_k^T R_k+1)
+    ball's rolling        sum of up x R_k^T (p_k+1 - p_k), in metres; divided by r_b it is the turning of a ball that
+                          rolls without slip
+
+`up` is the mean direction of the body's z axis while it is upright: an error of e in it changes the rolling by e^2/2.
+
+How the IMU sits on the body, from the gyro against the body's turning as cameras saw it.
+
+    integral of gyro dt = R_imu_body turning + bias T
+
+The cameras' clock is matched first: the correlation of both rates' magnitudes finds its offset without knowing how
+the IMU sits; then offset and rate are found with the rotation.
+
+The wheels' rolling radius and azimuths from a balancing robot that cameras watched.
+
+    wheel angle_i = a_i . ( rolling / r_w - share (r_b / r_w) turning ) + pivoting
+
+What the ball's pivoting on the floor adds is the same for every wheel, sin(alpha) r_b / r_w times an unknown, and so is
+what the body's heading adds; both are taken out of the windows. Left is r_w / cos(alpha), the radius of a wheel that
+would turn as fast if it stood upright on the ball's equator, and the azimuths. Turning is from the gyro: the lean is a
+degree or two, play and rollers are half as much, so that its `share` that the encoders show is found, not trusted.
+
+Ratio of the radii, tilt and azimuths from the robot clamped upside down, the ball on its wheels.
+
+    wheel angle_i = (r_b / r_w) a_i . R integral of Omega dt
+    a_i = (-cos alpha cos beta_i, -cos alpha sin beta_i, sin alpha)
+
+Omega is the ball's angular velocity as a camera sees it; R, the small tilt of the camera's frame about x and y, and the
+camera's delay are found as well. A turn of its frame about z is the same as one of all azimuths, and is counted there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import correlate, correlation_lags
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.fitting.least_squares import Fit, fit_clustered
+from ballbot.identification.upside_down import BALL_NAMES
+from ballbot.log import Log
+from ballbot.log.columns import wheel_angle_names
+from ballbot.log.poses import read_poses
+from ballbot.robot import Robot
+
+#: windows on end that count as one cluster together last this long [s]: a roller takes about as long to pass
+CLUSTER = 2.0
+#: a sampling interval longer than this many usual ones is a gap
+LARGEST_GAP = 1.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cuts:
+    """Where a log's windows begin and end: w rows of it, and their clusters."""
+
+    first: NDArray[np.int64]  #: (w,)
+    last: NDArray[np.int64]  #: (w,)
+    clusters: NDArray[np.int64]  #: (w,)
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def of(self, total: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the increments (w, k) of a running total (N, k)."""
+        return total[self.last] - total[self.first]
+
+    def chosen(self, which: NDArray[np.bool_]) -> Cuts:
+        """Return the windows that `which` (w,) marks."""
+        return Cuts(first=self.first[which], last=self.last[which], clusters=self.clusters[which])
+
+
+def cut(log: Log, columns: NDArray[np.float64], *, window: float) -> Cuts:
+    """Return the windows, end to end, in which no row of `columns` (N, k) is missing and no row left out.
+
+    Raises
+    ------
+    InputError
+        Where a window is less than two samples.
+    """
+    samples = round(window / log.sample_time)
+    if samples < 2:
+        raise InputError(
+            f"The log's sample time of {log.sample_time:g} s is too long for windows of {window:g} s."
+        )
+    first = np.arange(0, len(log.t) - samples, samples)
+    whole = np.asarray(np.isfinite(columns).all(axis=1))
+    follows = whole[1:] & whole[:-1] & (np.diff(log.t) < LARGEST_GAP * log.sample_time)
+    broken = np.concatenate([[0], np.cumsum(~follows)])
+    usable = first[broken[first + samples] == broken[first]]
+    clusters = np.floor((log.t[usable] - log.t[0]) / CLUSTER).astype(np.int64)
+    return Cuts(first=usable, last=usable + samples, clusters=clusters)
+
+
+def wheel_angles(log: Log, wheel_count: int) -> NDArray[np.float64]:
+    """Return the encoders' angles (N, n) [rad].
+
+    Raises
+    ------
+    InputError
+        Where one is not in the log.
+    """
+    return np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
+
+
+def mean_about(
+    at: NDArray[np.float64], t: NDArray[np.float64], total: NDArray[np.float64], *, width: float
+) -> NDArray[np.float64]:
+    """Return the means (k, c) of a total (N, c) with times (N,), over `width` [s] about the times `at` (k,).
+
+    A value between two noisy samples is their mean, and has less noise than either: who seeks a time offset by least
+    squares is drawn to such places. Over several samples the noise is the same everywhere.
+    """
+    twice = integral(t, total)
+    ends = [
+        np.column_stack([np.interp(at + half, t, column) for column in twice.T])
+        for half in (-0.5 * width, 0.5 * width)
+    ]
+    return (ends[1] - ends[0]) / width
+
+
+def integral(t: NDArray[np.float64], rates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the running integral (N, k) of rates (N, k) by the trapezium rule; a missing rate counts as zero."""
+    rates = np.nan_to_num(rates)
+    steps = 0.5 * (rates[1:] + rates[:-1]) * np.diff(t)[:, None]
+    return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(steps, axis=0)])
+
+
+#: beyond this angle from upright [rad] a robot is falling or in hands
+LARGEST_LEAN = 0.35
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mocap:
+    """Running totals at the cameras' times, in the body's frame."""
+
+    t: NDArray[np.float64]  #: (M,) [s], the cameras' clock
+    turning: NDArray[np.float64]  #: (M, 3) [rad]
+    rolling: NDArray[np.float64]  #: (M, 3) [m]
+    missing: NDArray[np.float64]  #: (M,), running number of intervals without a pose or with a falling robot
+
+    def rolling_at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rolling (k, 3) at times (k,) of the cameras' clock."""
+        return _at(t, self.t, self.rolling)
+
+    def covers(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which windows (w,) the cameras saw whole."""
+        inside = (start > self.t[0]) & (end < self.t[-1])
+        missed = self.missing[np.clip(np.searchsorted(self.t, end), 0, len(self.t) - 1)]
+        before = self.missing[np.clip(np.searchsorted(self.t, start) - 1, 0, len(self.t) - 1)]
+        return inside & (missed == before)
+
+
+def read_mocap(film: Log) -> Mocap:
+    """Return the running totals of a log of motion capture: t, x y z of the ball's centre, qw qx qy qz of the body.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing, or the robot is hardly ever seen upright.
+    """
+    poses = read_poses(film)
+    seen = poses.seen & np.isfinite(poses.places).all(axis=1)
+    if seen.sum() < 10:
+        raise InputError(
+            "The motion capture has no poses; it needs the columns "
+            "x, y, z and the unit quaternion qw, qx, qy, qz."
+        )
+    # an unseen pose is filled with the one before, so that nothing moves; `missing` counts it
+    last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
+    positions, rotations = poses.places[last], Rotation.from_quat(poses.rotations.as_quat()[last])
+    axis = rotations.apply([0.0, 0.0, 1.0])
+    up = np.median(axis[seen], axis=0)
+    up /= np.linalg.norm(up)
+    upright = axis @ up > np.cos(LARGEST_LEAN)
+    turns = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
+    middle = (rotations[:-1] * Rotation.from_rotvec(0.5 * turns)).inv()
+    rolls = np.cross(middle.apply(up), middle.apply(np.diff(positions, axis=0)))
+    usable = seen & upright
+    whole = usable[1:] & usable[:-1]
+    missing = np.concatenate([[0.0], np.cumsum(~whole)])
+    turns, rolls = np.where(whole[:, None], turns, 0.0), np.where(whole[:, None], rolls, 0.0)
+    return Mocap(t=film.t, turning=_total(turns), rolling=_total(rolls), missing=missing)
+
+
+def _total(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
+
+def _at(
+    t: NDArray[np.float64], times: NDArray[np.float64], total: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return np.column_stack([np.interp(t, times, column) for column in total.T])
+
+
+GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
+#: length of a window [s]
+MOUNTING_WINDOW = 0.25
+#: rates are means over this long [s] where magnitudes are compared, against the noise of cameras
+SMOOTHING = 0.15
+#: magnitudes that correlate less than this are not of one and the same run
+LEAST_CORRELATION = 0.5
+#: both totals are means over this long [s], some samples of either, where the offset is sought
+CLOCK_MEAN = 0.05
+#: magnitudes above so many medians, as in a fall, count as this many
+_HIGHEST = 5.0
+_GRID = 0.005
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mounting:
+    """Where the IMU points and what the cameras' clock says, both for one run."""
+
+    #: [rotation vector.. from the body's frame to the IMU's [rad], bias.. [rad/s], offset [s], rate [s/s]] (8,)
+    fit: Fit
+    middle: float  #: the log's t [s] at which the offset holds
+
+    @property
+    def R_imu_body(self) -> Rotation:
+        """The rotation that takes vectors of the body's frame to the IMU's."""
+        return Rotation.from_rotvec(self.fit.values[:3])
+
+    def camera_time(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the cameras' time of times of the log."""
+        return t + self.fit.values[6] + self.fit.values[7] * (t - self.middle)
+
+    def body_turning(self, log: Log) -> NDArray[np.float64]:
+        """Return the body's turning (N, 3) [rad] by the gyro, in the body's frame and without bias."""
+        rates = np.column_stack([log[name] for name in GYRO_NAMES]) - self.fit.values[3:6]
+        return self.R_imu_body.inv().apply(integral(log.t, rates))
+
+
+def imu_mounting(log: Log, film: Mocap) -> Mounting:
+    """Find the IMU's rotation and the cameras' clock.
+
+    Raises
+    ------
+    InputError
+        Where the gyro's columns are missing, or log and cameras are not of one run.
+    """
+    rates = np.column_stack([log[name] for name in GYRO_NAMES])
+    total, offset = integral(log.t, rates), _offset(log.t, rates, film)
+    cuts = cut(log, rates, window=MOUNTING_WINDOW)
+    start, end = log.t[cuts.first], log.t[cuts.last]
+    # a little to spare, for the offset moves while it is found
+    cuts = cuts.chosen(film.covers(start + offset - 0.1, end + offset + 0.1))
+    if not len(cuts):
+        raise InputError("The cameras saw no quarter of a second of this log without a gap.")
+    start, end = log.t[cuts.first], log.t[cuts.last]
+    middle = float(0.5 * (start[0] + end[-1]))
+
+    def seen(t: NDArray[np.float64]) -> NDArray[np.float64]:
+        return mean_about(t, film.t, film.turning, width=CLOCK_MEAN)
+
+    gyro = mean_about(end, log.t, total, width=CLOCK_MEAN) - mean_about(start, log.t, total, width=CLOCK_MEAN)
+    turned = seen(end + offset) - seen(start + offset)
+    guess = Rotation.align_vectors(gyro - gyro.mean(axis=0), turned - turned.mean(axis=0))[0]
+
+    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        later, earlier = (t + p[6] + p[7] * (t - middle) for t in (end, start))
+        turning = seen(later) - seen(earlier)
+        return gyro - Rotation.from_rotvec(p[:3]).apply(turning) - p[3:6] * (end - start)[:, None]
+
+    p = np.concatenate([guess.as_rotvec(), np.zeros(3), [offset, 0.0]])
+    scales = np.array([0.1, 0.1, 0.1, 0.01, 0.01, 0.01, 0.1, 1e-3])
+    return Mounting(fit=fit_clustered(residuals, p, scales=scales, clusters=cuts.clusters), middle=middle)
+
+
+def _offset(t: NDArray[np.float64], rates: NDArray[np.float64], film: Mocap) -> float:
+    """Return the cameras' time at the log's zero [s], to a grid of 5 ms."""
+    ours = _magnitude(np.arange(t[0], t[-1], _GRID), t, integral(t, rates))
+    theirs = _magnitude(np.arange(film.t[0], film.t[-1], _GRID), film.t, film.turning)
+    if min(len(ours), len(theirs)) < 100:
+        raise InputError("Log and motion capture must each last half a second at least.")
+    likeness = correlate(theirs, ours)
+    best = int(np.argmax(likeness))
+    if likeness[best] < LEAST_CORRELATION * np.linalg.norm(ours) * np.linalg.norm(theirs):
+        raise InputError(
+            "The gyro and the motion capture are not of the same run: the body rates correlate "
+            f"by only {likeness[best] / (np.linalg.norm(ours) * np.linalg.norm(theirs)):.2f}."
+        )
+    return float(film.t[0] - t[0] + _GRID * correlation_lags(len(theirs), len(ours))[best])
+
+
+def _magnitude(
+    grid: NDArray[np.float64], t: NDArray[np.float64], total: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return |rate| on a grid of times, less its mean, from a running total (N, 3) and means over `SMOOTHING`."""
+    half = 0.5 * SMOOTHING
+    steps = [np.interp(grid + half, t, one) - np.interp(grid - half, t, one) for one in total.T]
+    size = np.linalg.norm(steps, axis=0)
+    size = np.minimum(size, _HIGHEST * np.median(size))
+    return size - size.mean()
+
+
+#: length of a window [s]
+ROLLING_WINDOW = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MocapRun:
+    """A balancing run: its log, what the cameras saw and how the two go together."""
+
+    log: Log
+    film: Mocap
+    mounting: Mounting
+
+
+def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> Fit:
+    """Find [r_w / cos(tilt) [m], azimuths.. [rad], share of leaning seen, delay of the encoders [s]] (n + 3,).
+
+    Parameters
+    ----------
+    robot : Robot
+        Where the search begins.
+    runs : sequence of Run
+    leaning : float
+        (r_b / r_w) cos(tilt), wheel angle for an angle of leaning, which the share is one of.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing or the motion does not determine the geometry.
+    """
+    n = robot.wheel_count
+    parts = [_rolling_increments(run, n) for run in runs]
+    wheels, rolls, turns, speeds = (np.concatenate([part[i] for part in parts]) for i in range(4))
+    clusters = np.concatenate([part[4] + 1_000_000 * number for number, part in enumerate(parts)])
+    wheels = wheels - wheels.mean(axis=1, keepdims=True)
+
+    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        level = np.column_stack([-np.cos(p[1 : 1 + n]), -np.sin(p[1 : 1 + n])])
+        rolled = (rolls - p[2 + n] * speeds) / p[0]
+        seen = (rolled - p[1 + n] * leaning * turns) @ level.T
+        return wheels - (seen - seen.mean(axis=1, keepdims=True))
+
+    start = np.array([robot.wheels.radius / np.cos(robot.wheels.tilt), *robot.wheels.azimuths, 1.0, 0.0])
+    scales = np.array([0.1 * start[0], *n * [0.1], 0.1, 0.01])
+    return fit_clustered(residuals, start, scales=scales, clusters=clusters)
+
+
+def _rolling_increments(
+    run: MocapRun, wheel_count: int
+) -> tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]
+]:
+    """Return increments (w, .) of wheel angles, rolling, turning and rolling's rate, all level parts; clusters (w,)."""
+    log, film, mounting = run.log, run.film, run.mounting
+    angles = wheel_angles(log, wheel_count)
+    gyro = np.column_stack([log[name] for name in GYRO_NAMES])
+    cuts = cut(log, np.hstack([angles, gyro]), window=ROLLING_WINDOW)
+    start, end = mounting.camera_time(log.t[cuts.first]), mounting.camera_time(log.t[cuts.last])
+    whole = film.covers(start - 0.05, end + 0.05)
+    cuts, start, end = cuts.chosen(whole), start[whole], end[whole]
+    rolls = film.rolling_at(end) - film.rolling_at(start)
+    turns = cuts.of(mounting.body_turning(log))
+    return cuts.of(angles), rolls[:, :2], turns[:, :2], _rate(film, end) - _rate(film, start), cuts.clusters
+
+
+def _rate(film: Mocap, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rolling's rate (k, 2) [m/s] at times of the cameras, over 40 ms."""
+    return (film.rolling_at(t + 0.02) - film.rolling_at(t - 0.02))[:, :2] / 0.04
+
+
+#: length of a window [s]
+UPSIDE_DOWN_WINDOW = 0.25
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UpsideDownGeometry:
+    """What the ball upon the wheels tells of n wheels; angles in rad."""
+
+    #: [r_b / r_w, tilt, azimuths.., camera's tilt about x and y, camera's delay [s]] (n + 5,)
+    fit: Fit
+    ratios: NDArray[
+        np.float64
+    ]  #: (n,), r_b / r_w of each wheel by itself, where nothing is assumed of its direction
+    ratio_errors: NDArray[np.float64]  #: (n,)
+
+
+def upside_down_geometry(robot: Robot, logs: Sequence[Log]) -> UpsideDownGeometry:
+    """Find the wheels' geometry from logs of wheel angles and ball_omega_x, _y, _z.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing or the motion does not determine the geometry.
+    """
+    n = robot.wheel_count
+    parts = [_upside_down_increments(log, n) for log in logs]
+    wheels = np.concatenate([part[0] for part in parts])
+    turns, rates = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
+    clusters = np.concatenate([part[3] + 1_000_000 * number for number, part in enumerate(parts)])
+
+    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
+        return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axle_directions(p[1], p[2 : 2 + n]).T
+
+    start = np.array(
+        [robot.ball.radius / robot.wheels.radius, robot.wheels.tilt, *robot.wheels.azimuths, 0.0, 0.0, 0.0]
+    )
+    scales = np.array([0.1, *(n + 3) * [0.1], 0.01])
+    fit = fit_clustered(residuals, start, scales=scales, clusters=clusters)
+    ratios, errors = _each_wheel(wheels, turns - fit.values[-1] * rates, clusters)
+    return UpsideDownGeometry(fit=fit, ratios=ratios, ratio_errors=errors)
+
+
+def axle_directions(tilt: float, azimuths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a_i (n, 3) as `ballbot.mechanics.geometry.axles` does, from angles that no robot need have."""
+    lean = np.cos(tilt)
+    return np.column_stack(
+        [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), np.sin(tilt))]
+    )
+
+
+def _upside_down_increments(
+    log: Log, wheel_count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Return increments (w, .) of wheel angles, of the ball's turning and of its rate, and clusters (w,)."""
+    angles = wheel_angles(log, wheel_count)
+    omega = np.column_stack([log[name] for name in BALL_NAMES])
+    cuts = cut(log, np.hstack([angles, omega]), window=UPSIDE_DOWN_WINDOW)
+    return cuts.of(angles), cuts.of(integral(log.t, omega)), cuts.of(omega), cuts.clusters
+
+
+def _each_wheel(
+    wheels: NDArray[np.float64], turns: NDArray[np.float64], clusters: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return |row| of the matrix G (n, 3) with wheels = turns G^T, and its standard error, for each wheel."""
+    G = np.linalg.lstsq(turns, wheels, rcond=None)[0].T
+    ratios, errors = np.linalg.norm(G, axis=1), []
+    for i, row in enumerate(G):
+        fit = fit_clustered(
+            lambda p, i=i: (wheels[:, i] - turns @ p)[:, None], row, scales=np.full(3, 0.1), clusters=clusters
+        )
+        direction = row / ratios[i]
+        errors.append(float(np.sqrt(direction @ fit.covariance @ direction)))
+    return ratios, np.array(errors)

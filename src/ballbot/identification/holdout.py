@@ -1,0 +1,281 @@
+"""Validation of an identification on logs that it never saw, by window and by horizon.
+
+How far off a prediction is after a tenth, a quarter and half a second: the wheels' speeds and the lean.
+
+The speeds are compared with the encoders' where the log has them, so that what the model does not have, as a ball that
+pivots on the floor, counts as an error too.
+
+Beside the errors stands how much of the friction a log asks for. With e_0 the errors without friction and d = e_0 - e
+what friction makes of the prediction, the share of d that leaves the least squares is
+
+    a = (sum e_0 d) / (sum d^2)
+
+1 where the log rubs as the model does, less where it rubs less. It tells a friction that has changed from one log
+to the next, a < 1 for speeds and lean alike, from errors that have nothing to do with friction, which leave a as it is.
+
+An identification judged on a log that it never saw: open-loop errors with its friction and without.
+
+They are those of windows as long as those of the fit, all samples together; and, for the wheels' speeds and the lean,
+those by how long ago the prediction began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.identification.excitation import Chatter, chatter, chatter_finding
+from ballbot.identification.prediction import Predictor, chunks
+from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.stages import errors, windows_for
+from ballbot.identification.windows import COMPARISONS, Windows, measured_wheel_speeds, standstill_torques
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+
+#: [s]
+HORIZONS = (0.1, 0.25, 0.5)
+
+#: from times of rows (m,) [s] to states (m, 10), NaN where there is none
+InitialStates = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+#: blocks of neighbouring starts that a share's error is judged by
+_BLOCKS = 10
+_HALF = len(STATE_NAMES) // 2
+_LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """Root mean square errors of predictions, over all starts and all wheels, or both leans."""
+
+    with_friction: float
+    viscous_part: float  #: with the viscous part of the friction found alone
+    without_friction: float  #: with the back-EMF alone, where motors are driven by voltage
+    share: float  #: of the friction's effect that would leave the least error
+    share_error: (
+        float  #: its standard error, by a jackknife over blocks of starts; NaN where there are too few
+    )
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Return what results.json holds."""
+        return {name: value if np.isfinite(value) else None for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HorizonErrors:
+    """Errors so long after the starts."""
+
+    horizon: float  #: of a whole number of rows [s]
+    starts: int  #: how many predictions have a value there
+    wheel_speed: Errors  #: [rad/s]
+    lean: Errors  #: theta and phi [rad]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "horizon_s": self.horizon,
+            "starts": self.starts,
+            "wheel_speed_rmse": self.wheel_speed.to_dict(),
+            "lean_rmse": self.lean.to_dict(),
+        }
+
+
+def horizon_errors(
+    predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: InitialStates | None = None
+) -> tuple[HorizonErrors, ...]:
+    """Return the errors by horizon, of predictions that begin one longest horizon after another.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    values : ndarray (p,)
+        Its parameters, SI units.
+    log : Log
+        Of that robot; where motors are driven by voltage, with the torques less the back-EMF's.
+    starts : callable, optional
+        The states to start from; those in the log's rows by default.
+
+    Returns
+    -------
+    tuple of HorizonErrors
+        Empty where the log has no stretch as long as the longest horizon with a known start.
+
+    Raises
+    ------
+    InputError
+        Where the log lacks a column.
+    """
+    sample_time = log.sample_time
+    # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
+    duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
+    supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
+    windows = windows_for(predictor, values, [supplied], duration=duration)
+    initial = windows.initial if starts is None else starts(np.array([one.start for one in windows.spans]))
+    known = np.flatnonzero(np.isfinite(initial).all(axis=1))
+    if not known.size:
+        return ()
+    states = _predicted(predictor, values, windows.take(known), initial[known])
+    spans = [windows.spans[row] for row in known]
+    first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in spans])
+    measured = measured_wheel_speeds(log, predictor.robot)
+    model = Model(predictor.robot)
+    errors = []
+    for horizon in HORIZONS:
+        after = max(1, round(horizon / sample_time))
+        at = states[:, :, after - 1]
+        speeds = model.wheel_speed(at[..., :_HALF], at[..., _HALF:]) - measured[first + after]
+        leans = at[..., _LEANS] - windows.measured[known, after - 1][:, _LEANS]
+        # a robot that fell in a prediction has no value there, nor an encoder that was not read
+        valued = np.isfinite(np.concatenate([speeds, leans], axis=2)).all(axis=(0, 2))
+        if valued.any():
+            errors.append(
+                HorizonErrors(
+                    horizon=after * sample_time,
+                    starts=int(valued.sum()),
+                    wheel_speed=_errors(speeds[:, valued]),
+                    lean=_errors(leans[:, valued]),
+                )
+            )
+    return tuple(errors)
+
+
+def _predicted(
+    predictor: Predictor, values: NDArray[np.float64], windows: Windows, initial: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the states (3, w, m, 10) predicted with friction, with its viscous part and without."""
+    layout = predictor.layout
+    sets = np.stack([values, layout.viscous_part(values), layout.without_friction(values)])
+    parts, done = [], 0
+    for chunk in chunks(windows):
+        begin = initial[done : done + len(chunk)]
+        residuals = predictor.residuals(sets, chunk, every=1, starts=np.stack([begin] * len(sets)))
+        parts.append(residuals + chunk.measured)
+        done += len(chunk)
+    return np.concatenate(parts, axis=1)
+
+
+def _errors(differences: NDArray[np.float64]) -> Errors:
+    """Return what differences (3, w, k) with friction, with its viscous part and without make."""
+    with_friction, viscous, without = np.sqrt((differences**2).mean(axis=(1, 2))).tolist()
+    share, error = _share(differences[2], differences[2] - differences[0])
+    return Errors(
+        with_friction=with_friction,
+        viscous_part=viscous,
+        without_friction=without,
+        share=share,
+        share_error=error,
+    )
+
+
+def _share(without: NDArray[np.float64], effect: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the share of friction's effect (w, k) that explains most of the errors without it, and its error."""
+    products, squares = (without * effect).sum(axis=1), (effect**2).sum(axis=1)
+    if not squares.any():
+        return float("nan"), float("nan")
+    share = float(products.sum() / squares.sum())
+    blocks = np.array_split(np.arange(len(squares)), _BLOCKS)
+    left = np.array([[products.sum() - products[b].sum(), squares.sum() - squares[b].sum()] for b in blocks])
+    if len(squares) < 2 * _BLOCKS or not left[:, 1].all():
+        return share, float("nan")
+    shares = left[:, 0] / left[:, 1]
+    return share, float(np.sqrt((_BLOCKS - 1) * shares.var()))
+
+
+#: a log asks for another friction where the share of it that it wants is off 1 by so much, and by so many errors
+_DIFFERS, _SURE = 0.2, 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldoutResult:
+    """What an identification is worth on one log."""
+
+    name: str  #: of the log
+    errors: WindowErrors
+    horizons: tuple[HorizonErrors, ...]  #: none where no stretch of the log is as long as the longest
+    causal: bool  #: whether their predictions start from what was known by then, and not from the log's rows
+    chatter: Chatter
+    remarks: tuple[str, ...]  #: the states that friction does not help to predict, and why, in sentences
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        by_horizon = [one.to_dict() for one in self.horizons]
+        return {
+            "errors": self.errors.to_dict(),
+            "ratios": self.errors.ratios,
+            "horizons": {"causal_starts": self.causal, "errors": by_horizon},
+            "remarks": list(self.remarks),
+        }
+
+
+def cross_validate(
+    found: Identification, log: Log, *, name: str, starts: InitialStates | None = None
+) -> HoldoutResult:
+    """Predict windows of a log with what was found, as long as those of the fit, and without friction.
+
+    Parameters
+    ----------
+    name : str
+        What to call the log.
+    starts : callable, optional
+        The states known at times of its rows, from which the predictions by horizon start, as
+        `ballbot.log.causal.causal_states` gives them for a log from elsewhere; by default those of its rows.
+
+    Raises
+    ------
+    InputError
+        Where the log lacks a column or has no window.
+    """
+    predictor = found.predictor
+    windows = windows_for(
+        predictor,
+        found.values,
+        [standstill_torques(log, predictor.robot, predictor.back_emf)],
+        duration=found.window,
+    )
+    if not len(windows):
+        raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
+    judged = errors(predictor, windows, found.values)
+    worse = [state for state, ratio in judged.ratios.items() if not ratio < 1.0]
+    moved = chatter(log, predictor.robot)
+    horizons = horizon_errors(predictor, found.values, log, starts=starts)
+    remarks = [
+        f"In {name}, {state} is not predicted better with friction than without "
+        f"(error ratio {judged.ratios[state]:.2f})."
+        for state in worse
+    ]
+    remarks += _share_findings(name, horizons)
+    if moved.matters:
+        remarks.append(chatter_finding(moved, predictor.robot, name))
+    return HoldoutResult(
+        name=name,
+        errors=judged,
+        horizons=horizons,
+        causal=starts is not None,
+        chatter=moved,
+        remarks=tuple(remarks),
+    )
+
+
+def _share_findings(name: str, horizons: Sequence[HorizonErrors]) -> list[str]:
+    """Return a sentence where a log asks for clearly more or less friction than was found.
+
+    The shortest horizon is asked: after it, whatever else moves an unstable robot has grown.
+    """
+    if not horizons:
+        return []
+    speed, lean = horizons[0].wheel_speed, horizons[0].lean
+    off = abs(speed.share - 1.0)
+    # NaN, where there are too few starts to be sure, is never beyond a bound
+    if not (off > _DIFFERS and off > _SURE * speed.share_error):
+        return []
+    word = "less" if speed.share < 1.0 else "more"
+    return [
+        f"{name} needs {word} friction than was identified: over {horizons[0].horizon:.2g} s its wheels "
+        f"need {speed.share:.2f} +- {speed.share_error:.2f} times as much, its lean {lean.share:.2f} +- "
+        f"{lean.share_error:.2f} times. The friction was different when the logs were made, or times in "
+        "one of them are wrong. Fit both together for a mean, or each by itself."
+    ]

@@ -1,0 +1,461 @@
+"""What the estimate is worth: parameters without effect, profiles, intervals.
+
+Parameters that act through others only: v_s and delta say how s fades, and nothing where there is no s.
+
+Where s is zero, a fit still ends somewhere, with some s of the size of chance and v_s and delta that suit it; their
+standard errors, taken there, are worthless (R. Davies, Hypothesis testing when a nuisance parameter is present only
+under the alternative, Biometrika 64 (1977) 247-254). So s has to earn them: the fit with it must be better than the
+best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
+residuals, lambda corrects for their dependence as in `ballbot.identification.identifiability`, and q is the chi-squared
+quantile of as many parameters as the fit with s has more.
+
+Profile likelihood: how far a parameter may go, all others following, before the fit is worse than chance explains.
+
+The cost of n_s states over N residuals each is, up to a constant, minus the logarithm of a likelihood over N n_s.
+Residuals within a window are not independent, so the doubled rise is no chi-squared variable but, for one
+parameter, one times
+
+    lambda = (clustered variance) / [H^-1]_ii
+
+(L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio statistics, Statistica Sinica 21 (2011)
+129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being Student's quantile.
+
+From errors to 95 % intervals: which of two errors, a profile where they will not do, and what bounds have to say.
+
+How sure an estimate is: errors clustered by window and from a block bootstrap, profiles where they do not do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+from scipy.stats import t as student
+
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.uncertainty import bootstrap, correlation, covariance, unleveraged
+from ballbot.identification.initial_states import InitialStatesFit, compared, descend
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.prediction import Problem
+
+#: how sure it has to be, as a number without a meaning is worse than none
+EFFECT_CONFIDENCE = 0.999
+#: a fit without is not made where the errors alone put it so many times past the limit
+PLAIN = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dependence:
+    """Quantities that act through another's numbers."""
+
+    through: str
+    dependent: tuple[str, ...]
+
+
+#: of the friction laws
+DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Unidentifiable:
+    """What a fit does without."""
+
+    dependent: NDArray[np.bool_]  #: (p,), free parameters without influence, as what they act through is zero
+    through: NDArray[np.bool_]  #: (p,), what they act through
+
+
+def unidentifiable(
+    problem: Problem, finished: InitialStatesFit, *, most_steps: int, recall: Memoize = no_checkpoint
+) -> Unidentifiable:
+    """Return which free parameters act through others that do not differ from zero; `recall` answers for each step."""
+    coordinates = problem.coordinates
+    names = np.array(coordinates.names)
+    found, origin = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
+    for one in DEPENDENCES:
+        dependent = np.isin(names, one.dependent) & coordinates.free
+        through = (names == one.through) & coordinates.free
+        if (
+            dependent.any()
+            and through.any()
+            and not _earned(problem, finished, through, dependent, most_steps, recall)
+        ):
+            found, origin = found | dependent, origin | through
+    return Unidentifiable(dependent=found, through=origin)
+
+
+def _earned(
+    problem: Problem,
+    finished: InitialStatesFit,
+    through: NDArray[np.bool_],
+    dependent: NDArray[np.bool_],
+    most_steps: int,
+    recall: Memoize,
+) -> bool:
+    point, free = finished.point, problem.coordinates.free
+    amounts = point * through
+    if not amounts.any():
+        return False
+    limit = float(chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
+    moved = through | (free & (point > 0.0))
+    spread = covariance(finished.equations.normal, moved)[np.ix_(through, through)]
+    if amounts[through] @ np.linalg.lstsq(spread, amounts[through], rcond=1e-13)[0] > PLAIN * limit:
+        return True
+    _, _, history = descend(
+        problem,
+        point,
+        finished.starts,
+        free=free & ~through & ~dependent,
+        most_steps=most_steps,
+        report=_ignore,
+        moved=-amounts,
+        recall=recall,
+    )
+    rise = 2.0 * compared(problem) * int(problem.cost.counted.sum()) * (history[-1] - finished.cost)
+    return rise > limit * _dependence(finished, moved, through, spread)
+
+
+def _dependence(
+    finished: InitialStatesFit,
+    moved: NDArray[np.bool_],
+    through: NDArray[np.bool_],
+    spread: NDArray[np.float64],
+) -> float:
+    """Return lambda: the clustered covariance over that of independent residuals, on average over the numbers."""
+    H = finished.equations.normal.matrix[np.ix_(moved, moved)]
+    independent = np.linalg.pinv(H, hermitian=True)[np.ix_(through[moved], through[moved])]
+    return float(np.trace(np.linalg.lstsq(independent, spread, rcond=1e-13)[0])) / len(spread)
+
+
+def _ignore(step: int, cost: float) -> None:
+    """Report nothing."""
+
+
+#: fits of the other parameters on one side, and steps of each
+_MOST_FITS, _STEPS = 6, 3
+#: a limit is found where the rise is that near to the one sought, as a share of it
+_NEAR = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """The 95 % limits of one parameter, scaled; None where the logs set none before its bound."""
+
+    place: int  #: which parameter
+    lower: float | None
+    upper: float | None
+
+
+def profile(
+    problem: Problem,
+    finished: InitialStatesFit,
+    place: int,
+    *,
+    free: NDArray[np.bool_],
+    error: float,
+    rise: float,
+) -> Profile:
+    """Walk a parameter away from the estimate on both sides.
+
+    Parameters
+    ----------
+    place : int
+        Which parameter.
+    free : ndarray (p,)
+        Those that the estimate moved.
+    error : float
+        Half the width expected, scaled, for the first step.
+    rise : float
+        lambda t^2, see the module's text.
+    """
+    lower, upper = (
+        _limit(problem, finished, place, free=free, step=sign * error, rise=rise) for sign in (-1.0, 1.0)
+    )
+    return Profile(place=place, lower=lower, upper=upper)
+
+
+def _limit(
+    problem: Problem,
+    finished: InitialStatesFit,
+    place: int,
+    *,
+    free: NDArray[np.bool_],
+    step: float,
+    rise: float,
+) -> float | None:
+    origin, least = finished.point[place], finished.cost
+    others = free & (np.arange(len(free)) != place)
+    scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
+    point, starts = finished.point, finished.starts
+    inside, outside = (
+        (origin, 0.0),
+        None,
+    )  # (where, root of the rise), of the farthest below and the nearest above
+    target = origin + step
+    for _ in range(_MOST_FITS):
+        target = float(np.clip(target, 0.0, 1.0))
+        moved = np.zeros(len(point))
+        moved[place] = target - point[place]
+        point, starts, history = descend(
+            problem, point, starts, free=others, most_steps=_STEPS, report=_ignore_progress, moved=moved
+        )
+        root = float(np.sqrt(max(scale * (history[-1] - least), 0.0)))
+        if root**2 < rise:
+            inside = (target, root)
+            if target in (0.0, 1.0):
+                return None
+        else:
+            outside = (target, root)
+        if abs(root**2 / rise - 1.0) < _NEAR:
+            return target
+        target = _next(inside, outside, np.sqrt(rise), origin, step)
+    return target if outside else None
+
+
+def _next(
+    inside: tuple[float, float],
+    outside: tuple[float, float] | None,
+    root: float,
+    origin: float,
+    step: float,
+) -> float:
+    """Return where to look next: the root of the rise is nearly straight in the distance."""
+    if outside is not None:
+        share = (root - inside[1]) / (outside[1] - inside[1])
+        return inside[0] + share * (outside[0] - inside[0])
+    reached = inside[0] - origin
+    longer = 2.0 if inside[1] <= 0.5 * root else root / inside[1] * 1.05
+    return origin + longer * (reached if reached else step)
+
+
+def _ignore_progress(step: int, cost: float) -> None:
+    """Report nothing."""
+
+
+#: how an interval was obtained
+Method = Literal["clustered", "bootstrap", "profile", "at bound", "with sweep"]
+
+#: clustered and bootstrap errors that differ by more than this factor call for a profile
+LARGEST_RATIO = 1.5
+#: and so does an interval that reaches so far, as a share of the bounds' width: nothing is straight over that
+WIDEST = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """Where a parameter is with a confidence of 95 %, SI units; infinite on a side that the logs do not limit."""
+
+    lower: float
+    upper: float
+    method: Method
+
+    def __contains__(self, value: float) -> bool:
+        """Return whether a value lies within."""
+        return self.lower <= value <= self.upper
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds; a side without limit is None."""
+        return {
+            "lower": self.lower if math.isfinite(self.lower) else None,
+            "upper": self.upper if math.isfinite(self.upper) else None,
+            "from": self.method,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Errors:
+    """Of parameters (p,), scaled; NaN where there is none."""
+
+    point: NDArray[np.float64]  #: the estimate
+    clustered: NDArray[np.float64]
+    bootstrap: NDArray[np.float64]
+    quantile: float  #: t, Student's for 95 %
+
+    @property
+    def half_width(self) -> NDArray[np.float64]:
+        """What lies on either side of the estimate (p,), by the larger error."""
+        return self.quantile * np.fmax(self.clustered, self.bootstrap)
+
+    @property
+    def doubtful(self) -> NDArray[np.int64]:
+        """The places of parameters whose errors disagree or reach too far or past a bound, the worst first."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            apart = np.abs(np.log(self.bootstrap / self.clustered)) / math.log(LARGEST_RATIO)
+        far = self.half_width / WIDEST
+        worst = np.nan_to_num(np.fmax(apart, far), nan=0.0, posinf=np.inf)
+        return np.array([i for i in np.argsort(-worst, kind="stable") if worst[i] > 1.0], dtype=np.int64)
+
+
+def intervals(
+    coordinates: Coordinates, errors: Errors, profiles: Callable[[int], Profile] | None, *, most_profiles: int
+) -> dict[str, Interval]:
+    """Return the interval of each parameter that has errors, by its label.
+
+    Parameters
+    ----------
+    coordinates : Coordinates
+    errors : Errors
+    profiles : callable, optional
+        From a parameter's place to its profile.
+    most_profiles : int
+        How many of the doubtful parameters are profiled, the worst first; the others keep the larger error.
+    """
+    profiled = {int(i): profiles(int(i)) for i in errors.doubtful[:most_profiles]} if profiles else {}
+    found = {}
+    for i in np.flatnonzero(np.isfinite(errors.half_width)):
+        place, label = int(i), coordinates.labels[i]
+        if place in profiled:
+            one = profiled[place]
+            found[label] = between(coordinates, place, one.lower, one.upper, method="profile")
+            continue
+        half, z = float(errors.half_width[i]), float(errors.point[i])
+        larger: Method = "bootstrap" if errors.bootstrap[i] > errors.clustered[i] else "clustered"
+        found[label] = between(coordinates, place, z - half, z + half, method=larger)
+    return found
+
+
+def between(
+    coordinates: Coordinates, place: int, lower: float | None, upper: float | None, *, method: Method
+) -> Interval:
+    """Return an interval in SI units from scaled limits of one parameter; None, or past its bound, is no limit.
+
+    An amount's own limit, zero, stays one.
+    """
+    low = _in_si_units(coordinates, place, lower) if lower is not None and lower > 0.0 else -math.inf
+    high = _in_si_units(coordinates, place, upper) if upper is not None and upper < 1.0 else math.inf
+    if math.isinf(low) and coordinates.amounts[place] and coordinates.lower[place] == 0.0:
+        low = 0.0
+    return Interval(lower=low, upper=high, method=method)
+
+
+def _in_si_units(coordinates: Coordinates, place: int, scaled: float) -> float:
+    point = np.zeros(len(coordinates.lower))
+    point[place] = scaled
+    return float(coordinates.physical(point)[place])
+
+
+CONFIDENCE = 0.95
+#: profiles cost a dozen linearisations each
+MOST_PROFILES = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Uncertainty:
+    """Of p parameters; NaN for those without standard error."""
+
+    scaled_errors: NDArray[np.float64]  #: (p,), clustered, as shares of the bounds' width
+    standard_errors: NDArray[np.float64]  #: (p,), clustered, SI units
+    bootstrap_errors: NDArray[np.float64]  #: (p,), SI units
+    correlation: NDArray[np.float64]  #: (p, p)
+    intervals: dict[str, Interval]  #: of 95 %, by label
+
+
+def assess(
+    problem: Problem,
+    finished: InitialStatesFit,
+    *,
+    estimated: NDArray[np.bool_],
+    at_bound: NDArray[np.bool_],
+    seed: int,
+    most_profiles: int = MOST_PROFILES,
+    recall: Memoize = no_checkpoint,
+) -> Uncertainty:
+    """Return how sure the estimate is.
+
+    Parameters
+    ----------
+    problem : Problem
+    finished : Finished
+        The estimate.
+    estimated : ndarray (p,)
+        Which parameters get a standard error.
+    at_bound : ndarray (p,)
+        Which of the others stand at a bound; they get an interval on one side.
+    seed : int
+        Of the bootstrap.
+    most_profiles : int
+        How many parameters are profiled, where the errors are doubtful.
+    recall : callable, optional
+        Answers for each profile.
+    """
+    coordinates, point = problem.coordinates, finished.point
+    normal = finished.equations.normal
+    windows = finished.equations
+    clustered = covariance(unleveraged(windows.matrices, windows.scores, estimated), estimated)
+    variances = clustered.diagonal()  # not positive where a short, ill-posed fit tells nothing
+    scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
+    resampled = bootstrap(finished.equations, estimated, seed=seed).errors
+    errors = Errors(
+        point=point,
+        clustered=scaled_errors,
+        bootstrap=resampled,
+        quantile=_quantile(len(normal.scores), int(estimated.sum())),
+    )
+
+    def profile_of(place: int) -> Profile:
+        others = np.linalg.pinv(normal.matrix[np.ix_(estimated, estimated)], hermitian=True).diagonal()
+        independent = others[np.flatnonzero(estimated) == place][0]
+        rise = clustered[place, place] / independent * errors.quantile**2
+
+        def answer() -> list[NDArray[np.float64]]:
+            one = profile(
+                problem,
+                finished,
+                place,
+                free=estimated | at_bound,
+                error=float(errors.half_width[place]),
+                rise=float(rise),
+            )
+            return [np.array([one.lower, one.upper], dtype=float)]  # None becomes NaN
+
+        (limits,) = recall("profile", np.array([float(place), float(rise)]), answer)
+        lower, upper = (float(one) if np.isfinite(one) else None for one in limits)
+        return Profile(place=place, lower=lower, upper=upper)
+
+    found = intervals(coordinates, errors, profile_of, most_profiles=most_profiles)
+    slopes = coordinates.slopes(point)
+    return Uncertainty(
+        scaled_errors=scaled_errors,
+        standard_errors=scaled_errors * slopes,
+        bootstrap_errors=resampled * slopes,
+        correlation=correlation(clustered),
+        intervals=found | _intervals_at_bounds(coordinates, finished, estimated, at_bound),
+    )
+
+
+def _quantile(windows: int, parameters: int) -> float:
+    return float(student.ppf(0.5 + 0.5 * CONFIDENCE, max(windows - parameters, 1)))
+
+
+def _intervals_at_bounds(
+    coordinates: Coordinates,
+    finished: InitialStatesFit,
+    estimated: NDArray[np.bool_],
+    at_bound: NDArray[np.bool_],
+) -> dict[str, Interval]:
+    """Return the intervals of parameters that stand at a bound: that about where the equations, unbounded, lead."""
+    found = {}
+    normal = finished.equations.normal
+    for i in np.flatnonzero(at_bound & (normal.matrix.diagonal() > 0.0)):
+        places = np.flatnonzero(estimated | (np.arange(len(estimated)) == i))
+        mine = int(np.flatnonzero(places == i)[0])
+        matrix = normal.matrix[np.ix_(places, places)]
+        step = -np.linalg.lstsq(matrix, normal.scores[:, places].sum(axis=0), rcond=1e-13)[0][mine]
+        wanted = np.zeros(len(estimated), dtype=bool)
+        wanted[places] = True
+        error = float(np.sqrt(covariance(normal, wanted)[i, i]))
+        half = _quantile(len(normal.scores), len(places)) * error
+        middle = float(finished.point[i] + step)
+        place = int(i)
+        found[coordinates.labels[place]] = _reaching(coordinates, place, middle, half, finished.point[i])
+    return found
+
+
+def _reaching(coordinates: Coordinates, place: int, middle: float, half: float, stands: float) -> Interval:
+    """Return middle -+ half, stretched so that it has the bound that the parameter stands at within."""
+    lower, upper = min(middle - half, float(stands)), max(middle + half, float(stands))
+    return between(coordinates, place, lower, upper, method="at bound")

@@ -1,0 +1,231 @@
+"""The parameters of a fit: their bounds, and how a search scales them.
+
+Within which values each quantity is sought; a user may set them, in Python or in a TOML file.
+
+    viscous = [0.0, 0.1]             # b [N m s/rad], every wheel's
+    coulomb = [0.0, 0.5]             # c [N m]
+    stribeck = [0.0, 0.5]            # s [N m]
+    stribeck_speed = [0.1, 3.0]      # v_s [rad/s]
+    stribeck_exponent = [0.3, 10.0]  # delta
+    rolling = [0.0, 0.05]            # C_rr
+    delay = [0.012, 0.012]           # held at that value [s]
+
+Keys left out keep the defaults of `ballbot.identification.quantities`, which are wide for a robot of 5 to 50 kg with
+motors of some N m. Bounds hold for every number of a quantity, in its unit. Equal bounds hold it at that
+value, so that a value known from elsewhere, as a delay, takes part. A v_s far below the speeds of the log with a large
+s is friction that hardly ever acts, and traps a search: hence the bound at 0.1 rad/s.
+
+The parameters as a search sees them: each scaled to run from 0 to 1 between its bounds.
+
+    p = lower + z (upper - lower)          amounts and numbers of either sign
+    p = lower (upper / lower)^z            sizes of which ratios matter, as v_s, delta and a torque's gain
+
+Their order is that of a `ballbot.identification.quantities.Layout`: friction's 3 n + 3 numbers first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.identification.quantities import BY_NAME, FRICTION, Layout, Limits, Quantity, names_in
+from ballbot.inputs import read_toml
+from ballbot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """The least and the greatest value of quantities; None keeps the default.
+
+    Raises
+    ------
+    InputError
+        Where a pair is not two finite numbers in rising order, or reaches below what is physical.
+    """
+
+    viscous: Limits | None = None  #: b [N m s/rad], every wheel's
+    coulomb: Limits | None = None  #: c [N m], every wheel's
+    stribeck: Limits | None = None  #: s [N m], every wheel's
+    stribeck_speed: Limits | None = None  #: v_s [rad/s]
+    stribeck_exponent: Limits | None = None  #: delta [-]
+    rolling: Limits | None = None  #: C_rr [-]
+    load: Limits | None = None  #: mu [-], every wheel's
+    pivoting: Limits | None = None  #: T_p [N m]
+    center_of_mass: Limits | None = None  #: l [m]
+    second_moment: Limits | None = None  #: S_x, S_y and S_z [kg m^2]
+    ball_inertia: Limits | None = None  #: j_b [kg m^2]
+    wheel_inertia: Limits | None = None  #: j_w [kg m^2]
+    rotor_inertia: Limits | None = None  #: j_r [kg m^2], at the wheel
+    torque_gain: Limits | None = None  #: [-], every motor's
+    torque_offset: Limits | None = None  #: [N m], every motor's
+    delay: Limits | None = None  #: [s]
+    imu_delay: Limits | None = None  #: [s]
+    velocity_delay: Limits | None = None  #: [s]
+    lean_bias: Limits | None = None  #: [rad], about x and about y
+    gyro_bias: Limits | None = None  #: [rad/s], about x, y and z
+
+    def __post_init__(self) -> None:
+        for name in self.given:
+            lower, upper = self.interval(name) or (math.nan, math.nan)
+            if not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper):
+                raise InputError(
+                    f"The bounds of {name} are [{lower}, {upper}]; the lower one must come first."
+                )
+            scale = BY_NAME[name].scale
+            if (lower < 0.0 and scale != "signed") or (lower <= 0.0 and scale == "ratio"):
+                least = "above zero" if scale == "ratio" else "zero or more"
+                raise InputError(f"The lower bound of {name} is {lower:g}; it must be {least}.")
+        if self.delay is not None and self.delay[0] < 0.0:
+            raise InputError(
+                f"The lower bound of delay is {self.delay[0]:g}; it must be "
+                "zero or more, because an effect cannot precede its cause."
+            )
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of the quantities that are given bounds."""
+        return tuple(field.name for field in fields(self) if self.interval(field.name) is not None)
+
+    def interval(self, name: str) -> Limits | None:
+        """Return the bounds of the quantity of that name, None where the defaults hold."""
+        return getattr(self, name)
+
+
+def read_bounds(path: str | Path) -> Bounds:
+    """Read bounds from a TOML file; the module's text shows one.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
+    """
+    entries = read_toml(path)
+    names = [field.name for field in fields(Bounds)]
+    unknown = [key for key in entries if key not in names]
+    if unknown:
+        near = get_close_matches(unknown[0], names, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(names)}."
+        raise InputError(f"{path}: {unknown[0]!r} is not a quantity that can be identified; {hint}")
+    try:
+        return Bounds(**{key: _limits_in_file(key, value) for key, value in entries.items()})
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _limits_in_file(key: str, value: object) -> Limits:
+    match value:
+        case [int() | float() as lower, int() | float() as upper]:
+            return float(lower), float(upper)
+    raise InputError(f"{key} is {value!r}; write two numbers, as in {key} = [0.1, 0.5].")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coordinates:
+    """How p parameters are scaled."""
+
+    layout: Layout
+    before: NDArray[np.float64]  #: (p,), the robot's own values, and the neutral ones of inputs and sensors
+    lower: NDArray[np.float64]  #: (p,)
+    upper: NDArray[np.float64]  #: (p,)
+    logarithmic: NDArray[np.bool_]  #: (p,)
+    amounts: NDArray[np.bool_]  #: (p,), those that a random search looks at more closely near zero
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The parameters' labels (p,), as "b1" or "C_rr"."""
+        return self.layout.labels
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantity that each parameter belongs to (p,)."""
+        count = self.layout.wheel_count
+        return tuple(name for name in self.layout.names for _ in BY_NAME[name].labels(count))
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters their bounds leave free (p,)."""
+        return self.upper > self.lower
+
+    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) in SI units from scaled ones (..., p)."""
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        ratio = np.where(self.logarithmic, self.upper / low, 1.0)
+        linear = self.lower + scaled * (self.upper - self.lower)
+        return np.clip(np.where(self.logarithmic, low * ratio**scaled, linear), self.lower, self.upper)
+
+    def scaled(self, physical: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return scaled parameters (..., p) from those in SI units, brought within their bounds."""
+        values = np.clip(physical, self.lower, self.upper)
+        width = np.where(self.free, self.upper - self.lower, 1.0)
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        width_log = np.log(np.where(self.logarithmic & self.free, self.upper / low, np.e))
+        log = np.log(np.where(self.logarithmic, values, 1.0) / low) / width_log
+        return np.where(self.logarithmic, log, (values - self.lower) / width)
+
+    def from_search(self, sought: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return scaled parameters from those of a random search, which looks closer near zero: z = y^2 for amounts."""
+        return np.where(self.amounts, sought**2, sought)
+
+    def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return dp/dz (..., p): what turns an error of a scaled parameter into one in SI units."""
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        rate = np.log(np.where(self.logarithmic, self.upper / low, 1.0))
+        return np.where(self.logarithmic, self.physical(scaled) * rate, self.upper - self.lower)
+
+
+def scale_between(
+    robot: Robot, *, free: Sequence[str] = FRICTION, bounds: Bounds | None = None
+) -> Coordinates:
+    """Return the coordinates of a robot's parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+    free : sequence of str
+        Names of the quantities sought, or of groups of them. What is given bounds is sought as well; the rest is held.
+    bounds : Bounds, optional
+
+    Raises
+    ------
+    InputError
+        Where a name is none, or a quantity has no default bounds for this robot.
+    """
+    bounds = bounds or Bounds()
+    sought = names_in(free)
+    asked = {*sought, *bounds.given}
+    extra = tuple(name for name in BY_NAME if name not in FRICTION and name in asked)
+    layout = Layout(wheel_count=robot.wheel_count, extra=extra)
+    quantities = [BY_NAME[name] for name in layout.names]
+    intervals = np.concatenate([_limits(one, robot, sought, bounds) for one in quantities])
+    of_each = [one for one in quantities for _ in one.labels(robot.wheel_count)]
+    return Coordinates(
+        layout=layout,
+        before=layout.values_before(robot),
+        lower=intervals[:, 0],
+        upper=intervals[:, 1],
+        logarithmic=np.array([one.scale == "ratio" for one in of_each]),
+        amounts=np.array([one.scale == "amount" for one in of_each]),
+    )
+
+
+def _limits(quantity: Quantity, robot: Robot, sought: Sequence[str], bounds: Bounds) -> NDArray[np.float64]:
+    """Return the least and greatest value of each of a quantity's numbers (k, 2); equal where it is held."""
+    given = bounds.interval(quantity.name)
+    if given is not None:
+        return np.tile(given, (len(quantity.labels(robot.wheel_count)), 1))
+    if quantity.name not in sought:
+        return np.repeat(quantity.values_before(robot)[:, None], 2, axis=1)
+    default = quantity.default_bounds(robot)
+    if not np.all(default[:, 1] > default[:, 0]):
+        raise InputError(
+            f"{quantity.name} is zero in the robot's description, "
+            "so the search has no scale for it; give it bounds."
+        )
+    return default

@@ -1,0 +1,434 @@
+"""A free swing of the hanging body: its record, the pendulum, and the fit of one to the other.
+
+The free swing within a recording: which column, from when and until when.
+
+A pendulum with viscous and dry friction, at any amplitude.
+
+    angle'' = -omega_n^2 sin(angle) - beta angle' - kappa sgn(angle')
+
+beta = b / I and kappa = c / I with the pivot's viscous friction b [N m s/rad], its dry friction c [N m] and the inertia
+I about the pivot; omega_n^2 = m g r / I. Where gravity cannot overcome kappa the body rests. The period grows with the
+amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and E. Lifshitz, Mechanics,
+section 11).
+
+Frequency and damping of a free swing, by output error: the pendulum that moves as the recording does.
+
+Six numbers are fitted: omega_n^2, beta, kappa, the first angle and rate, and the sensor's zero. The fit begins on the
+first swings and grows over the whole recording, so that it cannot settle a whole swing off. Residuals of neighbouring
+samples go together, so errors are clustered by swings.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.optimize import least_squares
+from scipy.signal import find_peaks
+from scipy.special import ellipk
+
+from ballbot.arrays import real_array
+from ballbot.errors import InputError
+from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.log import Log
+from ballbot.log.columns import unit_of
+from ballbot.mechanics.compiled import compiled_alone
+
+Kind = Literal["angle", "rate"]
+
+#: a recording's smallest count of whole swings, and of samples in a swing
+_LEAST_SWINGS, _LEAST_SAMPLES = 4.0, 8.0
+#: swings smaller than this share of the largest are left out: what rubs at a pivot at rest is another matter
+_SMALLEST = 0.05
+#: the largest swing is the first that reaches this share of the largest
+_AS_LARGE = 0.97
+#: an angle beyond this is none of a pendulum, or in degrees [rad]
+_LARGEST_ANGLE = 3.0
+#: a rate over 2 pi / period beyond this is none of a pendulum: let go at 2 rad, it has 2.3
+_LARGEST_RATE = 2.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Swing:
+    """A free swing: the body let go and touched by nothing until the last row.
+
+    Raises
+    ------
+    InputError
+        If times and values are not two rows of finite numbers of one length.
+    """
+
+    t: NDArray[np.float64]  #: (n,) [s]
+    values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], about no particular zero
+    kind: Kind
+    period: float  #: of the swings as they are, roughly [s]
+    source: str  #: what it was measured by, in words
+
+    def __post_init__(self) -> None:
+        t = real_array(self.t, ("n",), "The time of a swing")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "values", real_array(self.values, t.shape, "The row of a swing's values"))
+
+    @property
+    def swings(self) -> float:
+        """How many times the body swung forth and back."""
+        return float(self.t[-1] - self.t[0]) / self.period
+
+
+def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
+    """Return the free swing in a log.
+
+    Parameters
+    ----------
+    log : Log
+        Of the hanging body, before, during and after the swing.
+    column : str, optional
+        An angle [rad], or a rate [rad/s] where the name is a rate's. Without it the gyro about its main axis; or of
+        theta, phi and psi the one that swings most.
+
+    Raises
+    ------
+    InputError
+        Where the log has none of these, or no free swing in it.
+    """
+    if column is not None:
+        log.require(column)
+        rate = unit_of(column) == "rad/s" or column.endswith("_dot")
+        return swing_of(log.t, log[column], kind="rate" if rate else "angle", source=column)
+    gyro = [name for name in ("gyro_x", "gyro_y", "gyro_z") if name in log]
+    if gyro:
+        log.require(*gyro)
+        rates = np.column_stack([log[name] for name in gyro])
+        rates = rates - np.median(rates, axis=0)
+        axis = np.linalg.svd(rates, full_matrices=False)[2][0]
+        return swing_of(log.t, rates @ axis, kind="rate", source="the gyro about its main axis")
+    angles = [name for name in ("theta", "phi", "psi") if name in log]
+    if not angles:
+        raise InputError(
+            "The log has neither gyro_x nor theta, phi or psi; name the swinging column with --swing-column."
+        )
+    log.require(*angles)
+    most = max(angles, key=lambda name: float(np.std(np.unwrap(log[name]))))
+    return swing_of(log.t, log[most], kind="angle", source=most)
+
+
+def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind, source: str) -> Swing:
+    """Return the free swing within a recording: from the body's first way through the middle after its largest swing.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        [s], increasing.
+    values : ndarray (n,)
+        [rad] or [rad/s], about any zero.
+    kind : "angle" or "rate"
+    source : str
+        What it was measured by, in words.
+
+    Raises
+    ------
+    InputError
+        Where nothing swings, in too few swings or samples, or the angle is none.
+    """
+    values = np.unwrap(values) if kind == "angle" else values
+    centred = values - np.median(values)
+    if len(t) < 32 or float(np.ptp(centred)) == 0.0:
+        raise InputError(f"{source} does not swing: it has {len(t)} rows and no motion.")
+    period = _period(t, centred)
+    if period < _LEAST_SAMPLES * float(np.median(np.diff(t))):
+        raise InputError(
+            f"{source} has fewer than {_LEAST_SAMPLES:g} samples in a swing of "
+            f"{period:.2g} s; record faster, or check that it is the hanging body's motion."
+        )
+    smooth = _smoothed(t, centred, period)
+    peaks, _ = find_peaks(np.abs(smooth), distance=max(1, int(0.35 * period / np.median(np.diff(t)))))
+    if not len(peaks):
+        raise InputError(f"{source} does not swing.")
+    largest = float(np.abs(smooth[peaks]).max())
+    if kind == "angle" and largest > _LARGEST_ANGLE:
+        raise InputError(
+            f"{source} swings to {largest:.3g} rad, more than a pendulum can; "
+            "check whether it is in degrees (then multiply it by pi/180)."
+        )
+    if kind == "rate" and largest * period / (2.0 * np.pi) > _LARGEST_RATE:
+        raise InputError(
+            f"{source} swings with {largest:.3g} rad/s in {period:.3g} s, more than a pendulum that "
+            "turns over; check whether it is in degrees per second (then multiply it by pi/180)."
+        )
+    top = int(peaks[np.argmax(np.abs(smooth[peaks]) > _AS_LARGE * largest)])
+    crossings = np.flatnonzero(smooth[top:-1] * smooth[top + 1 :] <= 0.0)
+    start = top + int(crossings[0]) if len(crossings) else top
+    small = peaks[(peaks > start) & (np.abs(smooth[peaks]) < _SMALLEST * largest)]
+    end = int(small[0]) if len(small) else len(t)
+    swing = Swing(t=t[start:end], values=values[start:end], kind=kind, period=period, source=source)
+    if end - start < 2 or swing.swings < _LEAST_SWINGS:
+        raise InputError(
+            f"{source} swings freely {(0.0 if end - start < 2 else swing.swings):.1f} "
+            f"times; frequency and damping need at least {_LEAST_SWINGS:g} swings."
+        )
+    return swing
+
+
+def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
+    """Return the period of the largest line in the spectrum [s]."""
+    h = float(np.median(np.diff(t)))
+    even = np.interp(np.arange(t[0], t[-1], h), t, centred)
+    count = 8 * len(even)
+    power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), count))
+    # a line below two swings in the whole recording is a drift
+    lowest = int(np.ceil(2.0 * count / len(even)))
+    return count * h / float(lowest + np.argmax(power[lowest:]))
+
+
+def _smoothed(t: NDArray[np.float64], centred: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+    """Return a running mean over an eighth of a swing."""
+    width = max(1, int(period / 8.0 / float(np.median(np.diff(t)))) | 1)
+    return np.convolve(centred, np.full(width, 1.0 / width), mode="same")
+
+
+def period_growth(amplitude: float) -> float:
+    """Return by what factor the period of an amplitude [rad] is longer than a small swing's."""
+    return 2.0 / math.pi * float(ellipk(math.sin(0.5 * amplitude) ** 2))
+
+
+@compiled_alone
+def follow_pendulum(
+    stiffness: float,
+    viscous: float,
+    dry: float,
+    angle: float,
+    rate: float,
+    t: NDArray,
+    longest_step: float,
+    angles: NDArray,
+    rates: NDArray,
+) -> None:
+    """Fill `angles` and `rates` (n,) with the motion at times t (n,) from `angle` [rad] and `rate` [rad/s] at t_0.
+
+    Steps of Runge and Kutta, cut where the motion turns, so that dry friction changes its sign at a step's end.
+
+    Parameters
+    ----------
+    stiffness : float
+        omega_n^2 [1/s^2].
+    viscous, dry : float
+        beta [1/s] and kappa [1/s^2].
+    longest_step : float
+        [s].
+    """
+    angles[0], rates[0] = angle, rate
+    for k in range(1, len(t)):
+        left = t[k] - t[k - 1]
+        while left > 0.0:
+            h = min(left, longest_step)
+            if rate == 0.0:
+                pull = -stiffness * math.sin(angle)
+                if abs(pull) <= dry:
+                    break  # it rests
+                sign = math.copysign(1.0, pull)
+            else:
+                sign = math.copysign(1.0, rate)
+            after, speed = _step(stiffness, viscous, dry * sign, angle, rate, h)
+            if speed * sign < 0.0:
+                # at a turn the acceleration hardly changes, so that the rate falls in nearly a straight line
+                for _ in range(3):
+                    h *= rate / (rate - speed)
+                    after, speed = _step(stiffness, viscous, dry * sign, angle, rate, h)
+                speed = 0.0
+            angle, rate = after, speed
+            left -= h
+        angles[k], rates[k] = angle, rate
+
+
+@compiled_alone
+def _step(
+    stiffness: float, viscous: float, force: float, angle: float, rate: float, h: float
+) -> tuple[float, float]:
+    k1 = -stiffness * math.sin(angle) - viscous * rate - force
+    r2 = rate + 0.5 * h * k1
+    k2 = -stiffness * math.sin(angle + 0.5 * h * rate) - viscous * r2 - force
+    r3 = rate + 0.5 * h * k2
+    k3 = -stiffness * math.sin(angle + 0.5 * h * r2) - viscous * r3 - force
+    r4 = rate + h * k3
+    k4 = -stiffness * math.sin(angle + h * r3) - viscous * r4 - force
+    return angle + h / 6.0 * (rate + 2.0 * r2 + 2.0 * r3 + r4), rate + h / 6.0 * (
+        k1 + 2.0 * k2 + 2.0 * k3 + k4
+    )
+
+
+NAMES = ("omega_n^2", "beta", "kappa", "first angle", "first rate", "zero")
+#: longest step of the simulation as a share of a radian of swing
+_STEP = 0.05
+#: swings that the fit begins with
+_FIRST_SWINGS = 3.0
+#: derivatives are central differences over this share of what each value is of the order of
+_DIFFERENCE = 1e-5
+#: a fit that leaves more than this share of the swing is none
+_WORST = 0.3
+#: one unit fits better than another if it leaves less than this share of what the other leaves
+_BETTER = 0.8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SwingFit:
+    """A pendulum fitted to a swing."""
+
+    swing: Swing
+    values: NDArray[np.float64]  #: (6,) in the order of `NAMES`
+    covariance: NDArray[np.float64]  #: (6, 6), clustered by swings
+    quantile: float  #: Student's t for 95 %, with as many clusters
+    predicted: NDArray[np.float64]  #: (n,) what the sensor would show [rad] or [rad/s]
+    amplitudes: tuple[float, float]  #: largest angle in the first and in the last swing [rad]
+
+    @property
+    def frequency(self) -> float:
+        """Angular frequency omega_n of small free swings [rad/s]."""
+        return float(np.sqrt(self.values[0]))
+
+    @property
+    def frequency_half_width(self) -> float:
+        """Half of its 95 % interval [rad/s]."""
+        return 0.5 * self.half_widths[0] / self.frequency
+
+    @property
+    def half_widths(self) -> NDArray[np.float64]:
+        """Half of the 95 % intervals of `values` (6,)."""
+        return self.quantile * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def residual(self) -> float:
+        """Root mean square of what the fit leaves, as a share of the recording's."""
+        values = self.swing.values - self.values[5]
+        return float(np.sqrt(np.mean((self.swing.values - self.predicted) ** 2) / np.mean(values**2)))
+
+
+def fit_swing(swing: Swing) -> SwingFit:
+    """Fit a pendulum to a free swing.
+
+    Raises
+    ------
+    InputError
+        If the recording is not that of a free pendulum: what the fit leaves is a third of the motion.
+    """
+    fit = _fitted(swing)
+    if fit is not None and fit.residual < _WORST:
+        return fit
+    if fits_better_in_degrees(swing, fit):
+        largest = float(np.abs(swing.values - np.median(swing.values)).max())
+        unit = "degrees" if swing.kind == "angle" else "degrees per second"
+        raise InputError(
+            f"{swing.source} is not a pendulum's swing in radians, but it "
+            f"is in {unit}, up to {largest:.3g}; multiply it by pi/180."
+        )
+    left = "" if fit is None else f": a pendulum leaves {100.0 * fit.residual:.0f} % of it unexplained"
+    raise InputError(
+        f"{swing.source} is not a free swing{left}; cut the recording to where nothing touches the body."
+    )
+
+
+def fits_better_in_degrees(swing: Swing, fit: SwingFit | None) -> bool:
+    """Return whether a pendulum fits the swing clearly better if its values are taken for degrees.
+
+    Parameters
+    ----------
+    swing : Swing
+    fit : SwingFit, optional
+        What fits it in radians; None if nothing does.
+    """
+    other = _fitted(replace(swing, values=np.radians(swing.values)))
+    if other is None or other.residual >= _WORST:
+        return False
+    return fit is None or other.residual < _BETTER * fit.residual
+
+
+def _fitted(swing: Swing) -> SwingFit | None:
+    """Return the pendulum that comes closest, or None if none does."""
+    values, until = _guess(swing), _FIRST_SWINGS
+    steps = _DIFFERENCE * _sizes(values)
+    while True:
+        rows = int(np.searchsorted(swing.t, swing.t[0] + until * swing.period, side="right"))
+        found = least_squares(
+            lambda p, rows=rows: _misfit(p, swing, rows),
+            values,
+            jac=lambda p, rows=rows: _jacobian(p, swing, rows, steps),  # pyright: ignore[reportArgumentType]
+            x_scale=_sizes(values),
+            method="lm",
+        )
+        values = found.x
+        if not (np.isfinite(values).all() and values[0] > 0.0):
+            return None
+        if rows == len(swing.t):
+            break
+        until *= 2.0
+    angles, predicted = _motion(values, swing, len(swing.t))
+    block = ((swing.t - swing.t[0]) / swing.period).astype(np.int64)
+    clusters = int(block.max()) + 1
+    return SwingFit(
+        swing=swing,
+        values=values,
+        covariance=covariance_in_time(found.jac, found.fun, block),
+        quantile=float(stats.t.ppf(0.975, max(clusters - 3, 1))),
+        predicted=predicted,
+        amplitudes=_amplitudes(angles, swing),
+    )
+
+
+def _guess(swing: Swing) -> NDArray[np.float64]:
+    """Return where the fit starts: the spectrum's frequency, no friction, straight through the middle."""
+    first = swing.t - swing.t[0] <= swing.period
+    zero = 0.5 * float(swing.values[first].max() + swing.values[first].min())
+    size = 0.5 * float(np.ptp(swing.values[first]))
+    omega = 2.0 * np.pi / swing.period
+    amplitude = min(size if swing.kind == "angle" else size / omega, 2.5)
+    omega *= period_growth(amplitude)
+    # a sine fitted to the first swing has the first angle and rate
+    phase = 2.0 * np.pi / swing.period * (swing.t[first] - swing.t[0])
+    basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(phase)])
+    cosine, sine, _ = np.linalg.lstsq(basis, swing.values[first], rcond=None)[0]
+    start = (cosine, omega * sine) if swing.kind == "angle" else (-sine / omega, cosine)
+    return np.array([omega**2, 1e-3 * omega, 1e-4 * omega**2 * amplitude, *start, zero])
+
+
+def _misfit(p: NDArray[np.float64], swing: Swing, rows: int) -> NDArray[np.float64]:
+    return _motion(p, swing, rows)[1] - swing.values[:rows]
+
+
+def _jacobian(
+    p: NDArray[np.float64], swing: Swing, rows: int, steps: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the derivatives of the misfit (rows, 6), by central differences."""
+    columns = []
+    for one, step in zip(np.eye(len(p)), steps, strict=True):
+        ends = (_motion(p + step * one, swing, rows)[1], _motion(p - step * one, swing, rows)[1])
+        columns.append((ends[0] - ends[1]) / (2.0 * step))
+    return np.column_stack(columns)
+
+
+def _sizes(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return by what order of size each value matters (6,), also one that is zero."""
+    omega = float(np.sqrt(values[0]))
+    amplitude = max(float(np.hypot(values[3], values[4] / omega)), 1e-9)
+    size = [omega**2, omega, omega**2 * amplitude, amplitude, omega * amplitude, amplitude]
+    return np.array(size)
+
+
+def _motion(
+    p: NDArray[np.float64], swing: Swing, rows: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the angle [rad] and what the sensor would show, (rows,) both."""
+    stiffness, viscous, dry, angle, rate, zero = (float(one) for one in p)
+    t = swing.t[:rows]
+    angles, rates = np.empty_like(t), np.empty_like(t)
+    step = _STEP / float(np.sqrt(max(abs(stiffness), 1e-12)))
+    follow_pendulum(stiffness, viscous, dry, angle, rate, t, step, angles, rates)
+    return angles, (angles if swing.kind == "angle" else rates) + zero
+
+
+def _amplitudes(angles: NDArray[np.float64], swing: Swing) -> tuple[float, float]:
+    first = swing.t <= swing.t[0] + swing.period
+    last = swing.t >= swing.t[-1] - swing.period
+    return float(np.abs(angles[first]).max()), float(np.abs(angles[last]).max())

@@ -1,0 +1,461 @@
+"""Friction of a robot clamped upside down, the ball on its wheels (thesis 3.2).
+
+Logs of a ball on clamped wheels, cut into windows that lie end to end.
+
+The plant is stable, so that windows may be long. A window starts from the camera's mean over the samples about its
+first row, whose noise is then a third of a single sample's.
+
+What the upside-down stage gives.
+
+Friction of drivelines and ball-wheel contacts from a robot upside down, the ball on its wheels (thesis 3.2).
+
+The cost is the thesis's (3.5), the norm of modelled less measured speed, over windows. An evolution strategy finds
+the basin; a trust-region method within the bounds finishes (T. F. Coleman and Y. Li, SIAM J. Optimization 6 (1996)
+418-445, by SciPy); windows held out judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ballbot.errors import InputError
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import ProgressCallback, ProgressReporter, Stage, check_seed
+from ballbot.fitting.search import evolve
+from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
+from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
+from ballbot.identification.parameters import Bounds, Coordinates, scale_between
+from ballbot.identification.prediction import DIFFERENCE
+from ballbot.identification.quantities import BY_NAME, FRICTION
+from ballbot.identification.result import (
+    ParameterTable,
+    bound_findings,
+    correlation_findings,
+    error_findings,
+    found_robot,
+    influence_findings,
+)
+from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split
+from ballbot.log import Log
+from ballbot.log.columns import torque_names
+from ballbot.log.spikes import spiked_rows
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
+
+BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
+
+#: samples on either side of a window's first that its start is the mean of
+NEIGHBOURS = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BallWindows:
+    """w windows of m samples each."""
+
+    initial: NDArray[np.float64]  #: (w, 3), Omega at the starts [rad/s]
+    torques: NDArray[np.float64]  #: (w, m, n) [N m]
+    measured: NDArray[np.float64]  #: (w, m, 3), Omega after each sample [rad/s]
+    spans: tuple[Span, ...]  #: (w,)
+    sample_time: float  #: [s]
+
+    def __len__(self) -> int:
+        return len(self.initial)
+
+    @property
+    def every(self) -> int:
+        """Samples from one comparison of a fit to the next."""
+        return max(1, self.torques.shape[1] // COMPARISONS)
+
+    def take(self, rows: NDArray[np.int64]) -> BallWindows:
+        """Return the windows of those numbers."""
+        return BallWindows(
+            initial=self.initial[rows],
+            torques=self.torques[rows],
+            measured=self.measured[rows],
+            spans=tuple(self.spans[row] for row in rows),
+            sample_time=self.sample_time,
+        )
+
+
+def cut_ball_windows(logs: Sequence[Log], *, wheel_count: int, duration: float) -> BallWindows:
+    """Cut logs into windows; those with a gap or a missing value are left out.
+
+    Parameters
+    ----------
+    logs : sequence of Log
+        With u1 .. un and ball_omega_x, _y, _z, of one sample time.
+    wheel_count : int
+    duration : float
+        Of a window [s].
+
+    Raises
+    ------
+    InputError
+        Where there is no log, a column is missing, the sample times differ, or the window is no length or longer
+        than every log.
+    """
+    sample_time = common_sample_time(logs, duration=duration)
+    samples = round(duration / sample_time)
+    pieces = [_cut(number, log, wheel_count, samples) for number, log in enumerate(logs)]
+    spans = tuple(span for piece in pieces for span in piece[3])
+    if not spans:
+        raise InputError(
+            f"No log has {duration:g} s without a gap or a missing value; choose a shorter window."
+        )
+    return BallWindows(
+        initial=np.concatenate([piece[0] for piece in pieces]),
+        torques=np.concatenate([piece[1] for piece in pieces]),
+        measured=np.concatenate([piece[2] for piece in pieces]),
+        spans=spans,
+        sample_time=sample_time,
+    )
+
+
+def _cut(
+    number: int, log: Log, wheel_count: int, samples: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[Span]]:
+    torques = np.column_stack([log[name] for name in torque_names(wheel_count)])
+    omegas = np.column_stack([log[name] for name in BALL_NAMES])
+    whole = np.asarray(np.isfinite(np.hstack([torques, omegas])).all(axis=1))
+    whole &= ~spiked_rows(log, (*torque_names(wheel_count), *BALL_NAMES))
+    even = np.asarray(np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time)
+    starts = [
+        k
+        for k in range(NEIGHBOURS, len(log.t) - samples - NEIGHBOURS, samples)
+        if whole[k - NEIGHBOURS : k + samples + 1].all() and even[k - NEIGHBOURS : k + samples].all()
+    ]
+    rows = np.array(starts, dtype=np.int64)
+    near = omegas[rows[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)]
+    held = rows[:, None] + np.arange(samples)
+    spans = [Span(log=number, start=float(log.t[k]), end=float(log.t[k + samples])) for k in starts]
+    return near.mean(axis=1), torques[held], omegas[held + 1], spans
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UpsideDown:
+    """Driveline and ball-wheel friction of a robot without its weight on the ball; p = 3 n + 2 parameters."""
+
+    robot: Robot  #: with the friction found; rolling friction as it was, which has no part here
+    parameters: ParameterTable  #: {b: [..], c: [..], s: [..], v_s, delta}, SI units; NaN without influence
+    standard_errors: ParameterTable  #: alike, clustered by window; NaN where there is none
+    labels: tuple[str, ...]  #: (p,)
+    correlation: NDArray[np.float64]  #: (p, p)
+    #: root mean square error (3,) [rad/s] of Omega on the windows held out: with the friction "found", that of the
+    #: "robot file" where it has any, and "none"
+    held_out: Mapping[str, NDArray[np.float64]]
+    fit: Mapping[str, NDArray[np.float64]]  #: alike, on the windows fitted
+    fit_windows: tuple[Span, ...]
+    held_out_windows: tuple[Span, ...]
+    evolution_cost: tuple[float, ...]  #: after each generation [rad/s]
+    window: float  #: length of a window [s]
+    warnings: tuple[str, ...]  #: sentences
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds; NaN becomes None, JSON's null."""
+        return {
+            "parameters": _table(self.parameters),
+            "standard_errors": _table(self.standard_errors),
+            "correlation": {
+                "labels": list(self.labels),
+                "matrix": [[_number(one) for one in row] for row in self.correlation.tolist()],
+            },
+            "rmse": {
+                "columns": list(BALL_NAMES),
+                "held_out": {name: error.tolist() for name, error in self.held_out.items()},
+                "fit": {name: error.tolist() for name, error in self.fit.items()},
+            },
+            "cost": {"evolution": list(self.evolution_cost)},
+            "windows": {
+                "length": self.window,
+                "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
+                "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
+            },
+            "warnings": list(self.warnings),
+        }
+
+
+def _table(table: ParameterTable) -> dict[str, object]:
+    return {
+        key: [_number(one) for one in value] if isinstance(value, list) else _number(value)
+        for key, value in table.items()
+    }
+
+
+def _number(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+#: longest inner step [s] of the evolution, and of the rest
+EVOLUTION_STEP = 5e-3
+STEP = 1e-3
+#: a wheel turns in a window where its root mean square speed is above this [rad/s]
+LEAST_SPEED = 0.1
+#: evaluations of the trust-region method at most; each is followed by a Jacobian
+POLISH_STEPS = 40
+_AT_BOUND = 1e-6
+
+
+def identify_upside_down(
+    robot: Robot,
+    logs: Log | Sequence[Log],
+    *,
+    bounds: Bounds | None = None,
+    window: float = 1.0,
+    held_out: float = 0.25,
+    seed: int = 0,
+    generations: int = 120,
+    population: int = 20,
+    evolution_windows: int = 20,
+    threads: int | None = None,
+    recall: Memoize = no_checkpoint,
+    progress: ProgressCallback | None = None,
+) -> UpsideDown:
+    """Find b, c, s of each wheel, v_s and delta from the robot clamped upside down.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its own friction is not used but to be compared with.
+    logs : Log or sequence of Log
+        With u1 .. un and ball_omega_x, _y, _z in the robot's frame, of one sample time.
+    bounds : Bounds, optional
+        Within which the parameters are sought; those of rolling friction are without use.
+    window : float
+        Length of the windows predicted [s].
+    held_out : float
+        Share of the windows kept from the fit.
+    seed : int
+        The result is the same for the same seed, whatever the number of threads.
+    generations, population : int
+        Most generations of the evolution, and sets of parameters in each.
+    evolution_windows : int
+        How many of the windows to fit the evolution looks at; what follows takes all.
+    threads : int, optional
+        All cores by default.
+    recall : Recall, optional
+        A checkpoint's, for a run that can be resumed: it answers for each generation and for the polish.
+    progress : callable, optional
+        Told a `Progress`; its cost is in rad/s here.
+
+    Raises
+    ------
+    InputError
+        Where the logs cannot give the parameters, or an option makes no sense.
+    """
+    if not 0.0 < held_out < 1.0:
+        raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
+    check_seed(seed)
+    logs = [logs] if isinstance(logs, Log) else list(logs)
+    coordinates = _coordinates(robot, bounds or Bounds())
+    windows = cut_ball_windows(logs, wheel_count=robot.wheel_count, duration=window)
+    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=seed)
+    problem = BallProblem(
+        ball=ClampedBall.of_robot(robot),
+        windows=windows.take(fit_rows),
+        coordinates=coordinates,
+        threads=threads,
+    )
+    remarks = _check(problem)
+    told = ProgressReporter(
+        progress,
+        [Stage(name="evolution", steps=generations, work=1.0), Stage(name="polish", steps=1, work=1.0)],
+    )
+    drawn = np.sort(np.random.default_rng(seed).permutation(len(fit_rows))[:evolution_windows])
+    coarse = replace(problem, windows=problem.windows.take(drawn), step=EVOLUTION_STEP)
+    evolved = evolve(
+        lambda points: coarse.costs(coordinates.from_search(points)),
+        size=len(coordinates.labels),
+        generations=generations,
+        population=population,
+        seed=seed,
+        report=told.of("evolution"),
+        recall=recall,
+    )
+    start = coordinates.from_search(evolved.best)
+    point = recall("polish", start, lambda: [_polished(problem, start)])[0]
+    told.of("polish")(1, float(problem.costs(point[None])[0]))
+    judged = {"found": coordinates.physical(point)}
+    if robot.friction != Friction.none(robot.wheel_count):
+        judged["robot file"] = coordinates.before
+    judged["none"] = coordinates.layout.without_friction(coordinates.before)
+    return _result(
+        robot,
+        problem,
+        point,
+        held_out=_errors(replace(problem, windows=windows.take(held_rows)), judged),
+        fit=_errors(problem, judged),
+        held_out_windows=windows.take(held_rows),
+        evolution_cost=evolved.history,
+        remarks=remarks,
+        log_count=len(logs),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BallProblem:
+    """Windows to fit and how; a point (p,) holds every parameter, scaled by `coordinates`."""
+
+    ball: ClampedBall
+    windows: BallWindows
+    coordinates: Coordinates
+    threads: int | None
+    step: float = STEP  #: longest inner step [s]
+
+    def residuals(self, friction: NDArray[np.float64], *, every: int) -> NDArray[np.float64]:
+        """Return predicted less measured Omega (sets, w, k, 3) [rad/s] of frictions (sets, 3 n + 3) in SI units."""
+        windows = self.windows
+        predicted = simulate_balls(
+            self.ball,
+            friction=friction[:, :-1],
+            initial=windows.initial,
+            torques=windows.torques,
+            sample_time=windows.sample_time,
+            step=self.step,
+            every=every,
+            threads=self.threads,
+        )
+        return predicted - windows.measured[:, every - 1 :: every]
+
+    def of_points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the residuals (sets, w, 3 k) of scaled parameters (sets, p) at the times of comparison."""
+        residuals = self.residuals(self.coordinates.physical(points), every=self.windows.every)
+        return residuals.reshape(*residuals.shape[:2], -1)
+
+    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the root mean square residual (sets,) [rad/s]: (3.5) over the root of its length."""
+        return np.sqrt((self.of_points(points) ** 2).mean(axis=(1, 2)))
+
+    def jacobian(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return dr/dz (w, 3 k, p) by central differences, all in one batch."""
+        size = len(point)
+        forward = np.clip(point + DIFFERENCE * np.eye(size), 0.0, 1.0)
+        backward = np.clip(point - DIFFERENCE * np.eye(size), 0.0, 1.0)
+        both = self.of_points(np.concatenate([forward, backward]))
+        return np.moveaxis(both[:size] - both[size:], 0, -1) / (forward - backward).diagonal()
+
+
+def _coordinates(robot: Robot, bounds: Bounds) -> Coordinates:
+    """Return the coordinates of friction's 3 n + 3 parameters, the last, rolling friction, held as it is."""
+    others = [name for name in bounds.given if name not in FRICTION]
+    if others:
+        raise InputError(f"{others[0]} cannot be identified upside down; remove its bounds.")
+    return scale_between(robot, free=FRICTION[:-1], bounds=replace(bounds, rolling=None))
+
+
+def _check(problem: BallProblem) -> list[str]:
+    """Refuse too few windows and a ball at rest; return a sentence for each wheel that hardly turns."""
+    windows, sought = problem.windows, int(problem.coordinates.free.sum())
+    if not np.any(windows.torques):
+        raise InputError("The torques u are zero in every window; friction shows only while motors work.")
+    speeds = windows.measured @ problem.ball.A.T
+    share = (np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED).mean(axis=0)
+    if share.max() < 0.1:
+        raise InputError(
+            "The ball stands still: its wheels turn faster than "
+            f"{LEAST_SPEED:g} rad/s in hardly any window. Use larger torques."
+        )
+    if len(windows) < WINDOWS_PER_PARAMETER * sought:
+        raise InputError(
+            f"{len(windows)} windows are too few to fit {sought} parameters, which need "
+            f"{WINDOWS_PER_PARAMETER * sought}. Log for longer, or choose a shorter window."
+        )
+    return [
+        f"Wheel {i + 1} turns in only {100 * share[i]:.0f} % "
+        "of the windows; turn the ball about other axes too."
+        for i in np.flatnonzero(share < 0.1)
+    ]
+
+
+def _polished(problem: BallProblem, start: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the point (p,) where the least squares end, within bounds; held parameters stay."""
+    free = np.flatnonzero(problem.coordinates.free)
+
+    def whole(moved: NDArray[np.float64]) -> NDArray[np.float64]:
+        point = start.copy()
+        point[free] = moved
+        return point
+
+    def derivatives(moved: NDArray[np.float64]) -> NDArray[np.float64]:
+        return problem.jacobian(whole(moved)).reshape(-1, len(start))[:, free]
+
+    found = least_squares(
+        lambda moved: problem.of_points(whole(moved)[None]).ravel(),
+        np.clip(start[free], 1e-4, 1.0 - 1e-4),  # the method starts inside the bounds
+        jac=derivatives,  # pyright: ignore[reportArgumentType] (SciPy's types know only its names)
+        bounds=(0.0, 1.0),
+        max_nfev=POLISH_STEPS,
+        xtol=1e-4,
+        ftol=1e-6,
+    )
+    moved = np.where(found.active_mask < 0, 0.0, np.where(found.active_mask > 0, 1.0, found.x))
+    return whole(np.asarray(moved, dtype=np.float64))
+
+
+def _errors(
+    problem: BallProblem, frictions: dict[str, NDArray[np.float64]]
+) -> dict[str, NDArray[np.float64]]:
+    residuals = problem.residuals(np.array(list(frictions.values())), every=1)
+    rmse = np.sqrt((residuals**2).mean(axis=(1, 2)))
+    return dict(zip(frictions, rmse, strict=True))
+
+
+def _normal_equations(problem: BallProblem, point: NDArray[np.float64]) -> NormalEquations:
+    J, r = problem.jacobian(point), problem.of_points(point[None])[0]
+    weight = 1.0 / r.std()
+    J, r = np.nan_to_num(J) * weight, r * weight
+    matrix = np.einsum("wki,wkj->ij", J, J, optimize=False)
+    return NormalEquations(matrix=matrix, scores=np.einsum("wki,wk->wi", J, r, optimize=False))
+
+
+def _result(
+    robot: Robot,
+    problem: BallProblem,
+    point: NDArray[np.float64],
+    *,
+    held_out: dict[str, NDArray[np.float64]],
+    fit: dict[str, NDArray[np.float64]],
+    held_out_windows: BallWindows,
+    evolution_cost: tuple[float, ...],
+    remarks: list[str],
+    log_count: int,
+) -> UpsideDown:
+    coordinates, equations = problem.coordinates, _normal_equations(problem, point)
+    free, values = coordinates.free, coordinates.physical(point)
+    stands = free & ((point <= _AT_BOUND) | (point >= 1.0 - _AT_BOUND))
+    no_influence = free & ~stands & without_influence(equations)
+    scaled = covariance(equations, free & ~stands & ~no_influence)
+    errors, correlations = np.sqrt(scaled.diagonal()), correlation(scaled)
+    physical_errors = errors * coordinates.slopes(point)
+    found = found_robot(robot, coordinates.layout, values, physical_errors, log_count=log_count)
+    rolling = robot.sources.get("friction.rolling", "assumed")
+    windows = problem.windows
+    return UpsideDown(
+        robot=found.replace(sources={**found.sources, "friction.rolling": rolling}),
+        parameters=_by_symbol(coordinates, np.where(no_influence, np.nan, values)),
+        standard_errors=_by_symbol(coordinates, physical_errors),
+        labels=coordinates.labels[:-1],
+        correlation=correlations[:-1, :-1],
+        held_out=held_out,
+        fit=fit,
+        fit_windows=windows.spans,
+        held_out_windows=held_out_windows.spans,
+        evolution_cost=evolution_cost,
+        window=windows.torques.shape[1] * windows.sample_time,
+        warnings=(
+            *remarks,
+            *influence_findings(coordinates, values, no_influence),
+            *bound_findings(coordinates, values, stands),
+            *error_findings(coordinates, errors),
+            *correlation_findings(coordinates.labels, correlations),
+        ),
+    )
+
+
+def _by_symbol(coordinates: Coordinates, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
+    table = coordinates.layout.by_symbol(values)
+    return {symbol: value for symbol, value in table.items() if symbol != BY_NAME[FRICTION[-1]].symbol}
