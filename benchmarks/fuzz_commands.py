@@ -130,7 +130,7 @@ _WORK = (
     ("ballbot.cli.identify_geometry", "survey_geometry"),
     ("ballbot.cli.validate", "validate_pair"),
     ("ballbot.cli.align", "align_log"),
-    ("ballbot.cli.robust_design", "robust_design"),
+    ("ballbot.cli.design", "robust_design"),
     ("ballbot.cli.limits", "find_limits"),
     ("ballbot.cli.compare", "play"),
     ("ballbot.cli.study", "run_study"),

@@ -10,7 +10,7 @@ from control_examples import FRICTION, alten, four_wheeled
 from identification_examples import NOISE, Dying, balancing_log, noisy
 
 from ballbot import Controller, Log, Model, simulate
-from ballbot.cli.excite_tables import gain_words
+from ballbot.cli.excite import gain_words
 from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square

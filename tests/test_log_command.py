@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from log_examples import smooth_log, with_wheels
 
-from ballbot.cli.log import check_log
+from ballbot.cli.check_log import check_log
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.robot import Robot

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot import InputError
-from ballbot.cli.long_run import CHECKPOINT, LongRun, long_run
+from ballbot.cli.context import CHECKPOINT, LongRun, long_run
 from ballbot.files import write_text
 from ballbot.fitting.run import ExecutorError
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ballbot.cli.log import check_log
+from ballbot.cli.check_log import check_log
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.proposal.findings import findings_of

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from control_examples import FRICTION, alten
 
-import ballbot.cli.robust_design
+import ballbot.cli.design
 from ballbot import InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
@@ -66,7 +66,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path
         "--out",
         str(tmp_path),
     ]
-    whole = ballbot.cli.robust_design.robust_design
+    whole = ballbot.cli.design.robust_design
 
     def killed(robot, *, compensation, spread, effort, seed, tell, recall):
         asked = 0
@@ -88,7 +88,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path
             recall=counted,
         )
 
-    monkeypatch.setattr(ballbot.cli.robust_design, "robust_design", killed)
+    monkeypatch.setattr(ballbot.cli.design, "robust_design", killed)
     assert main(command) == 130
     journal = (tmp_path / "checkpoint.jsonl").read_bytes()
     assert journal.count(b"\n") == 3  # what it belongs to, and two generations

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from ballbot.cli.check_swing import SwingOptions, examine_swing
+from ballbot.cli.check import SwingOptions, examine_swing
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification.inertia import Pivot, inertia_of_swing, recording_findings, swing_findings

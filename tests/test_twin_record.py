@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.seeds import parse_seeds
+from ballbot.cli.context import parse_seeds
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.twin.motion_capture import MotionCapture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.findings import Accept, accept_words, check_input
+from ballbot.cli.findings import Accept, accept_argv, check_input
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
@@ -49,7 +49,7 @@ def align(
     console = standard_output()
     words = ["ballbot", "align", str(log), str(mocap), "--out", str(out)]
     words += ["--mapping", str(mapping)] if mapping else []
-    words += accept_words(accept)
+    words += accept_argv(accept)
     files = [log, mocap, *([mapping] if mapping else [])]
     made = provenance(command=shell_line(words), files=files, seed=0)
     with result_folder(out, command="align", names=_WRITTEN, inputs=files) as folder:

@@ -9,10 +9,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot.cli.long_run import long_run
+from ballbot.cli.context import long_run, parse_seeds
+from ballbot.cli.findings import warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
-from ballbot.cli.seeds import parse_seeds
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
@@ -93,7 +92,7 @@ def compare(
     belongs_to = _identity(described, entrants, courses, numbers)
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
-    warn_of_pumping({one.name: made[one.name] for one in entrants if one.file}, described, console)
+    warn_of_overcompensation({one.name: made[one.name] for one in entrants if one.file}, described, console)
     warn_of_idle_compensation(made, console)
     with (
         result_folder(out, command="compare", names=_WRITTEN, inputs=files, resumes=True) as folder,

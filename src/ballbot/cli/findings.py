@@ -1,4 +1,4 @@
-"""How commands show what checks found, stop on errors, and let `--accept CODE` go on."""
+"""How commands print findings, stop on errors, and let `--accept CODE` continue."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from rich.console import Console
 from rich.text import Text
 
 from ballbot.cli.output import standard_output
+from ballbot.control.controller import Controller
+from ballbot.control.interface import Feedback
+from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.findings import Finding, as_options, check_codes, nowhere, stop_on_errors
 from ballbot.printable import shell_line
 from ballbot.robot import Robot
@@ -65,7 +68,7 @@ def check_input(
     InputError
         If a log has an error whose code is not accepted, or a code is unknown.
     """
-    from ballbot.log.checked import checked_logs  # `ballbot check` starts without the checks of logs
+    from ballbot.log.checked import checked_logs
 
     named = {str(path): log for path, log in logs.items()}
     used = {str(path): mapping for path, mapping in mappings.items()}
@@ -147,6 +150,29 @@ def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
     return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
 
 
-def accept_words(accept: Sequence[str] | None) -> list[str]:
+def accept_argv(accept: Sequence[str] | None) -> list[str]:
     """Return the words of a command line that accept these codes again."""
     return [word for code in accept or () for word in ("--accept", code)]
+
+
+def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot, console: Console) -> None:
+    """Print a sentence for each controller, by the name it goes by, that may feed the motion of this robot."""
+    for name, one in controllers.items():
+        sentence = overcompensation_warning(one, robot) if isinstance(one, Controller) else None
+        if sentence:
+            console.print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
+
+
+def warn_of_idle_compensation(controllers: Mapping[str, Feedback], console: Console) -> None:
+    """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
+    for name, one in controllers.items():
+        if not isinstance(one, Controller) or one.compensation == "none":
+            continue
+        friction = one.robot.friction
+        if any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
+            continue
+        sentence = (
+            f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
+            "friction. Identify it with `ballbot identify`, or write it into the robot file."
+        )
+        console.print(sentence, style="yellow", markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""`ballbot identify`: a robot's friction, and what else is asked for, from balancing logs."""
+"""`ballbot identify`: a robot's friction, and other parameters on request, from balancing logs."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
+from rich.table import Table
 
-from ballbot.cli.findings import Accept, accept_words, check_input
-from ballbot.cli.identify_tables import error_table, horizon_table, ladder_table, parameter_table
-from ballbot.cli.long_run import LongRun, long_run
-from ballbot.cli.output import Bar, progress_bar, standard_output
-from ballbot.cli.study import named_files, names_listed, read_balancing_log
+from ballbot.cli.context import LongRun, long_run, named_files, names_listed, read_balancing_log
+from ballbot.cli.findings import Accept, accept_argv, check_input
+from ballbot.cli.output import Bar, progress_bar, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
@@ -31,7 +30,8 @@ from ballbot.identification import (
 )
 from ballbot.identification import identify as find
 from ballbot.identification.holdout import InitialStates
-from ballbot.identification.laws import LAWS, LawName
+from ballbot.identification.laws import LAWS, Gain, LawName
+from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
@@ -42,9 +42,109 @@ from ballbot.report.json_text import as_json
 from ballbot.report.ladder_figure import ladder_figure
 from ballbot.report.provenance import provenance
 from ballbot.report.style import drawn
+from ballbot.report.tables import digits
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
+
+
+def parameter_table(found: Identification, *, framed: bool) -> Table:
+    """Return each parameter with its standard error, 95 % interval and unit."""
+    units = [
+        BY_NAME[name].unit
+        for name in found.layout.names
+        for _ in BY_NAME[name].labels(found.layout.wheel_count)
+    ]
+    values, errors = _flat(found.parameters), _flat(found.standard_errors)
+    rows = [
+        (label, digits(value), digits(error, 2), _interval(found, label), unit)
+        for label, value, error, unit in zip(found.labels, values, errors, units, strict=True)
+    ]
+    headings = ("parameter", "value", "standard error", "95 % interval", "unit")
+    return table("found", headings, rows, framed=framed)
+
+
+def error_table(found: Identification, judged: Sequence[HoldoutResult], *, framed: bool) -> Table:
+    """Return the open-loop errors of each state: on windows held out, and their ratios on other logs."""
+    ours = found.held_out
+    rows = [
+        (
+            state,
+            digits(ours.with_friction[state]),
+            digits(ours.without_friction[state]),
+            f"{ratio:.2f}",
+            *(f"{one.errors.ratios[state]:.2f}" for one in judged),
+        )
+        for state, ratio in ours.ratios.items()
+    ]
+    title = f"Open-loop error (4.1) on {ours.windows} held-out windows" + (
+        "; ratio on other logs" * bool(judged)
+    )
+    headings = ("state", "with friction", "without", "ratio", *(one.name for one in judged))
+    return table(title, headings, rows, framed=framed)
+
+
+def horizon_table(judged: HoldoutResult, *, framed: bool) -> Table:
+    """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
+    rows = [
+        (
+            f"{one.horizon:.3g}",
+            digits(one.wheel_speed.with_friction),
+            digits(one.wheel_speed.viscous_part),
+            digits(one.wheel_speed.without_friction),
+            digits(one.wheel_speed.share, 2),
+            digits(math.degrees(one.lean.with_friction)),
+            digits(math.degrees(one.lean.without_friction)),
+            digits(one.lean.share, 2),
+        )
+        for one in judged.horizons
+    ]
+    known = "past rows" if judged.causal else "its rows"
+    title = f"{judged.name}, RMSE of {judged.horizons[0].starts} predictions from {known}"
+    headings = (
+        "after, s",
+        "wheel speed, rad/s",
+        "viscous part",
+        "without friction",
+        "friction wanted",
+        "lean, deg",
+        "without friction",
+        "friction wanted",
+    )
+    return table(title, headings, rows, framed=framed)
+
+
+def ladder_table(ladder: ModelSelection, *, framed: bool) -> Table:
+    """Return the laws with their errors and gains on windows held out."""
+    rows = [
+        (
+            rung.law.name,
+            rung.law.formula,
+            f"{rung.error:.3f}",
+            rung.law.within or "no friction",
+            _gain(rung.gain),
+            "best" if rung is ladder.best else "taken" if rung.taken else "not selected",
+        )
+        for rung in ladder.rungs
+    ]
+    headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
+    return table(
+        "Friction laws on held-out windows: error relative to no friction", headings, rows, framed=framed
+    )
+
+
+def _flat(values: dict[str, list[float] | float]) -> list[float]:
+    return [one for value in values.values() for one in (value if isinstance(value, list) else [value])]
+
+
+def _interval(found: Identification, label: str) -> str:
+    interval = found.intervals.get(label)
+    return "" if interval is None else f"{digits(interval.lower)} .. {digits(interval.upper)}"
+
+
+def _gain(gain: Gain) -> str:
+    return f"{100 * gain.share:.1f} % ({100 * gain.lower:.1f} .. {100 * gain.upper:.1f})"
+
 
 _WRITTEN = ("robot.toml", "results.json", "ladder.svg")
 
@@ -220,7 +320,7 @@ class _Asked:
         words += ["--bounds", str(self.bounds)] if self.bounds else []
         words += ["--sweep", str(self.sweep)] if self.sweep else []
         words += ["--seed", str(self.seed), "--window", str(self.window)]
-        return [*words, *accept_words(self.accept)]
+        return [*words, *accept_argv(self.accept)]
 
     @property
     def files(self) -> list[Path]:

@@ -8,8 +8,8 @@ from typing import Literal
 
 from rich.console import Console
 
-from ballbot.cli.findings import Accept, accept_words, stop_or_show
-from ballbot.cli.long_run import long_run
+from ballbot.cli.context import long_run
+from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity, finding_results
@@ -116,7 +116,7 @@ def identify_axis(
     options |= {"--law": law, "--bandwidth": bandwidth, "--window": window, "--horizon": horizon}
     words = ["ballbot", "identify-axis", str(record), *map(str, against), "--out", str(out)]
     words += [str(word) for option, value in options.items() if value is not None for word in (option, value)]
-    words += accept_words(accept)
+    words += accept_argv(accept)
     made = provenance(command=shell_line(words), files=[record, *against], seed=0)
 
     console = standard_output()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot.cli.findings import Accept, accept_words, stop_or_show
+from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
@@ -93,7 +93,7 @@ def identify_driveline(
     words = ["ballbot", "identify-driveline", robot, str(log), "--out", str(out), "--seed", str(seed)]
     words += ["--mapping", str(mapping)] if mapping else []
     words += [] if speed_limit is None else ["--speed-limit", str(speed_limit)]
-    words += accept_words(accept)
+    words += accept_argv(accept)
     words += ["--lower", *map(str, lower), "--upper", *map(str, upper)]
     files = [*([] if robot in Robot.presets() else [Path(robot)]), log, *([mapping] if mapping else [])]
     made = provenance(command=shell_line(words), files=files, seed=seed)

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.findings import Accept, accept_words, stop_or_show
+from ballbot.cli.context import read_logs
+from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import standard_output, table
-from ballbot.cli.study import read_logs
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity, finding_results
@@ -88,7 +88,7 @@ def identify_geometry(
     }
     words = ["ballbot", "identify-geometry", robot, "--out", str(out)]
     words += [word for option, paths in options.items() for path in paths for word in (option, str(path))]
-    words += accept_words(accept)
+    words += accept_argv(accept)
     files = [path for paths in options.values() for path in paths]
     files += [] if robot in Robot.presets() else [Path(robot)]
     made = provenance(command=shell_line(words), files=files, seed=0)

@@ -9,10 +9,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from ballbot.cli.findings import Accept, accept_words, stop_or_show
-from ballbot.cli.long_run import long_run
+from ballbot.cli.context import long_run, read_logs
+from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.cli.study import read_logs
 from ballbot.experiments.ball_movement import ball_movement
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity, finding_results
@@ -88,7 +87,7 @@ def identify_upside_down(
     words = ["ballbot", "identify-upside-down", robot, *map(str, logs), "--out", str(out)]
     words += ["--seed", str(seed), "--window", str(window)]
     words += [word for option, path in given.items() for word in (option, str(path))]
-    words += accept_words(accept)
+    words += accept_argv(accept)
     depends_on = {"bounds": within, "seed": seed, "window": window}
     belongs_to = identity(described, list(named.values()), depends_on)
     files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]

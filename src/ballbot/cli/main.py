@@ -55,14 +55,16 @@ COMMANDS = (
     Command(
         name="study", target="study:study", summary="Robot and logs in; friction, report and controller out."
     ),
-    Command(name="new", target="robot:new", summary="Write a robot file to start from."),
+    Command(name="new", target="new:new", summary="Write a robot file to start from."),
     Command(
         name="check",
-        target="robot:check",
+        target="check:check",
         summary="Check a robot; print what follows from its parameters.",
     ),
     Command(
-        name="check-log", target="log:check_log", summary="Check a log and show what it can be used for."
+        name="check-log",
+        target="check_log:check_log",
+        summary="Check a log and show what it can be used for.",
     ),
     Command(
         name="simulate", target="simulate:simulate", summary="Simulate a robot in closed loop; write a log."

@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.context import parse_seeds
+from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
-from ballbot.cli.seeds import parse_seeds
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import reference_from
@@ -105,7 +104,7 @@ def record(
     )
     console = standard_output()
     if controller:
-        warn_of_pumping({str(controller): job.controller}, described, console)
+        warn_of_overcompensation({str(controller): job.controller}, described, console)
     if experiment == "balance":
         warn_of_idle_compensation({str(controller or "nominal controller"): job.controller}, console)
     sample_count(job.duration, job.controller.sample_time)

@@ -6,9 +6,8 @@ import math
 from pathlib import Path
 from typing import Literal
 
-from ballbot.cli.findings import Accept, check_robot
+from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.cli.pumping_words import warn_of_idle_compensation, warn_of_pumping
 from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
@@ -93,7 +92,7 @@ def simulate(
     )
     console = standard_output()
     if controller:
-        warn_of_pumping({str(controller): chosen}, described, console)
+        warn_of_overcompensation({str(controller): chosen}, described, console)
     warn_of_idle_compensation({str(controller or "nominal controller"): chosen}, console)
     plant = _plant(Model(described, formulation), scenario, chosen.estimator)
     inputs = [Path(one) for one in (robot, reference, controller, scenario) if one and Path(one).is_file()]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.findings import Accept, accept_words, stop_or_show
+from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
@@ -120,7 +120,7 @@ def spin(
         words += [
             word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
         ]
-        words += accept_words(accept)
+        words += accept_argv(accept)
         made = provenance(command=shell_line(words), files=files, seed=0)
         with folder.replaced() as new:
             results = spin_results(found, comparison, log_findings=findings)

@@ -7,10 +7,9 @@ from pathlib import Path
 
 from rich.text import Text
 
-from ballbot.cli.findings import Accept, accept_words, check_input
-from ballbot.cli.long_run import long_run
+from ballbot.cli.context import long_run, names_listed, read_balancing_logs
+from ballbot.cli.findings import Accept, accept_argv, check_input
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.errors import InputError
 from ballbot.experiments.league.course_file import PlantName
 from ballbot.experiments.plant_draws import available_plant
 from ballbot.experiments.study import Effort
@@ -18,9 +17,7 @@ from ballbot.experiments.study import study as run_study
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
-from ballbot.log import Log
 from ballbot.log.checked import CheckedLogs
-from ballbot.log.odometry import with_position
 from ballbot.printable import shell_line
 from ballbot.report.provenance import provenance
 from ballbot.report.study_files import STUDY_FILES, write_study
@@ -109,7 +106,7 @@ def study(
         bounds=bounds,
         seed=seed,
     )
-    words += accept_words(accept)
+    words += accept_argv(accept)
     made = provenance(command=shell_line(words), files=files, seed=seed)
     console = standard_output()
     back_emf = back_emf_of(mapping)
@@ -144,60 +141,6 @@ def study(
         console.print(Text(f"{heading}: ", style="bold"), end="")
         console.print(sentences, soft_wrap=True)
     console.print(str(folder.path / "report.html"), soft_wrap=True)
-
-
-def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
-    """Return the logs by their names; see `named_files`.
-
-    Raises
-    ------
-    InputError
-        Where there is none, one is named twice or cannot be read.
-    """
-    return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
-
-
-def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
-    """Return logs by their names, each with the ball's position: its own, else that by its wheels.
-
-    Raises
-    ------
-    InputError
-        As `read_logs`; and if a log has no position and lacks what gives it.
-    """
-    return {name: read_balancing_log(path, mapping, robot) for name, path in named_files(paths).items()}
-
-
-def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
-    """Return one log with the ball's position; see `read_balancing_logs`."""
-    log = Log.read(path, mapping=mapping)
-    try:
-        return with_position(log, robot)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def named_files(paths: Sequence[Path]) -> dict[str, Path]:
-    """Return logs' files by their stems, with their folders before them where stems recur.
-
-    Raises
-    ------
-    InputError
-        Where there is none, or one is named twice.
-    """
-    if not paths:
-        raise InputError("No log is given. Name one or more log files after the robot.")
-    stems = [path.stem for path in paths]
-    names = stems if len(set(stems)) == len(stems) else [str(path.with_suffix("")) for path in paths]
-    for path, name in zip(paths, names, strict=True):
-        if names.count(name) > 1:
-            raise InputError(f"The log {path} is given twice. Name each file once.")
-    return dict(zip(names, paths, strict=True))
-
-
-def names_listed(names: str) -> tuple[str, ...]:
-    """Return names that stand with commas between."""
-    return tuple(name.strip() for name in names.split(",") if name.strip())
 
 
 def _robot_file(robot: str) -> list[Path]:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from cyclopts import App
 
+from ballbot.cli.context import parse_seeds
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.cli.seeds import parse_seeds
 from ballbot.files import check_file, write_text
 from ballbot.report.json_text import as_json
 from ballbot.result_folder import result_folder

@@ -1,15 +1,18 @@
-"""`ballbot new` and `ballbot check`: robot files."""
+"""`ballbot check`: whether a robot is plausible, and what follows from its parameters; `ballbot new` writes one.
+
+With `--swing` the body's inertia from a free swing; with `--reference` whether the robot can follow a reference.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from cyclopts import Parameter
 from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.table import Table
@@ -17,10 +20,27 @@ from rich.text import Text
 
 from ballbot.cli.findings import Accept, check_input, finding_line, show_findings
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
+from ballbot.control.file import read_controller
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import is_reference_file, reference_from
 from ballbot.errors import InputError
+from ballbot.experiments.limits.reference_margins import ReferenceMargins, check_reference
+from ballbot.experiments.limits.reference_words import HEADINGS, margin_results, rows, verdict
 from ballbot.files import check_file, write_text
-from ballbot.findings import Finding, by_severity, check_codes, finding_results, stop_on_errors
-from ballbot.printable import printable_line, shell_line
+from ballbot.findings import Finding, by_severity, check_codes, finding_results, nowhere, stop_on_errors
+from ballbot.identification.inertia import (
+    Pivot,
+    SwingInertia,
+    inertia_of_swing,
+    recording_findings,
+    swing_findings,
+    swing_results,
+    swing_rows,
+    swing_sentences,
+)
+from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
+from ballbot.log import Log
+from ballbot.log.time_checks import check_gaps, check_jitter
 from ballbot.report.json_text import as_json
 from ballbot.report.linearization import MISTAKEN_MATRICES, state_order
 from ballbot.result_folder import ResultFolder, result_folder
@@ -28,17 +48,124 @@ from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.deviations import uncertain
 from ballbot.robot.drawing import robot_drawing
-from ballbot.robot.file import write_robot
 from ballbot.robot.parameters import PARAMETERS, value_of
 from ballbot.robot.plausibility import robot_findings
 
 if TYPE_CHECKING:
-    from ballbot.cli.check_swing import CheckedSwing
-    from ballbot.cli.reference_check import CheckedReference
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
     from ballbot.log.checked import CheckedLogs
     from ballbot.mechanics.linear import LinearModel
+
+#: file names of logs; every other is a video's
+_LOG_SUFFIXES = (".csv", ".parquet")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwingOptions:
+    """What the command line says of a swing."""
+
+    file: Path
+    column: str | None
+    pivot_distance: float | None
+    pivot_deviation: float | None
+    accept: tuple[str, ...] = ()  #: codes of errors to go on in spite of
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedSwing:
+    """A swing with all that `ballbot check` says about it."""
+
+    robot: Robot
+    pivot: Pivot
+    fit: SwingFit
+    found: SwingInertia
+    findings: tuple[Finding, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        said: dict[str, object] = {
+            "findings": finding_results(self.findings),
+            "remarks": swing_sentences(self.fit, self.found, self.robot),
+        }
+        return said | swing_results(self.fit, self.found, self.pivot)
+
+    def parts(self, *, framed: bool) -> list[RenderableType]:
+        """Return what is printed."""
+        headings = ("quantity", "value, 95 %", "unit")
+        title = f"Swing from {self.fit.swing.source}"
+        rows = swing_rows(self.fit, self.found)
+        return [
+            Text(""),
+            table(title, headings, rows, framed=framed),
+            *(finding_line(one, accepted=one.severity == "error") for one in self.findings),
+            *(Text(one) for one in swing_sentences(self.fit, self.found, self.robot)),
+        ]
+
+
+def examine_swing(robot: Robot, options: SwingOptions) -> CheckedSwing:
+    """Return what the swing in a file says of a robot's inertia.
+
+    Raises
+    ------
+    InputError
+        If the file has no free swing, or the swing has an error that is not accepted.
+    """
+    pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
+    of_log: list[Finding] = []
+    if options.file.suffix.lower() in _LOG_SUFFIXES:
+        log = Log.read(options.file)
+        of_log = [*check_gaps(log), *check_jitter(log)]
+        swing = swing_in_log(log, column=options.column)
+    else:
+        from ballbot.vision.swing import swing_in_video
+
+        swing = swing_in_video(options.file)
+    of_recording = recording_findings(swing)
+    _stop_on_swing_errors(of_recording, options)
+    fit = fit_swing(swing)
+    found = inertia_of_swing(fit, robot, pivot)
+    findings = by_severity([*of_log, *of_recording, *swing_findings(fit, found, robot, pivot)])
+    _stop_on_swing_errors(findings, options)
+    return CheckedSwing(robot=robot, pivot=pivot, fit=fit, found=found, findings=findings)
+
+
+def _stop_on_swing_errors(findings: Sequence[Finding], options: SwingOptions) -> None:
+    named = [replace(one, where=replace(one.where, file=str(options.file))) for one in findings]
+    stop_on_errors(named, accept=check_codes(options.accept), more=nowhere)
+
+
+#: how long a reference that has a name is looked at [s]: the longest of them goes once around
+_DURATION = 40.0
+#: and one in a file beyond its last row
+_BEYOND = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedReference:
+    """A reference with what it takes of a robot."""
+
+    name: str
+    margins: ReferenceMargins
+
+    def parts(self, *, framed: bool) -> list[RenderableType]:
+        """Return the parts of what is printed."""
+        words = [Text(line) for line in verdict(self.margins, self.name)]
+        found = table("Largest use of each limit", HEADINGS, rows(self.margins), framed=framed)
+        return [Text(f"\nFollowing {self.name}", style="bold"), *words, found]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {"name": self.name, **margin_results(self.margins)}
+
+
+def checked_reference(robot: Robot, source: str, controller: Path | None) -> CheckedReference:
+    """Return what following the reference of that name or file takes, by a controller file or the nominal one."""
+    reference = reference_from(source)
+    duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
+    chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
+    return CheckedReference(name=source, margins=check_reference(robot, chosen, reference, duration=duration))
+
 
 _WRITTEN = ("results.json", "check.txt", "swing.svg")
 
@@ -53,43 +180,6 @@ _MATRICES = {
     "T_owr": "wheel speed from the body's angular velocity (II.14)",
     "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
 }
-
-
-def new(
-    name: str,
-    /,
-    *,
-    from_: Annotated[str, Parameter(name="--from")] = "alten",
-    out: Path | None = None,
-    force: bool = False,
-) -> None:
-    """Write a robot file to start from: a commented copy of a preset under a new name.
-
-    Example: `ballbot new myrobot --from alten`
-
-    Parameters
-    ----------
-    name : str
-        The new robot's name.
-    from_ : str
-        Preset or robot file to copy.
-    out : Path
-        File to write; NAME.toml if not given.
-    force : bool
-        Replace an existing file.
-    """
-    path = out or Path(f"{name}.toml")
-    if printable_line(name) != name:
-        raise InputError(f"{name!r} cannot be a robot's name; remove the characters that cannot be printed.")
-    robot = Robot.load(from_).replace(name=name)
-    if out is None and Path(name).name != name:
-        raise InputError(f"{name!r} cannot be both a robot's name and a file name; give the file with --out.")
-    check_file(path)
-    if path.exists() and not force:
-        raise InputError(f"{path} exists already; choose another name, or replace it with --force.")
-    write_robot(robot, path)
-    hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
-    standard_output().print(hint, soft_wrap=True)
 
 
 def check(
@@ -151,7 +241,7 @@ def check(
     inputs = [Path(one) for one in named if one is not None and Path(one).is_file()]
     held = result_folder(out, command="check", names=_WRITTEN, inputs=inputs) if out else nullcontext()
     with held as folder:
-        swung = _swung(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
+        swung = _swing_result(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
         log = None if predict is None else _log(hung, robot, predict, accept)
         checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
         for part in _report(checked, framed=console.is_terminal):
@@ -170,7 +260,7 @@ def _write(checked: _Checked, folder: ResultFolder) -> list[Path]:
         write_text(new / "results.json", as_json(_results(checked)))
         write_text(new / "check.txt", as_text(_report(checked, framed=False)))
         if checked.swing is not None:
-            _save_swing(checked.swing, new / "swing.svg")
+            _save_swing_figure(checked.swing, new / "swing.svg")
         names = [name for name in _WRITTEN if (new / name).exists()]
     return [folder.path / name for name in names]
 
@@ -215,12 +305,11 @@ def _followed(robot: Robot, reference: str | None, controller: Path | None) -> C
                 "give the reference with --reference NAME or FILE."
             )
         return None
-    from ballbot.cli.reference_check import checked_reference
 
     return checked_reference(robot, reference, controller)
 
 
-def _swung(
+def _swing_result(
     robot: Robot,
     file: Path | None,
     column: str | None,
@@ -235,7 +324,6 @@ def _swung(
                 "describe a swing; give the swing with --swing FILE."
             )
         return None
-    from ballbot.cli.check_swing import SwingOptions, examine_swing
 
     options = SwingOptions(
         file=file,
@@ -397,7 +485,7 @@ def _save_figure(robot: Robot, path: Path) -> None:
     save_robot_figure(robot, path)
 
 
-def _save_swing(swing: CheckedSwing, path: Path) -> None:
+def _save_swing_figure(swing: CheckedSwing, path: Path) -> None:
     from ballbot.report.style import drawn
     from ballbot.report.swing_figure import swing_figure
 
