@@ -1,0 +1,21 @@
+"""Golden results: what every command writes today, so that a change of structure is seen to change no number.
+
+    python -m tests.golden                      # compare all cases; exit code 1 if anything differs
+    python -m tests.golden --check identify     # compare these
+    python -m tests.golden --update identify    # write these anew
+
+`cases` lists the command lines and how their inputs are made, `freeze` says what is kept of a result, `compare` says
+where two differ. `results/NAME.json` is the golden of a case, `machine.json` the machine that made the goldens, and
+`renamed_keys.toml` has keys that have been renamed since. `files/` has files as version 0.1.0 writes them: later
+versions read them, or, the checkpoint, refuse it with one sentence.
+
+Whatever changes a number on purpose updates the golden in the same commit, with the old value, the new one, the cause
+and the oracle that decides between them.
+
+docs/evidence.md and docs/reproduce.md are not copied here. They are committed pages that campaigns write, and their
+numbers stand as they are; no test reads docs/evidence.md. Its campaigns are sampled with bounds of their own by
+test_compensation_evidence, test_control_evidence, test_convergence, test_coverage, test_estimation_twin,
+test_false_alarms, test_league and test_sticking_proof. docs/reproduce.md, the result of `ballbot reproduce`, is
+compared with a fresh run in part by test_reproduce and as a whole by benchmarks/reproduce.py; here are the figures and
+mistakes that need no recording.
+"""

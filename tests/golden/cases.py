@@ -1,0 +1,215 @@
+"""The commands whose results are frozen, in the order in which they run.
+
+A case runs in a working folder that all cases share, and writes into the folder of its own name there; the log of
+`record_square` is record_square/log.csv. `files` has a copy of the files beside this module. What a case needs is run
+before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import inputs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One command line, or a function that makes an input."""
+
+    name: str
+    words: tuple[str, ...] = ()  #: after `ballbot`
+    make: Callable[[Path], None] | None = None  #: given the case's folder, instead of a command
+    needs: tuple[str, ...] = ()  #: cases whose files it reads
+    code: int = 0  #: the exit code it must have
+    frozen: bool = True  #: whether its files are compared, not only read by other cases
+    sampled: bool = False  #: whether it runs with the tests
+
+
+def _command(
+    name: str, line: str, *, needs: tuple[str, ...] = (), code: int = 0, sampled: bool = False
+) -> Case:
+    """Return the case of a command line, whose folder is the one of its name unless the line has an --out."""
+    words = tuple(line.split())
+    out = () if "--out" in words else ("--out", name)
+    return Case(name=name, words=(*words, *out), needs=needs, code=code, sampled=sampled)
+
+
+def _input(name: str, make: Callable[[Path], None], *, needs: tuple[str, ...] = ()) -> Case:
+    return Case(name=name, make=make, needs=needs, frozen=False)
+
+
+_ROBOT = "files/robot.toml"
+_WALK, _EIGHT = "record_square/log.csv", "record_eight/log.csv"
+_FEW = "--bounds files/bounds.toml --window 0.1"
+_AXIS = "identify-axis axis/record.csv --reference aim --position-gain 160 --velocity-gain 8505"
+
+CASES: tuple[Case, ...] = (
+    # the robot's own file
+    _command("new", "new bot --from alten --out new/bot.toml", sampled=True),
+    _command("check", "check files/robot_geometry.toml", sampled=True),
+    _command(
+        "check_reference", f"check {_ROBOT} --reference circle --controller files/controller_precise.toml"
+    ),
+    _command("check_reference_file", f"check {_ROBOT} --reference files/reference.csv", sampled=True),
+    # the twin
+    _command("record_square", f"record nominal --robot {_ROBOT} --duration 16 --seed 1", sampled=True),
+    _command("record_eight", "record nominal --reference figure_eight --duration 40 --seed 2"),
+    _command("record_scenario", "record files/scenario.toml --duration 1 --estimator kalman", sampled=True),
+    _command(
+        "record_seeds", f"record nominal --duration 1 --seeds 1-2 --robot {_ROBOT} --compensation partial"
+    ),
+    _command("record_sweep", "record nominal --experiment driveline_sweep --duration 63"),
+    _command("record_upside_down", "record nominal --experiment upside_down --duration 40"),
+    _command("twin_export", "twin export alten --out twin_export/twin.xml", sampled=True),
+    _command("twin_scenario", "twin scenario resonant --out twin_scenario/scenario.toml", sampled=True),
+    _command("twin_recommendations", "twin recommendations alten --seeds 1 --duration 8"),
+    # logs
+    _command("check_log", f"check-log {_WALK} --robot alten", needs=("record_square",), sampled=True),
+    _input("foreign", inputs.foreign_log, needs=("record_square",)),
+    _command("check_log_foreign", "check-log foreign/log.csv --robot alten", needs=("foreign",)),
+    _command(
+        "check_log_mapping",
+        "check-log foreign/log.csv --robot alten --mapping files/mapping.toml",
+        needs=("foreign",),
+        sampled=True,
+    ),
+    _command(
+        "align",
+        "align record_square/log.csv record_square/motion_capture.csv",
+        needs=("record_square",),
+        sampled=True,
+    ),
+    # the equations of motion
+    _command("simulate", f"simulate {_ROBOT} --duration 4", sampled=True),
+    _command(
+        "simulate_full",
+        f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_full.toml",
+        sampled=True,
+    ),
+    _command(
+        "simulate_precise",
+        f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_precise.toml --seed 3",
+        sampled=True,
+    ),
+    _command(
+        "simulate_thesis",
+        f"simulate {_ROBOT} --duration 4 --formulation thesis --compensation partial --reference change_pose",
+    ),
+    # identification
+    _command("identify", f"identify alten {_WALK} --window 0.1", needs=("record_square",)),
+    _command(
+        "identify_logs",
+        f"identify alten {_WALK} --judge-on {_EIGHT} --free friction,delay --leave-out psi,psi_dot --seed 2 {_FEW}",
+        needs=("record_square", "record_eight"),
+    ),
+    _command(
+        "identify_few", f"identify alten {_WALK} {_FEW} --law coulomb", needs=("record_square",), sampled=True
+    ),
+    _command(
+        "identify_asymmetric", f"identify alten {_WALK} {_FEW} --law asymmetric", needs=("record_square",)
+    ),
+    _command("identify_load", f"identify alten {_WALK} {_FEW} --law load", needs=("record_square",)),
+    _command("identify_best", f"identify alten {_WALK} {_FEW} --law best", needs=("record_square",)),
+    _command(
+        "identify_sweep",
+        f"identify alten {_WALK} {_FEW} --sweep identify_driveline/results.json",
+        needs=("record_square", "identify_driveline"),
+    ),
+    _command(
+        "identify_foreign",
+        f"identify alten foreign/log.csv --mapping files/mapping.toml {_FEW}",
+        needs=("foreign",),
+        code=2,  # its torques are taken for duties, and are late
+    ),
+    _command(
+        "identify_old_checkpoint",
+        f"identify alten {_WALK} --resume --out old_checkpoint",
+        needs=("record_square", "old_checkpoint"),
+        code=2,
+        sampled=True,
+    ),
+    _command("identify_driveline", "identify-driveline alten record_sweep/log.csv", needs=("record_sweep",)),
+    _command(
+        "identify_upside_down",
+        "identify-upside-down alten record_upside_down/log.csv --bounds files/bounds.toml --window 0.5",
+        needs=("record_upside_down",),
+    ),
+    _command(
+        "identify_geometry",
+        "identify-geometry alten --upside-down record_upside_down/log.csv",
+        needs=("record_upside_down",),
+    ),
+    _command(
+        "identify_geometry_mocap",
+        "identify-geometry alten --upside-down record_upside_down/log.csv --balancing record_eight/log.csv "
+        "--motion-capture record_eight/motion_capture.csv",
+        needs=("record_upside_down", "record_eight"),
+    ),
+    _input("axis", inputs.axis_record),
+    _command("identify_axis", f"{_AXIS} --law coulomb", needs=("axis",)),
+    _command("identify_axis_laws", "identify-axis axis/record.csv --horizon 1", needs=("axis",)),
+    _input("swing", inputs.swing),
+    _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002", needs=("swing",)),
+    _input("video", inputs.video),
+    _command("spin", "spin video/ball.avi", needs=("video",)),
+    # validation
+    _command("validate", f"validate {_ROBOT} {_WALK}", needs=("record_square",)),
+    _command(
+        "validate_controller",
+        f"validate {_ROBOT} {_WALK} --against thesis --controller record_square/controller.toml --seed 4",
+        needs=("record_square",),
+    ),
+    # controllers
+    _command("design", "design files/robot_geometry.toml", sampled=True),
+    _command("design_sampled", f"design {_ROBOT} --sample-time 0.01 --r 60 --notch 12", sampled=True),
+    _command("design_full", f"design {_ROBOT} --compensation full --compensation-gain 0.5", sampled=True),
+    _command("design_partial", f"design {_ROBOT} --compensation partial --allow-pumping", sampled=True),
+    _command(
+        "design_precise",
+        f"design {_ROBOT} --kind precise --delay 0.016 --adaptive --allow-pumping",
+        sampled=True,
+    ),
+    _command(
+        "design_robust",
+        f"design {_ROBOT} --robust --compensation full --allow-pumping "
+        "--robots 20 --generations 2 --population 4 --fresh 20",
+    ),
+    _command("limits", f"limits {_ROBOT} none files/controller_full.toml --refinements 0"),
+    _command(
+        "compare",
+        f"compare {_ROBOT} none full precise --scenarios files/courses.toml --seeds 4,5 --processes 1",
+        sampled=True,
+    ),
+    _command(
+        "compare_twin",
+        f"compare {_ROBOT} none partial@kalman --plant twin --scenarios files/courses.toml --seeds 1 --processes 2",
+    ),
+    # the whole
+    _command(
+        "excite", f"excite {_ROBOT} --no-try --duration 10 --generations 1 --population 4", sampled=True
+    ),
+    _command(
+        "excite_try",
+        "excite alten --found identify/results.json --duration 16 --law coulomb --generations 2 --population 4",
+        needs=("identify",),
+    ),
+    _command(
+        "study",
+        f"study alten {_WALK} --plant model --draws 6 --bounds files/bounds.toml",
+        needs=("record_square",),
+    ),
+    _command(
+        "simulate_study",
+        "simulate study/robot.toml --controller study/controller.toml --scenario nominal --duration 32",
+        needs=("study",),
+    ),
+    _command(
+        "validate_prediction",
+        "validate --prediction study/results.json simulate_study/log.csv",
+        needs=("study", "simulate_study"),
+    ),
+    Case(name="reproduce_items", make=inputs.reproduced_items),
+    _input("old_checkpoint", inputs.old_checkpoint),
+)

@@ -1,0 +1,129 @@
+"""Inputs that no command of Ballbot makes: records of other plants, foreign files and a video, from fixed seeds."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def axis_record(folder: Path) -> None:
+    """Write record.csv: 9 s at 1 kHz of a sliding mass, 95 kg with dry friction, that a loop moves.
+
+    Columns t [s], position [m], force [N] and aim, the reference [m]. A disturbance of the force, N(0, 2) [N] held
+    for 50 ms, is not in the record.
+    """
+    h, mass, viscous, coulomb = 1e-3, 95.0, 200.0, 20.0
+    t = np.arange(9000) * h
+    aim = 0.1 * (1.0 - np.cos(2.0 * np.pi * t / 3.0)) + 0.02 * np.sin(2.0 * np.pi * t / 0.7)
+    disturbance = np.repeat(2.0 * np.random.default_rng(5).standard_normal(len(t) // 50), 50)
+    position, speed = np.zeros(len(t)), 0.02 * 2.0 * math.pi / 0.7
+    force = np.zeros(len(t))
+    for k in range(len(t)):
+        force[k] = 243.0 * 35.0 * (160.0 * (aim[k] - position[k]) - speed)
+        if k + 1 < len(t):
+            friction = viscous * speed + coulomb * math.tanh(speed / 1e-3) - 3.0
+            speed += h * (force[k] + disturbance[k] - friction) / mass
+            position[k + 1] = position[k] + h * speed
+    _write_csv(folder / "record.csv", {"t": t, "position": position, "force": force, "aim": aim})
+
+
+def swing(folder: Path) -> None:
+    """Write swing.csv: 15 s at 50 Hz of theta [rad] of a body that hangs from the ball's centre and swings freely.
+
+    Inertia about the pivot 4.37 kg m^2, viscous damping; noise of the angle N(0, 0.0005) [rad].
+    """
+    h, stiffness, damping = 1e-3, 17.076 * 9.81 * 0.393 / 4.37, 0.02
+    angle, rate, angles = 0.2, 0.0, []
+    for k in range(15000):
+        if k % 20 == 0:
+            angles.append(angle)
+        rate += h * (-stiffness * math.sin(angle) - damping * rate)
+        angle += h * rate
+    noise = 5e-4 * np.random.default_rng(6).standard_normal(len(angles))
+    _write_csv(
+        folder / "swing.csv",
+        {"t": 0.02 * np.arange(len(angles)), "theta": math.pi + np.array(angles) + noise},
+    )
+
+
+def foreign_log(folder: Path) -> None:
+    """Write log.csv: the log of record_square in degrees, with other names, signs and order of wheels."""
+    with (folder.parent / "record_square/log.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    degree = 180.0 / math.pi
+    foreign: dict[str, tuple[str, float]] = {
+        "t_now": ("t", 1.0),
+        "u1": ("u2", 1.0),
+        "u2": ("u3", 1.0),
+        "u3": ("u1", 1.0),
+        "theta_x": ("theta", degree),
+        "theta_y": ("phi", -degree),
+        "theta_z": ("psi", degree),
+        "psi_1": ("wheel2", -1.0),
+        "psi_2": ("wheel3", -1.0),
+        "psi_3": ("wheel1", -1.0),
+    }
+    columns = {
+        new: np.array([factor * float(row[old]) for row in rows]) for new, (old, factor) in foreign.items()
+    }
+    _write_csv(folder / "log.csv", columns)
+
+
+def video(folder: Path) -> None:
+    """Write ball.avi: 1 s of a turning ball with the thesis's seam, 200 x 160 pixels, without loss."""
+    from ballbot.vision.rendering import Camera, Scene, render, wandering, write_video
+
+    camera = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0)
+    scene = Scene(camera=camera)
+    motion = wandering(duration=1.0, peak=10.0, seed=3)
+    frames = render(scene, motion, duration=1.0)
+    write_video(folder / "ball.avi", frames, frame_rate=camera.frame_rate, codec="HFYU")
+
+
+def old_checkpoint(folder: Path) -> None:
+    """Copy the checkpoint of an interrupted run into the folder."""
+    shutil.copy(folder.parent / "files" / "checkpoint.jsonl", folder)
+
+
+def reproduced_items(folder: Path) -> None:
+    """Write results.json of those figures and mistakes of the thesis that need no recording.
+
+    `ballbot reproduce` has no option for it and takes ten minutes.
+    """
+    from ballbot import Robot
+    from ballbot.experiments.reproduce import appendix1, appendix3, chapter2, chapter5
+    from ballbot.experiments.reproduce.bench import Bench
+    from ballbot.experiments.reproduce.mistakes import MISTAKES
+
+    robot = Robot.load("alten")
+    bench = Bench(robot=robot, identified=robot, recordings={}, seed=0, folder=folder)
+    # these need recordings
+    recorded = {"rounded_constants", "residual_pairs"}
+    items = (chapter2.figure_2_1, chapter5.figure_5_2, appendix1.figure_i_1, appendix3.figure_iii_1)
+    results = {
+        "items": _checks((make.__name__, make(bench).checks) for make in items),
+        "mistakes": _checks(
+            (str(one.number), one.shown_by)
+            for one in (make(bench) for make in MISTAKES if make.__name__ not in recorded)
+        ),
+    }
+    (folder / "results.json").write_text(json.dumps(results), encoding="utf-8")
+
+
+def _checks(made: Iterable[tuple[str, Sequence[object]]]) -> dict[str, list[float]]:
+    return {name: [float(asdict(one)["value"]) for one in checks] for name, checks in made}  # pyright: ignore
+
+
+def _write_csv(path: Path, columns: Mapping[str, NDArray[np.floating]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))

@@ -1,0 +1,124 @@
+"""Runs cases in a working folder of their own, each once, and keeps goldens."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import time
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+from .cases import CASES, Case
+from .compare import Difference, differences
+from .freeze import Json, freeze_folder, machine
+
+FOLDER = Path(__file__).parent
+RESULTS = FOLDER / "results"
+_MACHINE = FOLDER / "machine.json"
+_BY_NAME = {case.name: case for case in CASES}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a case gave."""
+
+    case: Case
+    result: Json
+    code: int  #: the exit code
+    refusal: str  #: what a command that failed said
+    seconds: float  #: of computing, on all cores
+
+
+def chosen(names: Sequence[str]) -> list[Case]:
+    """Return the frozen cases of these names, all if there is none.
+
+    Raises
+    ------
+    KeyError
+        If there is no such case.
+    """
+    return [case for case in CASES if case.frozen] if not names else [_BY_NAME[name] for name in names]
+
+
+def run(cases: Iterable[Case], folder: Path) -> Iterator[Outcome]:
+    """Run cases, what they need before them, in an empty folder; yield each one's outcome."""
+    shutil.copytree(FOLDER / "files", folder / "files")
+    done: set[str] = set()
+    for case in cases:
+        for one in [*_needed(case), case]:
+            if one.name not in done:
+                done.add(one.name)
+                outcome = _run_one(one, folder)
+                if one.frozen:
+                    yield outcome
+
+
+def compare(outcome: Outcome, *, same_machine: bool) -> list[Difference]:
+    """Return where an outcome differs from its golden."""
+    golden = json.loads((RESULTS / f"{outcome.case.name}.json").read_text(encoding="utf-8"))
+    renamed = tomllib.loads((FOLDER / "renamed_keys.toml").read_text(encoding="utf-8"))
+    return differences(outcome.case.name, golden, outcome.result, renamed=renamed, same_machine=same_machine)
+
+
+def update(outcome: Outcome) -> None:
+    """Make an outcome the golden."""
+    path = RESULTS / f"{outcome.case.name}.json"
+    path.write_text(written(outcome.result), encoding="utf-8")
+
+
+def written(result: Json) -> str:
+    """Return a golden as JSON text, objects indented and lists in one line, so that changes are read line by line."""
+
+    def lines(value: Json, indent: str) -> str:
+        if not isinstance(value, dict) or not value:
+            return json.dumps(value, ensure_ascii=False)
+        entries = [f"{indent} {json.dumps(key)}: {lines(one, indent + ' ')}" for key, one in value.items()]
+        return "{\n" + ",\n".join(entries) + f"\n{indent}}}"
+
+    return lines(result, "") + "\n"
+
+
+def is_same_machine() -> bool:
+    """Return whether this is a machine like the one that made the goldens."""
+    return json.loads(_MACHINE.read_text(encoding="utf-8")) == machine()
+
+
+def update_machine() -> None:
+    """Make this the machine of the goldens."""
+    _MACHINE.write_text(json.dumps(machine(), indent=1) + "\n", encoding="utf-8")
+
+
+def _needed(case: Case) -> list[Case]:
+    """Return what a case needs, in the order in which it can be run."""
+    found: list[Case] = []
+    for name in case.needs:
+        found += [*_needed(_BY_NAME[name]), _BY_NAME[name]]
+    return found
+
+
+def _run_one(case: Case, folder: Path) -> Outcome:
+    out, begun = folder / case.name, time.process_time()
+    out.mkdir()
+    code, said = 0, io.StringIO()
+    with chdir(folder), redirect_stdout(io.StringIO()), redirect_stderr(said):
+        if case.make is not None:
+            case.make(out)
+        else:
+            code = _main(case.words)
+    return Outcome(
+        case=case,
+        result=freeze_folder(out, code=code),
+        code=code,
+        refusal=said.getvalue() if code else "",
+        seconds=time.process_time() - begun,
+    )
+
+
+def _main(words: Sequence[str]) -> int:
+    from ballbot.cli.main import main
+
+    return main(words)

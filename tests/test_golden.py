@@ -1,0 +1,108 @@
+"""What the commands write equals the goldens: a sample here, all of it by `python -m tests.golden`."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import pytest
+from golden.cases import CASES
+from golden.compare import differences
+from golden.freeze import DIGEST, LONGEST, PROSE, freeze, freeze_folder
+from golden.workshop import RESULTS, compare, is_same_machine, run
+
+from ballbot.cli.main import COMMANDS
+
+#: `ballbot reproduce` takes ten minutes; the case `reproduce_items` has what needs no recording
+_NOT_FROZEN = {"reproduce"}
+
+
+@pytest.mark.slow
+def test_sampled_commands_write_what_they_wrote(tmp_path):
+    same = is_same_machine()
+    found = []
+    for outcome in run([case for case in CASES if case.sampled], tmp_path):
+        assert outcome.code == outcome.case.code, outcome.refusal
+        assert outcome.refusal.count("\n") == (outcome.code == 2), outcome.refusal
+        found += [str(one) for one in compare(outcome, same_machine=same)]
+    assert not found
+
+
+def test_every_command_has_a_golden():
+    covered = {case.words[0] for case in CASES if case.words}
+    assert {command.name for command in COMMANDS} - covered == _NOT_FROZEN
+    frozen = {case.name for case in CASES if case.frozen}
+    assert {path.stem for path in RESULTS.glob("*.json")} == frozen
+
+
+# --- what is kept ---
+
+
+def test_prose_and_provenance_are_not_kept():
+    made = {"code": "torque-sign", "text": "The torque has the wrong sign.", "provenance": {"seed": 0}}
+    assert freeze(made) == {"code": "torque-sign", "text": PROSE}
+
+
+def test_long_list_of_numbers_becomes_its_digest():
+    values = [0.1 * k for k in range(LONGEST + 1)]
+    kept = str(freeze(values))
+    assert kept.startswith(f"{DIGEST} [{LONGEST + 1}] {values[0]}, ")
+    changed = [*values[:5], values[5] + 1e-15, *values[6:]]
+    assert freeze(changed) != kept
+    assert freeze(values[:LONGEST]) == values[:LONGEST]
+
+
+def test_columns_and_tables_of_files_are_kept(tmp_path):
+    (tmp_path / "log.csv").write_text("t,x\n0.0,1.5\n0.1,\n", encoding="utf-8")
+    (tmp_path / "robot.toml").write_text('name = "mine"  # a comment\n', encoding="utf-8")
+    (tmp_path / "page.html").write_text("<html>", encoding="utf-8")
+    assert freeze_folder(tmp_path, code=0) == {
+        "exit_code": 0,
+        "log.csv": {"t": [0.0, 0.1], "x": [1.5, None]},
+        "robot.toml": {"name": "mine"},
+        "page.html": None,
+    }
+
+
+# --- where two differ ---
+
+OLD = {"results.json": {"ladder": {"rungs": [{"law": "coulomb", "gain": 0.1}, {"law": "load", "gain": 0.2}]}}}
+
+
+def difference_texts(new, *, renamed=None, same_machine=True):
+    found = differences("identify", OLD, new, renamed=renamed or {}, same_machine=same_machine)
+    return [str(one) for one in found]
+
+
+def with_gain(gain):
+    return json.loads(json.dumps(OLD).replace("0.2", json.dumps(gain)))
+
+
+def test_last_digit_counts_on_the_same_machine_only():
+    other = with_gain(0.20000000000000004)
+    assert difference_texts(OLD) == []
+    assert difference_texts(other) == [
+        "identify/results.json/ladder/rungs/1/gain: 0.2 -> 0.20000000000000004"
+    ]
+    assert difference_texts(other, same_machine=False) == []
+    assert difference_texts(with_gain("much"), same_machine=False)
+
+
+def test_lost_and_added_keys_are_differences():
+    other = {"results.json": {"ladder": {"rungs": OLD["results.json"]["ladder"]["rungs"][:1], "kept": True}}}
+    assert difference_texts(other) == [
+        'identify/results.json/ladder/rungs/1/law: "load" -> (absent)',
+        "identify/results.json/ladder/rungs/1/gain: 0.2 -> (absent)",
+        "identify/results.json/ladder/kept: (absent) -> true",
+    ]
+
+
+def test_renamed_keys_are_compared_under_their_present_names():
+    rungs = OLD["results.json"]["ladder"]["rungs"]
+    other = {"results.json": {"candidates": [{"name": one["law"]} for one in rungs]}}
+    renamed = tomllib.loads(
+        '"identify*/results.json/ladder/rungs/*" = "identify*/results.json/candidates/*"\n'
+        '"identify*/results.json/ladder/rungs/*/law" = "identify*/results.json/candidates/*/name"\n'
+        '"*/results.json/ladder/rungs/*/gain" = ""\n'
+    )
+    assert difference_texts(other, renamed=renamed) == []
