@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ballbot.identification.driveline import NAMES, DrivelineBounds, fit_as_printed, fit_driveline, sweeps_of
 from ballbot.log import Log
-from ballbot.report.driveline_page import UNITS, remarks
+from ballbot.report.driveline import UNITS, driveline_findings
 from ballbot.report.tables import with_error
 from ballbot.robot import Robot
 from benchmarks.one_axis import data_folder
@@ -39,7 +39,7 @@ def campaign() -> Section:
         "strategy and a polish; standard errors clustered in time.",
         columns=["", *(f"wheel {fit.wheel}" for fit in fits)],
         rows=rows,
-        after=" ".join(remarks(fits, printed)),
+        after=" ".join(driveline_findings(fits, printed)),
     )
 
 

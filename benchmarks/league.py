@@ -13,7 +13,7 @@ from ballbot.experiments.league.course_file import LEAGUE, choose_courses
 from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import METRICS, Standing, standing
-from ballbot.report.league_tables import OVERALL_HEADINGS, overall_rows
+from ballbot.report.comparison import OVERALL_HEADINGS, overall_rows
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 

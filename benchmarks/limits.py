@@ -18,7 +18,7 @@ from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.experiments.limits.loop import Loop
 from ballbot.experiments.limits.starts import leaning
 from ballbot.experiments.limits.twin_edges import twin_edges
-from ballbot.report.limits_figures import directions_figure, heights_figure, planes_figure
+from ballbot.report.limits import directions_figure, heights_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from benchmarks.pictures import write_picture

@@ -13,7 +13,7 @@ from ballbot.experiments.metrics import position_error, rms_torque_change, settl
 from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
 from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.log import Log
-from ballbot.report.robust_figures import robust_figure
+from ballbot.report.design import robust_figure
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body
 from ballbot.simulation.run import simulate

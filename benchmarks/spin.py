@@ -26,7 +26,7 @@ from ballbot.vision.rendering import (
     wandering,
     write_video,
 )
-from ballbot.vision.seams import basketball_seam, tennis_seam
+from ballbot.vision.seam import basketball_seam, tennis_seam
 from ballbot.vision.spin import Setup, measure_spin
 from ballbot.vision.video import open_video
 from benchmarks.section import Section

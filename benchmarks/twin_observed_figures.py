@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ballbot import Log
 from ballbot.experiments.metrics import SETTLE, position_error, settled, true_place
 from ballbot.experiments.score import score
-from ballbot.report.comparison_figures import RUN_LABELS, RUN_LINES
+from ballbot.report.comparison import RUN_LABELS, RUN_LINES
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, Line, thinned
 from benchmarks.observations import Drift, Impulses, Ripple, Spectrum
 

@@ -14,7 +14,7 @@ from ballbot.log import Log
 from ballbot.twin.motion_capture import MotionCapture
 from ballbot.validation.alignment import align, alignment_findings
 from ballbot.validation.alignment.clock import Clock
-from ballbot.validation.alignment.flips import cube_rotations
+from ballbot.validation.alignment.motion import cube_rotations
 from tests.alignment_examples import Setup, flipped, record, unseen
 
 ANGLE = st.floats(-3.1, 3.1)

@@ -37,8 +37,8 @@ from ballbot.experiments.plant_draws import PlantDraw
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.report.json_text import as_json
-from ballbot.report.prediction_page import StudyFolder, next_steps
+from ballbot.report.page import as_json
+from ballbot.report.prediction import StudyFolder, next_steps
 from ballbot.report.study_files import previous_controller_text
 from ballbot.robot.file import write_robot
 from ballbot.robot.robot import scaled_friction

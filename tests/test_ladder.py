@@ -20,7 +20,7 @@ from ballbot.identification.laws import (
 )
 from ballbot.identification.stages import LARGEST_LOSS
 from ballbot.identification.windows import Span
-from ballbot.report.ladder_figure import ladder_figure
+from ballbot.report.friction import ladder_figure
 
 
 def groups(count: int) -> list[np.ndarray]:

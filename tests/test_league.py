@@ -16,8 +16,8 @@ from ballbot.experiments.league.course_file import choose_courses
 from ballbot.experiments.league.entrants import entrants_of
 from ballbot.experiments.league.play import League, play
 from ballbot.experiments.league.standings import league_results, overall, standing
-from ballbot.report.league_page import league_report
-from ballbot.report.provenance import provenance
+from ballbot.report.comparison import league_report
+from ballbot.report.page import provenance
 from ballbot.robot.file import write_robot
 from benchmarks.league import section
 

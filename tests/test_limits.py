@@ -21,7 +21,7 @@ from ballbot.experiments.limits.path_demand import path_demand
 from ballbot.experiments.limits.reference_margins import check_reference
 from ballbot.experiments.limits.reference_words import verdict
 from ballbot.experiments.limits.region import Reach, Region, map_region, reach
-from ballbot.report.limits_figures import directions_figure, planes_figure
+from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
 

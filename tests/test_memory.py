@@ -37,8 +37,6 @@ WALKED = {
 NOT_COMPILED = {
     "a function in NumPy": {
         "ballbot.lqr",
-        "ballbot.vision.rendering.motion_of",
-        "ballbot.vision.rendering.write_video",
     },
     "a law, whose methods for arrays are in NumPy": {
         f"ballbot.mechanics.friction_laws.{name}"
@@ -54,8 +52,6 @@ NOT_COMPILED = {
             f"ballbot.validation.alignment.{name}"
             for name in ("Clock", "Frame", "Lever", "MotionFit", "PositionError", "SensorErrors")
         ),
-        "ballbot.validation.residuals.ResidualAnalysis",
-        "ballbot.vision.rendering.Motion",
     },
 }
 

@@ -17,8 +17,7 @@ from ballbot.cli.main import main
 from ballbot.cli.output import PlainConsole, progress_bar, table
 from ballbot.files import write_text
 from ballbot.printable import printable, printable_line, shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.page import render
+from ballbot.report.page import as_json, render
 from ballbot.report.style import drawn, label_of
 
 #: what a terminal obeys, markup, mathematics, what is no Unicode, and what is to be left as it is
@@ -112,7 +111,7 @@ def test_results_are_json_whatever_the_names(text):
 
 
 def test_a_page_escapes_names(tmp_path):
-    from ballbot.report.provenance import Provenance, SourceFile
+    from ballbot.report.page import Provenance, SourceFile
 
     made = Provenance(
         command="ballbot '<script>\x1b'",

@@ -19,9 +19,9 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.driveline_page import remarks
-from ballbot.report.friction_curve import friction_curve, parameter_covariance
-from ballbot.report.json_text import as_json
+from ballbot.report.driveline import driveline_findings
+from ballbot.report.friction import friction_curve, parameter_covariance
+from ballbot.report.page import as_json
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import digits, state_mark, with_error, with_symbols
 from ballbot.robot import Friction
@@ -166,7 +166,7 @@ def test_what_a_sweep_leaves_at_a_bound_is_not_told_as_a_number(values, errors, 
         without=np.zeros(10),
     )
     clamp = PrintedFit(values=np.array(values), rmse=0.1, predicted=np.zeros(10), rmse_restarted=0.1)
-    told = remarks([fit], [clamp])[0]
+    told = driveline_findings([fit], [clamp])[0]
     assert words in told
     assert "nan" not in told
     assert "inf" not in told

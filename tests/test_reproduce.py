@@ -56,7 +56,7 @@ from ballbot.experiments.reproduce.mistakes import (
 from ballbot.experiments.reproduce.recordings import CHANGE, Logs, Recording, balance, record_all
 from ballbot.experiments.reproduce.registry import ITEMS
 from ballbot.experiments.reproduce.seeds import median_interval, run_seed
-from ballbot.report.provenance import provenance
+from ballbot.report.page import provenance
 from ballbot.report.reproduce.drawings import DRAWINGS
 from ballbot.report.reproduce.markdown import friction_line, item_markdown, mistake_markdown
 from ballbot.report.reproduce.page import write_reproduction

@@ -12,12 +12,11 @@ from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
-from ballbot.vision.comparison import compare_with_wheels
+from ballbot.vision.comparison import compare_with_wheels, spin_findings
 from ballbot.vision.rendering import Light, Scene, motion_of, render, write_video
-from ballbot.vision.seams import basketball_seam
+from ballbot.vision.seam import basketball_seam
 from ballbot.vision.spin import Setup, Spin, facing, measure_spin
 from ballbot.vision.video import open_video
-from ballbot.vision.words import spin_findings
 from tests.spin_examples import SMALL, Film, film
 
 #: the issue's, of the peak

@@ -29,11 +29,9 @@ from ballbot.experiments.plant_draws import draw_plants, parameter_covariance
 from ballbot.experiments.study import Effort, Study, study
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.log import STATE_NAMES, Log
-from ballbot.report.provenance import provenance
-from ballbot.report.results import study_results
-from ballbot.report.study_files import write_study
-from ballbot.report.study_page import study_report
-from ballbot.report.summary import controller_sentence
+from ballbot.report.page import provenance
+from ballbot.report.study import controller_sentence, study_report
+from ballbot.report.study_files import study_results, write_study
 from ballbot.robot import Robot
 
 SMALL = Effort(generations=12, duration=8.0, draws=2, ablation_draws=1)

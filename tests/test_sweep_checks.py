@@ -10,7 +10,7 @@ from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.identification.driveline import DrivelineBounds, Sweep, classical, fit_driveline, sweeps_of
 from ballbot.identification.driveline_checks import sweep_findings
-from ballbot.report.driveline_page import parameter_rows
+from ballbot.report.driveline import parameter_rows
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 
 ALTEN = Robot.load("alten")

@@ -27,15 +27,13 @@ from ballbot.validation import (
     recover_gain,
     validate,
 )
-from ballbot.validation.dither import find_dither
-from ballbot.validation.feedback import delay_of, heading_error
+from ballbot.validation.closed_loop import delay_of, heading_error
+from ballbot.validation.errors import thesis_error
 from ballbot.validation.findings import weak_states
-from ballbot.validation.forecast import forecast, recoverable_lean
-from ballbot.validation.horizon import horizon_errors
+from ballbot.validation.models import forecast, recoverable_lean, stretches, window_starts
 from ballbot.validation.open_loop import OpenLoop
-from ballbot.validation.prediction import predict
-from ballbot.validation.state_errors import thesis_error
-from ballbot.validation.windows import stretches, window_starts
+from ballbot.validation.prediction import horizon_errors, predict
+from ballbot.validation.wheel_effects import find_dither
 
 
 def _open_loop(validation: Validation) -> OpenLoop:

@@ -8,9 +8,8 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from ballbot.fitting.uncertainty import resampled_means, resamples
-from ballbot.validation.horizon import HorizonErrors
-from ballbot.validation.ratio_interval import ratio_interval
-from ballbot.validation.state_errors import ErrorPair, StateErrors, verdicts
+from ballbot.validation.errors import ErrorPair, StateErrors, ratio_interval, verdicts
+from ballbot.validation.prediction import HorizonErrors
 
 
 def _errors(

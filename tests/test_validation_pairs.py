@@ -15,7 +15,7 @@ from validation_examples import noisy_log, true_robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
-from ballbot.report.validation_results import key_of, validation_results
+from ballbot.report.validation import key_of, validation_results
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.validation import ModelPair, findings, validate, validate_pair

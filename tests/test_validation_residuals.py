@@ -17,17 +17,23 @@ from ballbot.log.turning_points import turning_points
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot, Rollers
 from ballbot.validation import ModelPair
+from ballbot.validation.models import stretches
 from ballbot.validation.prediction import Prediction, predict
-from ballbot.validation.residuals import ResidualAnalysis, Updates, analyse_residuals, find_updates
-from ballbot.validation.residuals.correlation import correlation_of, correlations, effective_counts
-from ballbot.validation.residuals.peak_names import Clues, named_peaks
-from ballbot.validation.residuals.regression import fit
-from ballbot.validation.residuals.series import autocovariance, blocks_of, holm, lagged
-from ballbot.validation.residuals.spectrum import Peak, Spectrum, spectrum
-from ballbot.validation.residuals.wheel_torque import wheel_torque_residuals
-from ballbot.validation.residuals.whiteness import LAGS, whiteness
-from ballbot.validation.residuals.words import residual_findings
-from ballbot.validation.windows import stretches
+from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals, residual_findings
+from ballbot.validation.spectrum import Clues, Peak, Spectrum, Updates, find_updates, named_peaks, spectrum
+from ballbot.validation.statistics import (
+    LAGS,
+    autocovariance,
+    blocks_of,
+    clustered_fit,
+    correlation_of,
+    correlations,
+    effective_counts,
+    holm,
+    lagged,
+    whiteness,
+)
+from ballbot.validation.wheel_effects import wheel_torque_residuals
 
 LABELS = tuple(f"c{i}" for i in range(13))
 
@@ -242,15 +248,20 @@ def test_residual_torques_are_those_that_were_missing():
 def test_least_squares_in_blocks_against_the_plain_formula():
     random = np.random.default_rng(10)
     design, values = random.normal(size=(400, 2)), random.normal(size=400)
-    single = fit(design, values, np.arange(400))
+    single = clustered_fit(design, values, np.arange(400))
     plain = np.linalg.inv(design.T @ design) * values.var()
     np.testing.assert_allclose(single.values, np.linalg.lstsq(design, values, rcond=None)[0], atol=1e-12)
     # a block for each row: the plain covariance but for the scatter of 400 squares
     np.testing.assert_allclose(np.diag(single.covariance), np.diag(plain), rtol=0.25)
     # every row ten times, in one block: as many blocks, the same covariance
-    tenfold = fit(np.repeat(design, 10, axis=0), np.repeat(values, 10), np.repeat(np.arange(400), 10))
+    tenfold = clustered_fit(
+        np.repeat(design, 10, axis=0), np.repeat(values, 10), np.repeat(np.arange(400), 10)
+    )
     np.testing.assert_allclose(tenfold.covariance, single.covariance, rtol=1e-9)
-    p_values = [fit(design, random.normal(size=400), np.arange(400) // 4).p_value((0, 1)) for _ in range(300)]
+    p_values = [
+        clustered_fit(design, random.normal(size=400), np.arange(400) // 4).p_value((0, 1))
+        for _ in range(300)
+    ]
     assert 0.01 < np.mean(np.array(p_values) < 0.05) < _at_most(300, 0.06)
 
 

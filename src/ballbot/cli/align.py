@@ -10,9 +10,8 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.printable import shell_line
-from ballbot.report.alignment_page import alignment_report, alignment_results, error_rows
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import provenance
+from ballbot.report.alignment import alignment_report, alignment_results, error_rows
+from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings

@@ -41,8 +41,8 @@ from ballbot.identification.inertia import (
 from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.time_checks import check_gaps, check_jitter
-from ballbot.report.json_text import as_json
-from ballbot.report.linearization import MISTAKEN_MATRICES, state_order
+from ballbot.report.design import MISTAKEN_MATRICES, state_order
+from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
@@ -346,7 +346,7 @@ def _examine(
     from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
     from ballbot.mechanics.model import Model
-    from ballbot.report.linearization import linearization_results
+    from ballbot.report.design import linearization_results
 
     found, model = transforms(robot), Model(robot)
     linear = model.linearize()
@@ -486,7 +486,7 @@ def _save_figure(robot: Robot, path: Path) -> None:
 
 
 def _save_swing_figure(swing: CheckedSwing, path: Path) -> None:
+    from ballbot.report.bench import swing_figure
     from ballbot.report.style import drawn
-    from ballbot.report.swing_figure import swing_figure
 
     write_text(path, drawn(lambda: swing_figure(swing.fit), name="swing"))

@@ -26,7 +26,7 @@ from ballbot.log.proposal.mapping_text import mapping_text
 from ballbot.log.proposal.proposal import Proposal, propose
 from ballbot.log.summary import ColumnSummary, summarize
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
+from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 

@@ -24,10 +24,14 @@ from ballbot.experiments.own_controller import OwnController
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity_of
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.league_page import league_report
-from ballbot.report.league_tables import OVERALL_HEADINGS, STANDING_HEADINGS, overall_rows, standing_rows
-from ballbot.report.provenance import provenance
+from ballbot.report.comparison import (
+    OVERALL_HEADINGS,
+    STANDING_HEADINGS,
+    league_report,
+    overall_rows,
+    standing_rows,
+)
+from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 

@@ -43,10 +43,8 @@ from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
 from ballbot.mechanics.model import Model
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.linearization import linearization_results, state_order
-from ballbot.report.provenance import provenance
-from ballbot.report.robust_figures import robust_figure
+from ballbot.report.design import linearization_results, robust_figure, state_order
+from ballbot.report.page import as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot

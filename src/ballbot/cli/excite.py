@@ -25,9 +25,8 @@ from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import Bounds, read_bounds
 from ballbot.printable import shell_line
-from ballbot.report.excitation_figures import errors_figure, followed_run, run_figure
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.excitation import errors_figure, followed_run, run_figure
+from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
 from ballbot.result_folder import result_folder

@@ -38,9 +38,8 @@ from ballbot.log import Log
 from ballbot.log.causal import causal_states
 from ballbot.log.checked import CheckedLogs
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.ladder_figure import ladder_figure
-from ballbot.report.provenance import provenance
+from ballbot.report.friction import ladder_figure
+from ballbot.report.page import as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
 from ballbot.result_folder import result_folder

@@ -19,9 +19,8 @@ from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.inverse import record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.printable import shell_line
-from ballbot.report.axis_page import axis_report, error_rows, parameter_rows
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import provenance
+from ballbot.report.axis import axis_report, error_rows, parameter_rows
+from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder
 
 _WRITTEN = ("report.html", "results.json")

@@ -27,15 +27,14 @@ from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
-from ballbot.report.driveline_page import (
+from ballbot.report.driveline import (
+    driveline_findings,
     driveline_report,
     driveline_results,
     error_rows,
     parameter_rows,
-    remarks,
 )
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import provenance
+from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
@@ -179,5 +178,5 @@ def _show(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], console: 
         "same friction in (3.2)",
     )
     console.print(table("Speed errors", headings, error_rows(fits, printed), framed=framed))
-    for sentence in remarks(fits, printed):
+    for sentence in driveline_findings(fits, printed):
         console.print(sentence, markup=False, soft_wrap=True)

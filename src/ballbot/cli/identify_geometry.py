@@ -24,8 +24,7 @@ from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import provenance
+from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot

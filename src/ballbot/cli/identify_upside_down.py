@@ -23,11 +23,10 @@ from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.bench import movement_figure, prediction_figure
+from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
-from ballbot.report.upside_down_figures import movement_figure, prediction_figure
 from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot

@@ -19,14 +19,8 @@ from ballbot.experiments.limits.loop import Loop
 from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.limits_figures import (
-    MOST_CONTROLLERS,
-    directions_figure,
-    heights_figure,
-    planes_figure,
-)
-from ballbot.report.provenance import Provenance, provenance
+from ballbot.report.limits import MOST_CONTROLLERS, directions_figure, heights_figure, planes_figure
+from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot

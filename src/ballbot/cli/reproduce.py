@@ -7,7 +7,7 @@ from pathlib import Path
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.fitting.run import check_seed
 from ballbot.printable import shell_line
-from ballbot.report.provenance import provenance
+from ballbot.report.page import provenance
 from ballbot.result_folder import result_folder
 
 #: share of the work that is done when drawing begins

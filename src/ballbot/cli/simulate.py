@@ -20,7 +20,7 @@ from ballbot.fitting.run import check_seed
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.json_text import as_json
+from ballbot.report.page import as_json
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant

@@ -14,19 +14,15 @@ from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
 from ballbot.log.checked import bench_findings
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.provenance import provenance
-from ballbot.report.spin_figures import difference_figure, velocity_figure
-from ballbot.report.spin_results import spin_results
+from ballbot.report.page import as_json, provenance
+from ballbot.report.spin import difference_figure, spin_results, velocity_figure
 from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
-from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin
-from ballbot.vision.overlay import overlay
-from ballbot.vision.seams import seam_named
-from ballbot.vision.spin import Setup, Spin, facing, measure_spin
+from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin, spin_findings
+from ballbot.vision.seam import seam_named
+from ballbot.vision.spin import Setup, Spin, facing, measure_spin, overlay
 from ballbot.vision.video import open_video
-from ballbot.vision.words import spin_findings
 
 _WRITTEN = ("spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
 

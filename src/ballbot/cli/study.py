@@ -19,9 +19,9 @@ from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checked import CheckedLogs
 from ballbot.printable import shell_line
-from ballbot.report.provenance import provenance
+from ballbot.report.page import provenance
+from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
-from ballbot.report.summary import summary
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario

@@ -11,7 +11,7 @@ from cyclopts import App
 from ballbot.cli.context import parse_seeds
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import check_file, write_text
-from ballbot.report.json_text import as_json
+from ballbot.report.page import as_json
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, twin_mjcf

@@ -30,8 +30,8 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
 from ballbot.printable import shell_line
-from ballbot.report.json_text import as_json
-from ballbot.report.prediction_page import (
+from ballbot.report.page import as_json, provenance
+from ballbot.report.prediction import (
     StudyFolder,
     cause_lines,
     headline,
@@ -40,10 +40,8 @@ from ballbot.report.prediction_page import (
     prediction_results,
     quantity_rows,
 )
-from ballbot.report.provenance import provenance
 from ballbot.report.tables import digits
-from ballbot.report.validation_page import validation_report
-from ballbot.report.validation_results import validation_results
+from ballbot.report.validation import validation_report, validation_results
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings, join_validations, validate_pair

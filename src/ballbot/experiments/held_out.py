@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.validation.windows import Interval
+from ballbot.validation.models import Interval
 
 _CYCLE = 28.0  #: [s] from one stretch's start to the next one's
 _BEFORE = 12.0  #: [s] of a cycle before its stretch

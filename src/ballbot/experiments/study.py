@@ -40,7 +40,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
-from ballbot.validation.windows import Interval
+from ballbot.validation.models import Interval
 
 #: told what is being done and the share of the whole that is done
 StudyProgress = Callable[[str, float], None]

@@ -1,9 +1,9 @@
 """Validation: a robot's model against its logs, in closed loop, in open loop and by one-step prediction."""
 
-from ballbot.validation.contenders import ModelPair, NamedModel
-from ballbot.validation.feedback import RecoveredGain, recover_gain
+from ballbot.validation.closed_loop import RecoveredGain, recover_gain
+from ballbot.validation.errors import ErrorPair, StateErrors
 from ballbot.validation.findings import findings
-from ballbot.validation.state_errors import ErrorPair, StateErrors
+from ballbot.validation.models import ModelPair, NamedModel
 from ballbot.validation.validation import Validation, join_validations, validate, validate_pair
 
 __all__ = [

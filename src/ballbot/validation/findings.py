@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.log import STATE_NAMES
-from ballbot.validation.contenders import ModelPair
-from ballbot.validation.dither import Dither
-from ballbot.validation.residuals.words import residual_findings
-from ballbot.validation.state_errors import ErrorPair, verdicts
+from ballbot.validation.errors import ErrorPair, verdicts
+from ballbot.validation.models import ModelPair
+from ballbot.validation.residuals import residual_findings
 from ballbot.validation.validation import Validation
+from ballbot.validation.wheel_effects import Dither
 
 #: a state's error is put down to the noise of its start from this share on
 _NOISE_SHARE = 0.7

@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.validation.contenders import ModelPair
-from ballbot.validation.forecast import forecast, recoverable_lean
-from ballbot.validation.state_errors import ErrorPair, StateErrors, join_pairs
-from ballbot.validation.trajectories import Trajectories
-from ballbot.validation.windows import rows_after, window_starts
+from ballbot.validation.errors import ErrorPair, StateErrors, join_pairs
+from ballbot.validation.models import (
+    ModelPair,
+    Trajectories,
+    forecast,
+    recoverable_lean,
+    rows_after,
+    window_starts,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +56,7 @@ def open_loop(
     models : ModelPair
     log : Log
     parts : sequence of range
-        Rows that count, from `ballbot.validation.windows.stretches`.
+        Rows that count, from `ballbot.validation.models.stretches`.
     start_covariance : array (10, 10)
         Covariance of a measured state's noise, for `OpenLoop.noise_floor`.
     longest : float

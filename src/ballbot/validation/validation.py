@@ -17,16 +17,27 @@ from ballbot.log.disturbance_check import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
-from ballbot.validation.closed_loop import ClosedLoop, closed_loop, join_closed_loops
-from ballbot.validation.contenders import ModelPair
-from ballbot.validation.dither import Dither, find_dither
-from ballbot.validation.feedback import RecoveredGain, delay_of, recover_gain
-from ballbot.validation.forecast import check_wheels
-from ballbot.validation.horizon import HorizonErrors, horizon_errors, join_horizons
+from ballbot.validation.closed_loop import (
+    ClosedLoop,
+    RecoveredGain,
+    closed_loop,
+    delay_of,
+    join_closed_loops,
+    recover_gain,
+)
+from ballbot.validation.models import Interval, ModelPair, check_wheels, stretches
 from ballbot.validation.open_loop import OpenLoop, join_open_loops, open_loop
-from ballbot.validation.prediction import Prediction, join_predictions, predict
-from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals, find_updates
-from ballbot.validation.windows import Interval, stretches
+from ballbot.validation.prediction import (
+    HorizonErrors,
+    Prediction,
+    horizon_errors,
+    join_horizons,
+    join_predictions,
+    predict,
+)
+from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals
+from ballbot.validation.spectrum import find_updates
+from ballbot.validation.wheel_effects import Dither, find_dither
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

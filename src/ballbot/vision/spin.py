@@ -1,9 +1,11 @@
-"""The ball's angular velocity from a video of its seam, as in the thesis's Appendix V.
+"""The ball's angular velocity from a video of its seam, as in the thesis's Appendix V; a picture to check it by eye.
 
 Camera frame: x to the right of the picture, y down, z away from the camera. The camera looks down on the robot that
 lies upside down, so that its z is the robot's own z, which points from the ball to the body. Robot and camera
 differ by a turn about z: `forward` is the angle of the robot's x in the picture, from its right, clockwise (and by
 the camera's tilt).
+
+The picture shows the ball's outline and the fitted seam drawn over frames.
 """
 
 from __future__ import annotations
@@ -11,24 +13,27 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.vision.ball_pixels import ball_pixels, seam_finder
-from ballbot.vision.calibrate import Calibration
-from ballbot.vision.colour import SeamColour, learn_colour
-from ballbot.vision.first_seconds import calibrated_view
-from ballbot.vision.localise import make_judge
-from ballbot.vision.outline import ASSUMED_CLOSENESS, circle_points, find_outline
-from ballbot.vision.seams import Seam, thesis_seam
-from ballbot.vision.sphere_table import seam_table
-from ballbot.vision.track import Track, follow
+from ballbot.vision.calibration import Calibration, calibrated_view
+from ballbot.vision.seam import Seam, seam_table, thesis_seam
+from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
+from ballbot.vision.tracking import Track, follow, orientation_search
 from ballbot.vision.velocity import Velocity, angular_velocity
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
-from ballbot.vision.view import View, check_distance, view_of_outline
+from ballbot.vision.view import (
+    ASSUMED_CLOSENESS,
+    View,
+    check_distance,
+    circle_points,
+    find_outline,
+    view_of_outline,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +120,7 @@ def measure_spin(
         Where no ball or no seam is found, the circle or the distance cannot be, the seam is not of that kind, or it is
         never followed long enough.
     """
-    tell = progress or _silent
+    tell = progress or _ignore_progress
     if setup.distance is not None:
         check_distance(setup.distance)
     seam = setup.seam or thesis_seam()
@@ -139,7 +144,7 @@ def measure_spin(
     pixels = ball_pixels(calibration.view, video.size)
     stated: list[float] = []
     track = follow(
-        _pictures(video, stated), seam_finder(pixels, colour), make_judge(seam, table, pixels),
+        _pictures(video, stated), seam_finder(pixels, colour), orientation_search(seam, table, pixels),
         progress=lambda count: tell(min(1.0, 0.1 + 0.9 * count / max(video.stated_frames, 1)), "tracking"),
     )  # fmt: skip
     if not track.tracked.any():
@@ -164,7 +169,7 @@ def _velocity(video: Video, t: NDArray[np.float64], track: Track) -> Velocity:
     return velocity
 
 
-def _silent(_share: float, _doing: str) -> None:
+def _ignore_progress(_share: float, _doing: str) -> None:
     """Tell nobody."""
 
 
@@ -173,3 +178,64 @@ def _pictures(video: Video, stated: list[float]) -> Iterator[NDArray[np.uint8]]:
     for t, frame in video.frames():
         stated.append(t)
         yield frame
+
+
+#: frames shown, and their width [pixels]
+_SHOWN, _WIDTH = 6, 360
+_SEAM, _OUTLINE, _LOST = (255, 0, 255), (0, 255, 0), (0, 0, 255)
+
+
+def overlay(spin: Spin) -> bytes:
+    """Return a PNG of six frames, spread evenly, outline and seam drawn over the ball; red about one that was lost."""
+    wanted = set(np.linspace(0, len(spin.t) - 1, _SHOWN).astype(int).tolist())
+    drawn = []
+    for row, (_, frame) in enumerate(spin.video.frames()):
+        if row in wanted:
+            drawn.append(_drawn(spin, row, frame))
+        if row >= max(wanted):
+            break
+    while len(drawn) % 3:
+        drawn.append(np.full_like(drawn[0], 255))
+    sheet = np.vstack([np.hstack(drawn[k : k + 3]) for k in range(0, len(drawn), 3)])
+    return bytes(cv2.imencode(".png", sheet)[1])
+
+
+def _drawn(spin: Spin, row: int, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the ball's surroundings in a frame, enlarged to a common width, with what was found drawn over."""
+    view = spin.view
+    reach = 1.15 * view.radius
+    height, width = frame.shape[:2]
+    left, top = max(0, int(view.x - reach)), max(0, int(view.y - reach))
+    right, bottom = min(width, int(view.x + reach) + 1), min(height, int(view.y + reach) + 1)
+    factor = _WIDTH / max(right - left, bottom - top)
+    cut = cv2.resize(frame[top:bottom, left:right], None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    picture = np.full((_WIDTH, _WIDTH, 3), 255, np.uint8)
+    picture[: cut.shape[0], : cut.shape[1]] = cut[:_WIDTH, :_WIDTH]
+    corner = np.array([left, top])
+    _line(picture, (view.outline() - corner + 0.5) * factor - 0.5, _OUTLINE, closed=True)
+    if spin.track.tracked[row]:
+        for curve in spin.seam.curves:
+            places, facing = view.project(curve[::8] @ spin.track.R[row].T)
+            for part in np.split(np.arange(len(places)), np.flatnonzero(np.diff(facing > 0.0)) + 1):
+                if facing[part[0]] > 0.0:
+                    _line(picture, (places[part] - corner + 0.5) * factor - 0.5, _SEAM, closed=False)
+    else:
+        cv2.rectangle(picture, (0, 0), (_WIDTH - 1, _WIDTH - 1), _LOST, 4)
+    cv2.putText(
+        picture,
+        f"{spin.t[row]:.2f} s",
+        (8, _WIDTH - 10),
+        cv2.FONT_HERSHEY_SIMPLEX,
+        0.5,
+        (0, 0, 0),
+        1,
+        cv2.LINE_AA,
+    )
+    return picture
+
+
+def _line(
+    picture: NDArray[np.uint8], places: NDArray[np.float64], colour: tuple[int, int, int], *, closed: bool
+) -> None:
+    fine = np.round(places * 16.0).astype(np.int32)[:, None]  # sixteenths of a pixel
+    cv2.polylines(picture, [fine], closed, colour, 1, cv2.LINE_AA, 4)

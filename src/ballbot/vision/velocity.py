@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from ballbot.vision.rotations import exponential, logarithm
-from ballbot.vision.track import Track
+from ballbot.vision.seam import exponential, logarithm
+from ballbot.vision.tracking import Track
 from ballbot.vision.video import LEAST_FRAMES
 
 #: before the first frame, standard deviations of the error [rad], velocity [rad/s] and acceleration [rad/s^2]

@@ -19,7 +19,7 @@ from ballbot.experiments.reproduce.mistakes.conclusions import LEANING_PAIRS, NA
 from ballbot.experiments.reproduce.seeds import median_interval
 from ballbot.experiments.reproduce.validated import AHEAD, MODELS, RESTART, Validated
 from ballbot.log import STATE_NAMES
-from ballbot.validation.residuals.correlation import Correlations
+from ballbot.validation.statistics import Correlations
 
 #: (4.1) with friction and without, as Tables 4.1 and 4.2 print them, in the order of the states
 TABLE_4_1 = (

@@ -11,9 +11,9 @@ from scipy.spatial import KDTree
 
 from ballbot.experiments.reproduce.recordings import Logs
 from ballbot.robot import Robot
-from ballbot.vision.ball_pixels import ball_pixels, seam_finder
 from ballbot.vision.comparison import WheelComparison, compare_with_wheels
 from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
+from ballbot.vision.seam_pixels import ball_pixels, seam_finder
 from ballbot.vision.spin import Spin, facing, measure_spin
 from ballbot.vision.video import open_video
 

@@ -19,12 +19,10 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
-from ballbot.validation.contenders import ModelPair, NamedModel
-from ballbot.validation.forecast import forecast, recoverable_lean
+from ballbot.validation.errors import thesis_error
+from ballbot.validation.models import ModelPair, NamedModel, forecast, recoverable_lean, rows_after
 from ballbot.validation.prediction import predict
-from ballbot.validation.residuals.correlation import Correlations, correlations
-from ballbot.validation.state_errors import thesis_error
-from ballbot.validation.windows import rows_after
+from ballbot.validation.statistics import Correlations, correlations
 
 #: time between restarts in closed loop, between starts in open loop, and how far those look [s]
 RESTART, EVERY, AHEAD = 4.0, 1.0, 2.0

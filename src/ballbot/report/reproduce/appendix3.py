@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from ballbot.experiments.reproduce.bench import Bench
-from ballbot.report.swing_figure import swing_figure
+from ballbot.report.bench import swing_figure
 
 
 def figure_iii_1(bench: Bench) -> Figure:

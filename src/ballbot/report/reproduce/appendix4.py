@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from ballbot.experiments.reproduce.bench import Bench
-from ballbot.report.alignment_figures import (
+from ballbot.report.alignment import (
     orientation_error_figure,
     orientation_figure,
     position_error_figure,

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 
 from ballbot.experiments.reproduce.bench import Bench
 from ballbot.experiments.reproduce.film import FilmedBall
-from ballbot.report.spin_figures import velocity_figure
+from ballbot.report.spin import velocity_figure
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE
 
 #: of what was seen, about so many points are drawn

@@ -5,10 +5,10 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from ballbot.experiments.reproduce.bench import Bench
-from ballbot.report.driveline_figures import measured_figure, torque_speed_figure
+from ballbot.report.bench import movement_figure
+from ballbot.report.driveline import measured_figure, torque_speed_figure
 from ballbot.report.reproduce.lines import BASIC_LABELS, THESIS_EQUATIONS, Shown, paths_figure
 from ballbot.report.style import WITH_FRICTION, WITHOUT_FRICTION
-from ballbot.report.upside_down_figures import movement_figure
 
 
 def figure_3_1(bench: Bench) -> Figure:

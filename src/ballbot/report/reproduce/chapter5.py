@@ -13,7 +13,7 @@ from ballbot.experiments.reproduce.chapter5 import FAST, MOVING
 from ballbot.experiments.reproduce.measures import above, largest_lean
 from ballbot.experiments.reproduce.recordings import ARRIVED, CHANGE_RUN
 from ballbot.log import Log
-from ballbot.report.comparison_figures import RUN_LINES
+from ballbot.report.comparison import RUN_LINES
 from ballbot.report.reproduce.blocks import Arrow, Block, Diagram, blocks_figure
 from ballbot.report.reproduce.lines import (
     BASIC_LABELS,

@@ -11,9 +11,7 @@ from pathlib import Path
 from ballbot.experiments.reproduce import VERDICTS, Check, Item, Mistake, Reproduction
 from ballbot.experiments.reproduce.seeds import RUNS
 from ballbot.files import write_text
-from ballbot.report.json_text import as_json
-from ballbot.report.page import figure_markup, render
-from ballbot.report.provenance import Provenance
+from ballbot.report.page import Provenance, as_json, figure_markup, render
 from ballbot.report.reproduce.drawings import DRAWINGS
 from ballbot.report.reproduce.markdown import reproduction_markdown
 from ballbot.report.style import drawn

@@ -3,11 +3,9 @@
 from ballbot.validation.alignment.align import Alignment, align
 from ballbot.validation.alignment.clock import Clock
 from ballbot.validation.alignment.errors import PositionError, SensorError, SensorErrors
-from ballbot.validation.alignment.flips import Flip
-from ballbot.validation.alignment.frame import Frame
-from ballbot.validation.alignment.lever import Lever
-from ballbot.validation.alignment.motion_fit import MotionFit
-from ballbot.validation.alignment.words import alignment_findings
+from ballbot.validation.alignment.findings import alignment_findings
+from ballbot.validation.alignment.frame import Frame, Lever
+from ballbot.validation.alignment.motion import Flip, MotionFit
 
 __all__ = [
     "Alignment",

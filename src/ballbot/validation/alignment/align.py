@@ -13,20 +13,35 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.poses import Poses, read_poses
-from ballbot.validation.alignment.clock import LARGEST_RATE, Clock, candidate_clocks
-from ballbot.validation.alignment.errors import SensorErrors, sensor_errors
-from ballbot.validation.alignment.flips import Flip, stretches, undo_flips
-from ballbot.validation.alignment.frame import Common, Frame, common_rows, fit_origin, fit_rotation
-from ballbot.validation.alignment.lever import Lever, fit_lever
-from ballbot.validation.alignment.motion_fit import MotionFit, fit_motion, wahba
-from ballbot.validation.alignment.resampling import aligned_columns
-from ballbot.validation.alignment.turning import (
+from ballbot.validation.alignment.clock import (
     ANGLE_NAMES,
+    LARGEST_RATE,
+    Clock,
     Turning,
+    candidate_clocks,
     has_gyro,
     log_turning,
     longest_bridge,
     poses_turning,
+)
+from ballbot.validation.alignment.errors import SensorErrors, sensor_errors
+from ballbot.validation.alignment.frame import (
+    Common,
+    Frame,
+    Lever,
+    aligned_columns,
+    common_rows,
+    fit_lever,
+    fit_origin,
+    fit_rotation,
+)
+from ballbot.validation.alignment.motion import (
+    Flip,
+    MotionFit,
+    fit_motion,
+    unbroken_stretches,
+    undo_flips,
+    wahba,
 )
 
 #: share of the turning that must be common to both, or they are not of the same run
@@ -106,7 +121,7 @@ def align(log: Log, film: Log) -> Alignment:
 
 def _best(turning: Turning, poses: Poses) -> tuple[_Candidate, Clock | None]:
     """Return the likeliest fit and, if it is nearly as likely, the clock of another."""
-    cameras, parts = poses_turning(poses), stretches(poses)
+    cameras, parts = poses_turning(poses), unbroken_stretches(poses)
     if not parts:
         raise InputError("The motion capture has no two poses in succession without a gap between them.")
     found: list[_Candidate] = []

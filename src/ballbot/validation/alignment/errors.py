@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
-from ballbot.validation.alignment.blocks import fitted
-from ballbot.validation.alignment.motion_fit import SPAN
-from ballbot.validation.alignment.resampling import PREFIX
+from ballbot.validation.alignment.frame import PREFIX
+from ballbot.validation.alignment.motion import SPAN, fit_linear
 
 ANGLES = ("theta", "phi", "psi")
 POSITIONS = ("x", "y")
@@ -109,7 +108,7 @@ def _sensor_error(name: str, log: Log, error: NDArray[np.float64]) -> SensorErro
     known = np.isfinite(error)
     t, e = log.t[known], error[known]
     J = np.column_stack([np.ones(len(t)), t - t.mean()])[:, None, :]
-    (constant, drift), half = fitted(J, e[:, None], t)
+    (constant, drift), half = fit_linear(J, e[:, None], t)
     wander = e - constant - drift * (t - t.mean())
     delay = _delay(log, name, error) if name in ANGLES else None
     return SensorError(
@@ -134,7 +133,7 @@ def _delay(log: Log, name: str, error: NDArray[np.float64]) -> tuple[float, floa
     usable = np.isfinite(ahead[0]) & np.isfinite(ahead[1]) & (t + SPAN <= t[-1])
     if usable.sum() < _LEAST_ROWS:
         return None
-    found, half = fitted(-ahead[0][usable][:, None, None], ahead[1][usable][:, None], t[usable])
+    found, half = fit_linear(-ahead[0][usable][:, None, None], ahead[1][usable][:, None], t[usable])
     return float(found[0]), float(half[0])
 
 
@@ -173,7 +172,7 @@ def _fit_scale(
     ends = ends[starts]
     (x, y), moved = (turned[ends] - turned[starts]).T, logged[ends] - logged[starts]
     J = np.stack([np.stack([x, -y], axis=1), np.stack([y, x], axis=1)], axis=1)
-    (c, s), half = fitted(J, moved, t[starts])
+    (c, s), half = fit_linear(J, moved, t[starts])
     size = float(np.hypot(c, s))
     if not (size > 0.5 and half.max() < 0.5):
         return None

@@ -8,7 +8,7 @@ from ballbot.experiments.reproduce.bench import Bench
 from ballbot.experiments.reproduce.item import Check, Mistake
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
-from ballbot.vision.seams import thesis_seam
+from ballbot.vision.seam import thesis_seam
 
 #: the seam's a, in ball radii (Appendix V)
 _SEAM_A = 0.65

@@ -11,7 +11,7 @@ from ballbot.experiments.reproduce.item import Check, Mistake
 from ballbot.experiments.reproduce.recordings import CHANGE
 from ballbot.mechanics.model import Model
 from ballbot.simulation.run import simulate
-from ballbot.validation.residuals.correlation import Correlations
+from ballbot.validation.statistics import Correlations
 
 #: of velocity over ground and rate of lean that kinematics joins: residuals (6, 9) and (7, 8)
 LEANING_PAIRS = (("x_dot", "phi_dot"), ("y_dot", "theta_dot"))

@@ -10,7 +10,7 @@ from ballbot.experiments.reproduce.item import Check, Mistake
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot.derived import shell_wall, thick_shell_inertia, thin_shell_inertia, wheel_speed_limit
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines, speed_clamp
-from ballbot.validation.state_errors import thesis_error
+from ballbot.validation.errors import thesis_error
 
 #: the thesis's sweep: amplitude [N m], period [s]; the limit [rad/s]
 _AMPLITUDE, _PERIOD, _LIMIT = 1.0, 62.83, 27.7

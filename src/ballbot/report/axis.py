@@ -1,0 +1,213 @@
+"""An axis's identification: figures of its friction, closed-loop force and open-loop position, and its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ballbot.findings import Finding
+from ballbot.identification.axis import AxisIdentification, AxisRecord
+from ballbot.identification.axis.identify import Estimate
+from ballbot.identification.axis.inverse import default_bandwidth, smoothed_motion, speed_at_start
+from ballbot.identification.axis.model import PARAMETERS, Axis
+from ballbot.report.page import Provenance, figure_markup, render
+from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, drawn, thinned
+from ballbot.report.tables import digits, with_error
+
+#: a point of the friction figure is drawn only where the axis moves faster than this share of its fastest
+_SLOW = 0.02
+
+
+def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+    """Return force less inertia and offset over speed: what the record shows, and the law taken."""
+    motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
+    inverse = found.inverse["coulomb"]
+    friction = record.force - inverse.value("mass") * motion.acceleration - inverse.value("offset")
+    fastest = float(np.abs(motion.speed).max())
+    moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)[::7]
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot(
+        motion.speed[moving], friction[moving], ".", color=MUTED, markersize=1.2, alpha=0.4, label="record"
+    )
+    for estimate, color, dash in _drawn_laws(found):
+        _draw_law(estimate, fastest, color, dash, axes)
+    middle = float(np.quantile(np.abs(friction[moving]), 0.99))
+    axes.set_ylim(-1.3 * middle, 1.3 * middle)
+    axes.set_xlabel(f"speed [{found.unit}/s]")
+    axes.set_ylabel(f"friction [{record.force_unit}]")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def panels_over_time(*, height: float, ratios: tuple[int, int]) -> tuple[Figure, Axes, Axes]:
+    """Return a figure so high [in] of two panels over one time, with these heights relative to one another."""
+    figure = Figure(figsize=(7.4, height), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=ratios)
+    lower.set_xlabel("time [s]")
+    return figure, upper, lower
+
+
+def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
+    drawn = [(found.estimate("inverse"), ORANGE, "--"), (found.best, BLUE, "-")]
+    if found.chosen.symmetric:
+        drawn.append((found.rungs["asymmetric"], GREEN, ":"))
+    return drawn
+
+
+def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
+    speed = np.linspace(1e-4, 1.0, 200) * fastest
+    plus, minus = estimate.rung.laws(estimate.values)
+    label = f"{estimate.rung.name}, {estimate.method}"
+    for side, law in ((1.0, plus), (-1.0, minus)):
+        axes.plot(
+            side * speed,
+            law.steady_friction(side * speed),
+            color=color,
+            linestyle=dash,
+            linewidth=1.4,
+            label=label if side > 0.0 else None,
+        )
+
+
+def closed_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+    """Return the force in closed loop, recorded and simulated, and the difference."""
+    axis = _axis(found.estimate("closed loop"))
+    moved = axis.closed_loop(record, speed=speed_at_start(record))
+    figure, upper, lower = panels_over_time(height=3.8, ratios=(2, 1))
+    t, measured, simulated = thinned(record.t, record.force, moved.forces)
+    upper.plot(t, measured, label="recorded", **MEASURED)
+    upper.plot(t, simulated, color=BLUE, linewidth=0.9, label="simulated in closed loop")
+    upper.set_ylabel(f"force [{record.force_unit}]")
+    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    lower.plot(t, simulated - measured, color=INK, linewidth=0.7)
+    lower.set_ylabel("difference")
+    return figure
+
+
+def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+    """Return the position, and the errors of its simulation from the recorded force alone."""
+    figure, upper, lower = panels_over_time(height=3.8, ratios=(1, 2))
+    t, position = thinned(record.t, record.position)
+    upper.plot(t, position, label="recorded", **MEASURED)
+    upper.set_ylabel(f"position [{found.unit}]")
+    for estimate, color, dash in _drawn_laws(found):
+        moved = _axis(estimate).open_loop(
+            record.force[:-1],
+            position=float(record.position[0]),
+            speed=speed_at_start(record),
+            sample_time=record.sample_time,
+        )
+        t, error = thinned(record.t[1:], 1e3 * (moved - record.position[1:]))
+        label = f"{estimate.rung.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
+        lower.plot(t, error, color=color, linestyle=dash, linewidth=1.2, label=label)
+    lower.axhline(0.0, color=MUTED, linewidth=0.6)
+    lower.set_ylabel(f"error [m{found.unit}]")
+    lower.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return figure
+
+
+def ladder_figure(found: AxisIdentification) -> Figure:
+    """Return each law's gain on windows held out over the law below, with its 95 % interval."""
+    judged = [one for one in found.ladder if one.rung.below]
+    figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(judged)), layout="constrained")
+    axes = figure.subplots()
+    for place, one in enumerate(reversed(judged)):
+        color = BLUE if one.earned else MUTED
+        low, high = (100.0 * value for value in one.interval)
+        axes.plot([low, high], [place, place], color=color, linewidth=2.0)
+        axes.plot(100.0 * one.gain, place, "o", color=color, markersize=5)
+    axes.axvline(0.0, color=INK, linewidth=0.8)
+    axes.set_yticks(
+        range(len(judged)), [f"{one.rung.name} over {one.rung.below}" for one in reversed(judged)]
+    )
+    axes.set_xlim(-60.0, 130.0)
+    axes.set_xlabel("less squared error on windows held out [%]")
+    return figure
+
+
+def _axis(estimate: Estimate) -> Axis:
+    return Axis(rung=estimate.rung, values=estimate.values)
+
+
+def axis_report(
+    found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
+) -> str:
+    """Return the page."""
+    seconds = len(record) * record.sample_time
+    figures = {
+        "friction_figure": partial(axis_friction_figure, found, record),
+        "open_loop_figure": partial(open_loop_figure, found, record),
+        "ladder_figure": partial(ladder_figure, found),
+    }
+    if record.loop is not None:
+        figures["closed_loop_figure"] = partial(closed_loop_figure, found, record)
+    values: dict[str, object] = {
+        "title": f"{found.record}: mass and friction",
+        "lead": f"{seconds:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}.",
+        "remarks": found.remarks,
+        "parameters": parameter_rows(found),
+        "methods": [f"{one.method} ({one.rung.name})" for one in found.estimates],
+        "errors": [row for one in found.estimates for row in error_rows(one, found.unit)],
+        "laws": [row for one in found.rungs.values() for row in error_rows(one, found.unit)],
+        "inverse": _inverse_rows(found),
+        "closed_loop_figure": None,
+        "made": made,
+        "log_findings": findings,
+    }
+    svgs = {name: figure_markup(drawn(draw, name=name.replace("_", "-"))) for name, draw in figures.items()}
+    return render("axis", values | svgs)
+
+
+def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+    """Return the parameters by every method: symbol, meaning, unit and values with their standard errors."""
+    names = dict.fromkeys(name for one in found.estimates for name in one.values)
+    rows = []
+    for name in names:
+        kind = PARAMETERS[name]
+        values = [
+            with_error(one.values[name], one.standard_errors[name]) if name in one.values else "–"
+            for one in found.estimates
+        ]
+        rows.append((kind.symbol, kind.meaning, kind.unit_for(found.unit), *values))
+    return rows
+
+
+def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, str, str, str, str, str]]:
+    """Return what an estimate predicts: method, law, record, open loop, force and position in closed loop."""
+    return [
+        (
+            estimate.method,
+            estimate.rung.name,
+            errors.record,
+            f"{digits(1e3 * errors.open_loop_rmse)} m{unit}",
+            _percent(errors.closed_loop_force),
+            _percent(errors.closed_loop_position),
+        )
+        for errors in estimate.errors
+    ]
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{digits(100.0 * share)} %"
+
+
+def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+    rows = []
+    for form, fit in found.inverse.items():
+        for name, value, deviation, clustered in zip(
+            fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
+        ):
+            if value == 0.0:
+                rows.append((form, PARAMETERS[name].symbol, "0", "fixed at zero", "", ""))
+                continue
+            share = f"{digits(100.0 * abs(deviation / value))} %"
+            rows.append(
+                (form, PARAMETERS[name].symbol, f"{value:.4f}", f"{deviation:.4f}", share, f"{clustered:.4f}")
+            )
+        rows.append((form, "force error", f"{100.0 * fit.relative_force_error:.4f} %", "", "", ""))
+    return rows

@@ -1,0 +1,108 @@
+"""Figures of the tests on the bench: the robot upside down, and a body that swings freely.
+
+Upside down: the ball's measured and predicted velocity, and the thesis's Figure 3.4. Swing: the record, the pendulum
+fitted to it, and what the fit leaves.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ballbot.experiments.ball_movement import BallMovement
+from ballbot.identification.swing import SwingFit
+from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
+from ballbot.log import Log
+from ballbot.report.style import MEASURED, REFERENCE, SHADE, WITH_FRICTION, WITHOUT_FRICTION, thinned
+from ballbot.robot import Friction
+from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+
+#: windows shown of the log, from its middle
+_WINDOWS_SHOWN = 8
+_AXES = ("x", "y", "z")
+
+
+def prediction_figure(found: UpsideDown, log: Log) -> Figure:
+    """Return the ball's velocity over some windows of the first log: measured, and predicted from each one's start."""
+    n = found.robot.wheel_count
+    windows = cut_ball_windows([log], wheel_count=n, duration=found.window)
+    first = max(0, (len(windows) - _WINDOWS_SHOWN) // 2)
+    windows = windows.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(windows))))
+    predicted = simulate_balls(
+        ClampedBall.of_robot(found.robot),
+        friction=[friction_row(found.robot.friction), friction_row(Friction.none(n))],
+        initial=windows.initial,
+        torques=windows.torques,
+        sample_time=windows.sample_time,
+    )
+    figure = Figure(figsize=(7.4, 4.6), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    t = np.array([span.start for span in windows.spans])[:, None] + windows.sample_time * np.arange(
+        1.0, windows.measured.shape[1] + 1.0
+    )
+    held_out = {(span.log, span.start) for span in found.held_out_windows}
+    for axis, panel in enumerate(panels):
+        for span in windows.spans:
+            if (span.log, span.start) in held_out:
+                label = "held out" if panel.get_legend_handles_labels()[1].count("held out") == 0 else None
+                panel.axvspan(span.start, span.end, color=SHADE, label=label)
+        measured = windows.measured[..., axis]
+        panel.plot(*_broken(t, measured), **MEASURED, label="measured")
+        panel.plot(*_broken(t, predicted[1, ..., axis]), **WITHOUT_FRICTION, label="without friction")
+        panel.plot(*_broken(t, predicted[0, ..., axis]), **WITH_FRICTION, label="with the friction found")
+        panel.set_ylabel(rf"$\Omega_{_AXES[axis]}$ [rad/s]")
+        largest = 1.3 * float(np.abs(measured).max())
+        panel.set_ylim(-largest, largest)  # without friction it leaves the panel
+        panel.margins(x=0.01)
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderpad=0.0)
+    panels[-1].set_xlabel(f"time of the log [s]; each prediction restarts every {found.window:g} s")
+    return figure
+
+
+def movement_figure(movement: BallMovement) -> Figure:
+    """Return the thesis's Figure 3.4: the ball's rotation about each axis, with friction and without."""
+    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    for axis, panel in enumerate(panels):
+        t, reference, free, slowed = thinned(
+            movement.without_friction.t,
+            movement.reference[:, axis],
+            movement.without_friction.rotations[:, axis],
+            movement.with_friction.rotations[:, axis],
+        )
+        panel.plot(t, reference, **REFERENCE, label="reference")
+        panel.plot(t, free, **WITHOUT_FRICTION, label="without friction")
+        panel.plot(t, slowed, **WITH_FRICTION, label="with friction")
+        panel.set_ylabel(f"about ${_AXES[axis]}$ [rad]")
+        panel.margins(x=0.01)
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderpad=0.0)
+    panels[-1].set_xlabel("time [s]")
+    return figure
+
+
+def _broken(
+    t: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return windows (w, m) as one line with a gap after each."""
+    gap = np.full((len(t), 1), np.nan)
+    return np.hstack([t, gap]).ravel(), np.hstack([values, gap]).ravel()
+
+
+def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
+    """Return the recording, called by `label`, with the fitted pendulum, and below it their difference."""
+    swing, in_degrees = fit.swing, float(np.degrees(1.0))
+    unit = "deg" if swing.kind == "angle" else "deg/s"
+    t, measured, predicted = thinned(
+        swing.t - swing.t[0], swing.values - fit.values[5], fit.predicted - fit.values[5]
+    )
+    figure = Figure(figsize=(7.4, 3.8), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    upper.plot(t, in_degrees * measured, label=label, **MEASURED)
+    upper.plot(t, in_degrees * predicted, label="pendulum fitted", **WITHOUT_FRICTION)
+    upper.set_ylabel(f"{'angle' if swing.kind == 'angle' else 'rate'} [{unit}]")
+    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    lower.plot(t, in_degrees * (measured - predicted), color=MEASURED["color"], linewidth=0.8)
+    lower.set_ylabel(f"difference\n[{unit}]")
+    lower.set_xlabel("time [s]")
+    return figure

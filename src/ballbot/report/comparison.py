@@ -1,0 +1,410 @@
+"""Comparisons of controllers: runs side by side as in the thesis's Figures 5.7 and 5.8, the poles, and the league.
+
+Of a league: tables as texts, for the page and the terminal; an overview with intervals, and each course as it was run
+with the first seed; and the page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from ballbot.experiments.league.course import Course
+from ballbot.experiments.league.play import League
+from ballbot.experiments.league.standings import (
+    METRIC_BY_KEY,
+    METRICS,
+    RATIOS,
+    Metric,
+    Overall,
+    Standing,
+    overall,
+    standing,
+)
+from ballbot.experiments.league.statistics import Estimate
+from ballbot.experiments.metrics import BAND, SETTLE, position_error, settled, true_place
+from ballbot.log import Log
+from ballbot.report.page import Provenance, figure_markup, render
+from ballbot.report.style import (
+    BLUE,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    REFERENCE,
+    SHADE,
+    Line,
+    drawn,
+    label_of,
+    thinned,
+)
+from ballbot.report.tables import digits
+
+RUN_LINES: Mapping[str, Line] = {
+    "none": {"color": ORANGE, "linestyle": "--", "linewidth": 1.2},
+    "full": {"color": MUTED, "linestyle": ":", "linewidth": 1.4},
+    "partial": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
+    "precise": {"color": BLUE, "linestyle": "-", "linewidth": 1.2},
+}
+RUN_LABELS: Mapping[str, str] = {
+    "none": "no compensation",
+    "full": "full compensation",
+    "partial": "partial compensation",
+    "precise": "precise",
+}
+
+
+def paths_figure(runs: Mapping[str, Log]) -> Figure:
+    """Return each controller's path over the floor beside the reference (Figure 5.7)."""
+    figure = Figure(figsize=(7.4, 2.8), layout="constrained")
+    panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (name, log) in zip(panels, runs.items(), strict=True):
+        place = true_place(log)
+        axes.plot(log["ref_x"], log["ref_y"], label="reference", **REFERENCE)
+        x, y = thinned(place["x"], place["y"])
+        axes.plot(x, y, label="robot", **RUN_LINES[name])
+        axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
+        axes.set_title(RUN_LABELS[name] + (" (fell)" if log.ended else ""))
+        axes.set_aspect("equal")
+        axes.set_xlabel("$x$ [m]")
+    panels[0].set_ylabel("$y$ [m]")
+    return figure
+
+
+def position_error_figure(runs: Mapping[str, Log]) -> Figure:
+    """Return the distance from the reference over time, with the reference below (Figure 5.8)."""
+    figure = Figure(figsize=(7.4, 3.2), layout="constrained")
+    error_axes, reference_axes = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    longest = max(runs.values(), key=len)
+    _shade(error_axes, longest, settled(longest, SETTLE))
+    for name, log in runs.items():
+        t, error = thinned(log.t, position_error(log))
+        error_axes.plot(t, error, label=RUN_LABELS[name], **RUN_LINES[name])
+    error_axes.set_ylabel("distance from the\nreference [m]")
+    error_axes.set_ylim(bottom=0.0)
+    error_axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.2), ncols=4)
+    for name, color, style in (("x", BLUE, "-"), ("y", ORANGE, "--")):
+        t, reference = thinned(longest.t, longest[f"ref_{name}"])
+        reference_axes.plot(t, reference, color=color, linestyle=style, linewidth=1.2, label=f"${name}$")
+    reference_axes.set_ylabel("reference\n[m]")
+    reference_axes.set_xlabel("time [s]")
+    reference_axes.legend(loc="upper left", ncols=2)
+    error_axes.margins(x=0.01)
+    return figure
+
+
+def poles_figure(open_loop: NDArray[np.complex128], closed_loop: NDArray[np.complex128]) -> Figure:
+    """Return the robot's poles without control and those of the closed loop in the complex plane."""
+    figure = Figure(figsize=(4.6, 2.6), layout="constrained")
+    axes = figure.subplots()
+    axes.axvspan(0.0, 1e3, color=SHADE)
+    axes.axvline(0.0, color=MUTED, linewidth=0.8)
+    axes.axhline(0.0, color=MUTED, linewidth=0.8)
+    axes.plot(open_loop.real, open_loop.imag, "x", color=ORANGE, markersize=7, label="without control")
+    axes.plot(
+        closed_loop.real,
+        closed_loop.imag,
+        "o",
+        color=BLUE,
+        markersize=4.5,
+        mfc="none",
+        label="with this gain",
+    )
+    everything = np.concatenate([open_loop, closed_loop])
+    height = max(1.0, 1.25 * float(np.abs(everything.imag).max()))
+    axes.set(xlim=(1.12 * everything.real.min(), 1.5 * everything.real.max()), ylim=(-height, height))
+    axes.set_xlabel("real part [rad/s]")
+    axes.set_ylabel("imaginary part [rad/s]")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def _shade(axes: Axes, log: Log, counted: NDArray[np.bool_]) -> None:
+    """Shade the times that count as settled."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], counted, [False]])))
+    for number, (first, end) in enumerate(edges.reshape(-1, 2)):
+        label = "settled: counts" if number == 0 else None
+        axes.axvspan(float(log.t[first]), float(log.t[end - 1]), color=SHADE, label=label)
+
+
+OVERALL_HEADINGS = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
+STANDING_HEADINGS = ("controller", *(f"{one.heading} ({one.unit})" for one in METRICS), "falls")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """A controller's mean, and how it differs from the first one's."""
+
+    mean: str
+    difference: str = ""  #: with its interval
+    shown: bool = False  #: the interval leaves zero out
+
+
+def overall_rows(league: League) -> list[list[str]]:
+    """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
+    rows = []
+    for name in league.controllers:
+        found = overall(league, name)
+        ratios = [_ratio(found.ratios[key]) if found.ratios else "1" for key in RATIOS]
+        rows.append([name, *ratios, f"{found.falls} of {found.runs}"])
+    return rows
+
+
+def standing_rows(league: League, course: str) -> list[list[str]]:
+    """Return a row for each controller on a course: means over the runs that stood, and falls."""
+    rows = []
+    for name in league.controllers:
+        found = standing(league, course, name)
+        rows.append([name, *(_mean(found, metric) for metric in METRICS), _falls(found)])
+    return rows
+
+
+def metric_rows(league: League, course: str) -> list[tuple[str, list[Cell]]]:
+    """Return a row for each metric on a course, its name and a cell for each controller; falls come last."""
+    found = [standing(league, course, name) for name in league.controllers]
+    rows = [(f"{one.heading} ({one.unit})", [_cell(each, one) for each in found]) for one in METRICS]
+    return [*rows, ("falls", [Cell(mean=_falls(each)) for each in found])]
+
+
+def _cell(found: Standing, metric: Metric) -> Cell:
+    difference = found.differences.get(metric.key)
+    if difference is None or math.isnan(difference.mean):
+        return Cell(mean=_mean(found, metric))
+    return Cell(
+        mean=_mean(found, metric), difference=_difference(difference, metric), shown=difference.sign != 0
+    )
+
+
+def _mean(found: Standing, metric: Metric) -> str:
+    """Return a mean in the metric's unit; a settling time with >= where some run had not arrived at its end."""
+    mean = found.means[metric.key].mean
+    if math.isnan(mean):
+        return "–"
+    late = metric.key == "settling_time" and found.arrived < found.runs - found.falls
+    return f"{'≥ ' if late else ''}{metric.scale * mean:.{metric.decimals}f}"
+
+
+def _difference(difference: Estimate, metric: Metric) -> str:
+    """Return a difference and its interval in the metric's unit, such as "−120 (−130, −110)"."""
+    mean, low, high = (
+        _signed(metric.scale * value, metric.decimals)
+        for value in (difference.mean, difference.low, difference.high)
+    )
+    return mean if math.isnan(difference.low) else f"{mean} ({low}, {high})"
+
+
+def _ratio(found: Estimate) -> str:
+    if math.isnan(found.mean):
+        return "–"
+    mean, low, high = digits(found.mean), digits(found.low), digits(found.high)
+    return mean if math.isnan(found.low) else f"{mean} ({low}, {high})"
+
+
+def _falls(found: Standing) -> str:
+    return f"{found.falls} of {found.runs}"
+
+
+def _signed(value: float, decimals: int) -> str:
+    text = f"{value:+.{decimals}f}".replace("-", "−")
+    return text if float(f"{value:.{decimals}f}") else text[1:]
+
+
+#: told apart by dash and weight as well as by colour; of the first three as in the study's report
+_COLORS = (ORANGE, BLUE, GREEN, INK, "#8a4f7d", MUTED)
+_DASHES = ("--", "-", "-.", ":")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+#: an interval that reaches zero has no end on a logarithmic scale: its bar is cut at this share of the mean
+_SHORTEST = 0.25
+#: what the overview shows
+_SHOWN_METRICS = ("peak_position_error", "high_frequency_torque")
+
+
+def overview_figure(league: League) -> Figure:
+    """Draw peak position error and rough torque of each controller on each course, with 95 % intervals."""
+    rows = len(league.courses)
+    height = 0.9 + rows * (0.16 + 0.1 * len(league.controllers))
+    figure = Figure(figsize=(7.4, height), layout="constrained")
+    panels = figure.subplots(1, len(_SHOWN_METRICS), sharey=True, squeeze=False)[0]
+    for axes, key in zip(panels, _SHOWN_METRICS, strict=True):
+        metric = METRIC_BY_KEY[key]
+        for place in range(1, rows, 2):
+            axes.axhspan(place - 0.5, place + 0.5, color="#f4f6f8", linewidth=0)
+        for index in range(len(league.controllers)):
+            _draw_controller(axes, league, index, metric)
+        axes.set_xscale("log")
+        _plain_ticks(axes)
+        axes.set_xlabel(f"{metric.words} [{metric.unit}]")
+        axes.grid(visible=False, axis="y")
+    panels[0].set_yticks(range(rows), [label_of(course.name.replace("_", " ")) for course in league.courses])
+    panels[0].set_ylim(rows - 0.5, -0.5)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside upper center",
+        ncols=min(6, len(league.controllers)),
+    )
+    return figure
+
+
+def course_figure(league: League, course: Course) -> Figure:
+    """Draw each controller's path over the floor and its distance from the reference over time, of one run each.
+
+    Of the first seed's, which the title says.
+    """
+    figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+    floor, errors = figure.subplots(1, 2, width_ratios=(2, 3))
+    t = np.arange(0.0, course.duration, 0.1)
+    asked = _asked(course, t)
+    floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **REFERENCE)
+    for index, name in enumerate(league.controllers):
+        track = league.tracks[course.name, name]
+        line, wanted = line_of(index), _asked(course, track.t)
+        label = label_of(name) + (" (fell)" if track.ended else "")
+        floor.plot(track.x, track.y, **line)
+        distance = np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])
+        errors.plot(track.t, 1e3 * distance, label=label, **line)
+        if track.ended:
+            errors.plot(track.t[-1:], 1e3 * distance[-1:], marker="x", color=line["color"], markersize=6)
+    errors.axhline(1e3 * BAND, color=MUTED, linewidth=0.8)
+    for time in course.disturbed:
+        errors.axvline(time, color=MUTED, linewidth=0.8)
+    floor.set_aspect("equal", adjustable="datalim")
+    floor.set(xlabel="$x$ [m]", ylabel="$y$ [m]", title=seed_shown(league))
+    errors.set(xlabel="time [s]", ylabel="distance from the\nreference [mm]")
+    errors.set_ylim(bottom=0.0)
+    errors.margins(x=0.01)
+    figure.legend(
+        *errors.get_legend_handles_labels(), loc="outside upper center", ncols=min(6, len(league.controllers))
+    )
+    return figure
+
+
+def seed_shown(league: League) -> str:
+    """Return which seed the courses are drawn with, in words."""
+    first, count = league.seeds[0], len(league.seeds)
+    return f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
+
+
+def line_of(index: int) -> Line:
+    """Return how the controller of that place is drawn."""
+    again, kind = divmod(index, len(_DASHES))
+    return {
+        "color": _COLORS[index % len(_COLORS)],
+        "linestyle": _DASHES[kind],
+        "linewidth": 1.2 + 0.7 * again,
+    }
+
+
+def _draw_controller(axes: Axes, league: League, index: int, metric: Metric) -> None:
+    """Draw one controller's means with their intervals."""
+    name, count = league.controllers[index], len(league.controllers)
+    color, marker = _COLORS[index % len(_COLORS)], _MARKERS[index % len(_MARKERS)]
+    for row, course in enumerate(league.courses):
+        found = standing(league, course.name, name)
+        one = found.means[metric.key]
+        place = row + 0.7 * ((index + 0.5) / count - 0.5)
+        if np.isfinite(one.low):
+            ends = metric.scale * np.array([max(one.low, _SHORTEST * one.mean), one.high])
+            axes.plot(ends, [place, place], color=color, linewidth=1.4)
+        label = label_of(name) if row == 0 else None
+        mark = {"marker": marker, "color": color, "markersize": 4, "linestyle": "", "label": label}
+        axes.plot(metric.scale * one.mean, place, **mark)
+        if found.falls and metric.key == _SHOWN_METRICS[0]:
+            _mark_falls(axes, found, metric, place)
+
+
+def _mark_falls(axes: Axes, found: Standing, metric: Metric, place: float) -> None:
+    """Write beside a mark how many runs fell, with the controller's name where there is no mark."""
+    one = found.means[metric.key]
+    words = f"{found.falls} of {found.runs} fell"
+    if one.runs:
+        at, transform = metric.scale * (one.high if np.isfinite(one.high) else one.mean), axes.transData
+    else:
+        at, transform = 0.01, axes.get_yaxis_transform()
+        words = f"{label_of(found.controller)}: {words}"
+    axes.text(at, place, f" {words}", va="center", color=INK, fontsize=7, transform=transform)
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Label a logarithmic axis 1, 2, 5, 10 where it has less than two decades, else by its decades."""
+    low, high = axes.get_xlim()
+    narrow = high < 100.0 * low
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where the robot is asked to be (N, 2) at times (N,)."""
+    reference = course.asked.reference()
+    return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
+
+
+_PEAK, _ROUGH = "peak_position_error", "high_frequency_torque"
+
+
+def league_report(league: League, made: Provenance) -> str:
+    """Return the page."""
+    courses = [
+        {
+            "name": course.name,
+            "title": _title(course.name),
+            "about": course.about,
+            "seconds": f"{course.duration:g}",
+            "rows": metric_rows(league, course.name),
+            "figure": figure_markup(drawn(partial(course_figure, league, course), name=f"course-{place}")),
+            "pushed": bool(course.disturbed),
+        }
+        for place, course in enumerate(league.courses)
+    ]
+    plant = "the exact model with perfect sensors" if league.courses[0].scenario is None else "the twin"
+    values: dict[str, object] = {
+        "title": f"{league.robot}: {len(league.controllers)} controllers side by side",
+        "lead": f"{len(league.courses)} courses on {plant}, {len(league.seeds)} seeds, the same for all.",
+        "summary": [(name, _sentence(overall(league, name), league)) for name in league.controllers],
+        "first": league.controllers[0],
+        "overall_headings": OVERALL_HEADINGS,
+        "overall_rows": overall_rows(league),
+        "overview_figure": figure_markup(drawn(partial(overview_figure, league), name="overview")),
+        "controllers": league.controllers,
+        "courses": courses,
+        "seed": seed_shown(league),
+        "band": f"{1e3 * BAND:g}",
+        "settle": f"{SETTLE:g}",
+        "made": made,
+    }
+    return render("league", values)
+
+
+def _title(name: str) -> str:
+    return name.replace("_", " ").capitalize()
+
+
+def _sentence(found: Overall, league: League) -> str:
+    """Return a controller over all courses in a sentence or two."""
+    falls = (
+        f"No fall in {found.runs} runs: the probability of a "
+        f"fall is below {100 * found.fall_interval[1]:.2g} %."
+        if not found.falls
+        else f"{found.falls} of {found.runs} runs ended in a fall."
+    )
+    if not found.ratios:
+        return f"The reference for the others. {falls}"
+    known = [key for key in (_PEAK, _ROUGH) if not math.isnan(found.ratios[key].mean)]
+    if not known:
+        return falls
+    words = ", ".join(_ratio_phrase(key, found.ratios[key], of=league.controllers[0]) for key in known)
+    return f"{words[0].upper()}{words[1:]}. {falls}"
+
+
+def _ratio_phrase(key: str, ratio: Estimate, *, of: str) -> str:
+    interval = "" if math.isnan(ratio.low) else f" ({digits(ratio.low)} to {digits(ratio.high)})"
+    return f"{METRIC_BY_KEY[key].words} {digits(ratio.mean)} times that of {of}{interval}"

@@ -1,0 +1,264 @@
+"""The driveline stage: its figures (the thesis's Figures 3.1 and 3.2, the friction), its page, and its results.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, finding_results
+from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
+from ballbot.report.axis import panels_over_time
+from ballbot.report.page import Provenance, figure_markup, render
+from ballbot.report.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    REFERENCE,
+    WITH_FRICTION,
+    WITHOUT_FRICTION,
+    Line,
+    drawn,
+    thinned,
+)
+from ballbot.report.tables import digits, with_error
+
+_WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
+#: a broad pale line beneath, for the model's with friction lies on it
+_MEASURED: Line = {**REFERENCE, "linewidth": 3.2}
+
+
+def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
+    """Return the thesis's Figure 3.1: torque over measured wheel speed."""
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes = figure.subplots()
+    for sweep, (color, dash) in zip(sweeps, _WHEELS, strict=False):
+        speed, torque = thinned(sweep.speed, sweep.torque)
+        axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.1, label=f"wheel {sweep.wheel}")
+    axes.set_xlabel("wheel speed [rad/s]")
+    axes.set_ylabel("torque [N m]")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def comparison_figure(sweep: Sweep, fit: DrivelineFit, printed: PrintedFit) -> Figure:
+    """Return the thesis's Figure 3.2 over time: speed measured, with friction, without, and with (3.2) as printed."""
+    figure, upper, lower = panels_over_time(height=4.6, ratios=(3, 1))
+    # a line of friction is broken where the speed is limited, so no row is left out of what is thinned
+    t, measured, found, clamped, without = thinned(
+        sweep.t, sweep.speed, fit.predicted, printed.predicted, fit.without
+    )
+    upper.plot(t, measured, label="measured", **_MEASURED)
+    upper.plot(t, without, label="without friction", **WITHOUT_FRICTION)
+    upper.plot(t, clamped, color=GREEN, linestyle=":", linewidth=1.4, label="clamp (3.2) as printed")
+    upper.plot(t, found, label="with friction", **WITH_FRICTION)
+    upper.set_ylabel(f"speed of wheel {sweep.wheel} [rad/s]")
+    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
+    lower.plot(t, found - measured, color=BLUE, linewidth=0.9)
+    lower.set_ylabel("with friction\nless measured")
+    return figure
+
+
+def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
+    """Return the thesis's Figure 3.2 as a torque-speed characteristic."""
+    figure = Figure(figsize=(7.4, 3.4), layout="constrained")
+    axes = figure.subplots()
+    torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
+    axes.plot(measured, torque, label="measured", **_MEASURED)
+    axes.plot(without, torque, label="without friction", **WITHOUT_FRICTION)
+    axes.plot(found, torque, label="with friction", **WITH_FRICTION)
+    axes.set_xlabel(f"speed of wheel {sweep.wheel} [rad/s]")
+    axes.set_ylabel("torque [N m]")
+    axes.legend(loc="upper left")
+    return figure
+
+
+def curve_figure(fits: Sequence[DrivelineFit], limit: float) -> Figure:
+    """Return each wheel's friction over speed with its 95 % band; the right panel looks at low speeds."""
+    figure = Figure(figsize=(7.4, 3.2), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for axes, fastest in zip(panels, (limit, 4.0), strict=True):
+        speed = np.geomspace(1e-3, 1.0, 200) * fastest
+        for fit, (color, dash) in zip(fits, _WHEELS, strict=False):
+            torque = fit.law.steady_friction(speed)
+            half = 1.96 * curve_error(fit, speed)
+            axes.fill_between(speed, torque - half, torque + half, color=color, alpha=0.2, linewidth=0)
+            axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.3, label=f"wheel {fit.wheel}")
+        axes.set_xlabel("wheel speed [rad/s]")
+        axes.set_ylim(bottom=0.0)
+    panels[0].set_ylabel("friction torque [N m]")
+    panels[0].legend(loc="upper left")
+    return figure
+
+
+def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the standard error [N m] of the friction at speeds (k,) above zero, by the delta method."""
+    _, _, s, v_s, delta = fit.values
+    decay = (speed / v_s) ** delta
+    E = np.exp(-decay)
+    gradient = np.column_stack(
+        [speed, np.ones_like(speed), E, s * E * decay * delta / v_s, -s * E * decay * np.log(speed / v_s)]
+    )
+    errors = np.nan_to_num(fit.standard_errors)
+    covariance = np.nan_to_num(fit.correlation) * np.outer(errors, errors)
+    return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, covariance, gradient), 0.0))
+
+
+UNITS = ("N m s/rad", "N m", "N m", "rad/s", "")
+#: beyond this correlation two parameters are better told together
+_CLOSE = 0.9
+#: an error so many times larger is the clamp's, not the search's
+_WINDS_UP = 1.5
+
+
+def driveline_report(
+    robot: str,
+    sweeps: Sequence[Sweep],
+    fits: Sequence[DrivelineFit],
+    printed: Sequence[PrintedFit],
+    made: Provenance,
+    findings: Sequence[Finding] = (),
+) -> str:
+    """Return the page."""
+    figures = {
+        "measured_figure": partial(measured_figure, sweeps),
+        "curve_figure": partial(curve_figure, fits, sweeps[0].limit),
+        "torque_speed_figure": partial(torque_speed_figure, sweeps[0], fits[0]),
+    }
+    comparisons = [
+        figure_markup(drawn(partial(comparison_figure, *row), name=f"wheel-{row[0].wheel}"))
+        for row in zip(sweeps, fits, printed, strict=True)
+    ]
+    svgs = {name: figure_markup(drawn(draw, name=name.replace("_", "-"))) for name, draw in figures.items()}
+    seconds = sweeps[0].t[-1] - sweeps[0].t[0]
+    largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
+    values: dict[str, object] = {
+        "title": f"{robot}: friction of the drivelines",
+        "lead": f"Wheels free, {seconds:.0f} s, up to {largest:.3g} N m and {sweeps[0].limit:.4g} rad/s.",
+        "wheels": [f"wheel {fit.wheel}" for fit in fits],
+        "parameters": parameter_rows(fits),
+        "errors": error_rows(fits, printed),
+        "remarks": driveline_findings(fits, printed),
+        "comparison_figures": comparisons,
+        "made": made,
+        "log_findings": findings,
+    }
+    return render("driveline", values | svgs)
+
+
+def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
+    """Return each parameter's symbol, unit and values by wheel, with standard errors."""
+    return [
+        (name, unit, *(_written(fit, i) for fit in fits))
+        for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
+    ]
+
+
+def _written(fit: DrivelineFit, place: int) -> str:
+    """Return a parameter with its standard error, or that it is unknown."""
+    if fit.unknown[place]:
+        return "unknown"
+    return with_error(float(fit.values[place]), float(fit.standard_errors[place]))
+
+
+def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[tuple[str, ...]]:
+    """Return RMS errors [rad/s] by wheel: with friction, without, and with (3.2) as printed."""
+    return [
+        (
+            f"wheel {fit.wheel}",
+            digits(fit.cost),
+            digits(fit.rmse),
+            digits(fit.rmse_without),
+            digits(clamp.rmse),
+            digits(clamp.rmse_restarted),
+        )
+        for fit, clamp in zip(fits, printed, strict=True)
+    ]
+
+
+def driveline_findings(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[str]:
+    """Return what the sweep tells and what it does not, as sentences."""
+    sentences = []
+    for fit in fits:
+        pairs = [
+            f"{NAMES[i]} and {NAMES[j]} ({fit.correlation[i, j]:+.2f})"
+            for i in range(5)
+            for j in range(i + 1, 5)
+            if abs(fit.correlation[i, j]) > _CLOSE and not (fit.unknown[i] or fit.unknown[j])
+        ]
+        close = f" Poorly separated: {', '.join(pairs)}." if pairs else ""
+        bound = [NAMES[i] for i in range(5) if not (np.isfinite(fit.standard_errors[i]) or fit.unknown[i])]
+        held = f" At a bound, without a standard error: {', '.join(bound)}." if bound else ""
+        open_ones = [NAMES[i] for i in np.flatnonzero(fit.unknown)]
+        unknown = (
+            f" The sweep does not identify {', '.join(open_ones)}: "
+            "any value within the bounds fits about as well."
+            if open_ones
+            else ""
+        )
+        sentences.append(f"Wheel {fit.wheel}: {_sureness(fit)}.{close}{held}{unknown}")
+    ratio = max(clamp.rmse / fit.rmse for fit, clamp in zip(fits, printed, strict=True))
+    sentences.append(
+        "A slow sweep stays long at high speeds and passes the low ones, where s, v_s "
+        "and delta act, in a few tenths of a second each time, so these and c are "
+        "known better together than each by itself. The inertia is from the robot file."
+    )
+    if ratio > _WINDS_UP:
+        sentences.append(
+            "With the clamp (3.2) as printed, the best five parameters leave up to "
+            f"{ratio:.1f} times the error: the integrated speed winds up at the limit and "
+            "leaves it late, and the search compensates with friction that does not exist."
+        )
+    return sentences
+
+
+def _sureness(fit: DrivelineFit) -> str:
+    """Return how sure b and the least sure parameter are; at a bound there is no telling."""
+    # delta and v_s are above zero, the others may have ended there
+    known = (np.asarray(fit.values) > 0.0) & ~fit.unknown
+    shares = np.divide(fit.standard_errors, fit.values, out=np.full(len(NAMES), np.nan), where=known)
+    told = np.flatnonzero(np.isfinite(shares))
+    if not told.size:
+        return "no parameter has a standard error"
+    worst = int(told[shares[told].argmax()])
+    viscous = f"b to {100 * shares[0]:.2g} %, " if 0 in told else ""
+    return f"{viscous}least sure is {NAMES[worst]}, to {100 * shares[worst]:.2g} %"
+
+
+def _known(fit: DrivelineFit, numbers: NDArray[np.float64], place: int) -> float:
+    """Return a number of a parameter, NaN (null in the file) if the parameter is unknown."""
+    return math.nan if fit.unknown[place] else float(numbers[place])
+
+
+def driveline_results(
+    fits: Sequence[DrivelineFit],
+    printed: Sequence[PrintedFit],
+    made: Provenance,
+    findings: Sequence[Finding] = (),
+) -> dict[str, object]:
+    """Return what results.json holds."""
+    return {
+        "parameters": {name: [_known(fit, fit.values, i) for fit in fits] for i, name in enumerate(NAMES)},
+        "standard_errors": {
+            name: [_known(fit, fit.standard_errors, i) for fit in fits] for i, name in enumerate(NAMES)
+        },
+        "unknown": {f"wheel {fit.wheel}": [NAMES[i] for i in np.flatnonzero(fit.unknown)] for fit in fits},
+        "findings": finding_results(findings),
+        "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
+        "cost": [fit.cost for fit in fits],
+        "samples": [fit.samples for fit in fits],
+        "rmse": [fit.rmse for fit in fits],
+        "rmse_without_friction": [fit.rmse_without for fit in fits],
+        "clamp_as_printed": {
+            "parameters": {name: [float(one.values[i]) for one in printed] for i, name in enumerate(NAMES)},
+            "rmse": [one.rmse for one in printed],
+            "rmse_of_the_friction_found": [one.rmse_restarted for one in printed],
+        },
+        "remarks": driveline_findings(fits, printed),
+        "provenance": made.to_dict(),
+    }

@@ -1,0 +1,160 @@
+"""Figures of the logs, of the friction identified from them, and of the friction laws that were compared.
+
+A wheel's friction is drawn over its speed, with the band in which the standard errors leave it.
+
+    tau(w) = b w + (c + s E) sgn(w),      E = exp(-r),      r = |w/v_s|^delta
+
+The band is the delta method's: variance g' C g with g the gradient of tau by (b, c, s, v_s, delta) and C their
+covariance; parameters that have no standard error count as known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ballbot.experiments.study import StudiedLog
+from ballbot.identification.laws import Candidate, ModelSelection
+from ballbot.identification.result import Identification
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionCurve:
+    """One wheel's friction torque at some speeds."""
+
+    speed: NDArray[np.float64]  #: (k,) [rad/s]
+    torque: NDArray[np.float64]  #: (k,) [N m]
+    standard_error: NDArray[np.float64]  #: (k,) [N m]
+
+
+def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]) -> FrictionCurve:
+    """Return the friction of wheel `wheel` (from 0) at speeds (k,) [rad/s] other than zero."""
+    friction = found.robot.friction
+    n = found.robot.wheel_count
+    gradient = np.zeros((len(speed), len(found.labels)))
+    sign, decay = np.sign(speed), np.abs(speed / friction.stribeck_speed) ** friction.stribeck_exponent
+    E, s = np.exp(-decay), friction.stribeck[wheel]
+    gradient[:, wheel] = speed
+    gradient[:, n + wheel] = sign
+    gradient[:, 2 * n + wheel] = E * sign
+    gradient[:, 3 * n] = s * E * decay * friction.stribeck_exponent / friction.stribeck_speed * sign
+    gradient[:, 3 * n + 1] = -s * E * decay * np.log(np.abs(speed) / friction.stribeck_speed) * sign
+    C = parameter_covariance(found)
+    variance = np.einsum("ki,ij,kj->k", gradient, C, gradient)
+    torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
+    return FrictionCurve(speed=speed, torque=torque, standard_error=np.sqrt(np.maximum(variance, 0.0)))
+
+
+def parameter_covariance(found: Identification) -> NDArray[np.float64]:
+    """Return the covariance (p, p) in the order of `found.labels`; zero where there is no standard error."""
+    errors = np.nan_to_num(standard_errors(found))
+    return np.nan_to_num(found.correlation) * np.outer(errors, errors)
+
+
+def standard_errors(found: Identification) -> NDArray[np.float64]:
+    """Return the standard errors (p,) in the order of `found.labels`."""
+    return np.concatenate([np.atleast_1d(value) for value in found.standard_errors.values()])
+
+
+#: wheel speeds shown reach this quantile of those in the logs
+_SHOWN = 0.995
+
+
+def logs_figure(logs: Sequence[StudiedLog]) -> Figure:
+    """Return the position and heading in each log over time, with what was held out shaded."""
+    figure = Figure(figsize=(7.4, 0.5 + 1.75 * len(logs)), layout="constrained")
+    panels = figure.subplots(len(logs), 1, squeeze=False)[:, 0]
+    for axes, studied in zip(panels, logs, strict=True):
+        _draw_log(axes, studied)
+    panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.12), ncols=6, borderpad=0.0)
+    panels[-1].set_xlabel("time of the log [s]")
+    return figure
+
+
+def _draw_log(axes: Axes, studied: StudiedLog) -> None:
+    log = studied.log
+    for number, (start, end) in enumerate(studied.held_out):
+        axes.axvspan(start, end, color=SHADE, label="held out" if number == 0 else None)
+    for name, color, style in (("x", BLUE, "-"), ("y", ORANGE, "--")):
+        if f"ref_{name}" in log:
+            t, reference = thinned(log.t, log[f"ref_{name}"])
+            label = "reference" if name == "x" else None
+            axes.plot(t, reference, color=REFERENCE["color"], linestyle=style, linewidth=1.8, label=label)
+        t, values = thinned(log.t, log[name])
+        axes.plot(t, values, color=color, linestyle=style, linewidth=1.1, label=f"${name}$ [m]")
+    t, heading = thinned(log.t, log["psi"])
+    axes.plot(t, heading, color=INK, linestyle=":", linewidth=1.1, label=r"$\psi$ [rad]")
+    axes.set_title(label_of(studied.name))
+    axes.margins(x=0.01)
+
+
+def friction_figure(found: Identification, logs: Sequence[StudiedLog]) -> Figure:
+    """Return each wheel's friction over its speed with a 95 % band, above how often the logs have such a speed."""
+    n = found.robot.wheel_count
+    speeds = [studied.wheel_speeds(found.robot) for studied in logs]
+    fastest = max(float(np.quantile(np.abs(speed), _SHOWN)) for speed in speeds)
+    figure = Figure(figsize=(7.4, 3.1), layout="constrained")
+    panels = figure.subplots(2, n, sharex=True, sharey="row", height_ratios=(3, 1), squeeze=False)
+    for wheel in range(n):
+        _draw_curve(panels[0, wheel], found, wheel, fastest)
+        _draw_speeds(panels[1, wheel], np.concatenate([speed[:, wheel] for speed in speeds]), fastest)
+    panels[0, 0].set_ylabel("friction torque [N m]")
+    panels[1, 0].set_ylabel("share of\nthe logs [%]")
+    return figure
+
+
+def _draw_curve(axes: Axes, found: Identification, wheel: int, fastest: float) -> None:
+    for side in (-1.0, 1.0):
+        curve = friction_curve(found, wheel, side * np.geomspace(1e-3, 1.0, 160) * fastest)
+        half = 1.96 * curve.standard_error
+        axes.fill_between(
+            curve.speed, curve.torque - half, curve.torque + half, color=BLUE, alpha=0.2, linewidth=0
+        )
+        axes.plot(curve.speed, curve.torque, color=BLUE, linewidth=1.4)
+    axes.axhline(0.0, color=MUTED, linewidth=0.6)
+    axes.axvline(0.0, color=MUTED, linewidth=0.6)
+    axes.set_title(f"wheel {wheel + 1}")
+
+
+def _draw_speeds(axes: Axes, speed: np.ndarray, fastest: float) -> None:
+    shares, edges = np.histogram(speed, bins=61, range=(-fastest, fastest))
+    axes.stairs(100.0 * shares / len(speed), edges, fill=True, color=MUTED, alpha=0.55)
+    axes.set_xlabel("wheel speed [rad/s]")
+
+
+def ladder_figure(ladder: ModelSelection) -> Figure:
+    """Draw, for each law, its error over that without friction and its gain with the 95 % interval."""
+    figure = Figure(figsize=(7.4, 0.75 + 0.36 * len(ladder.rungs)), layout="constrained")
+    errors, gains = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.4])
+    for place, rung in enumerate(ladder.rungs):
+        color = BLUE if rung.taken else MUTED
+        errors.barh(place, rung.error, height=0.55, color=color, alpha=1.0 if rung is ladder.best else 0.6)
+        errors.text(rung.error, place, f" {rung.error:.3f}", va="center", color=INK, fontsize=7.5)
+        gain = rung.gain
+        gains.plot([100 * gain.lower, 100 * gain.upper], [place, place], color=color, linewidth=1.6)
+        gains.plot(100 * gain.share, place, marker="o" if rung.taken else "x", color=color, markersize=5)
+        gains.text(100 * gain.upper, place, f"  {_law_label(rung)}", va="center", color=INK, fontsize=7.5)
+    errors.set_yticks(range(len(ladder.rungs)), [rung.law.name for rung in ladder.rungs])
+    errors.invert_yaxis()
+    errors.set_xlim(0.0, 1.25 * max(rung.error for rung in ladder.rungs))
+    errors.set_title("error relative to no friction")
+    gains.axvline(0.0, color=INK, linewidth=0.8)
+    gains.set_xscale("symlog", linthresh=1.0)
+    lowest = min(0.0, *(100 * rung.gain.lower for rung in ladder.rungs))
+    gains.set_xlim(min(-2.0, 1.5 * lowest), 5e3)  # room for the words beside a gain near 100 %
+    ticks = [tick for tick in (-100, -10, -1, 0, 1, 10, 100) if tick >= 1.5 * lowest]
+    gains.set_xticks(ticks, [str(tick) for tick in ticks], minor=False)
+    gains.minorticks_off()
+    gains.set_title("gain in error, 95 % interval [%]")
+    return figure
+
+
+def _law_label(rung: Candidate) -> str:
+    return f"{'taken' if rung.taken else 'not taken'}, over {rung.law.within or 'no friction'}"

@@ -1,0 +1,206 @@
+"""What `ballbot validate --prediction` says of a controller: results.json, the page, and what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ballbot.experiments.controller_causes import MEANING, Cause
+from ballbot.experiments.controller_prediction import Prediction, PredictionInterval
+from ballbot.experiments.controller_verdict import BETTER, WORDS, JudgedQuantity, Verdict
+from ballbot.findings import Finding
+from ballbot.printable import shell_line
+from ballbot.report.page import Provenance, render
+
+#: of each quantity: by what it is multiplied to be shown, its unit and decimals
+_SHOWN = {
+    "peak_error": (1e3, "mm", 1),
+    "rms_error": (1e3, "mm", 1),
+    "roughness": (1.0, "N m", 3),
+    "lean": (1.0, "rad", 3),
+    "torque_margin": (1e2, "%", 0),
+}
+#: factor on the compensated friction that is tried first
+_WEAKER = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyFolder:
+    """The files of a study that a verdict's advice names."""
+
+    results: Path  #: its results.json
+    robot: Path
+    controller: Path
+
+    @property
+    def previous(self) -> Path:
+        """The controller that was used before this one."""
+        return self.results.with_name("previous_controller.toml")
+
+
+def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence[str]) -> dict[str, object]:
+    """Return what results.json holds of a verdict."""
+    return {
+        "recommendation": verdict.recommendation,
+        "reason": verdict.reason,
+        "ended": verdict.ended,
+        "quantities": {
+            one.name: {"value": one.value, "place": one.place, "worse": one.worse, **asdict(one.predicted)}
+            for one in verdict.quantities
+        },
+        "none": {name: asdict(one) for name, one in verdict.none.items()},
+        "causes": [asdict(cause) | {"meaning": MEANING[cause.name]} for cause in verdict.causes],
+        "remarks": verdict.remarks,
+        "next_steps": steps,
+        "course": asdict(prediction.course),
+        "controller": prediction.controller,
+    }
+
+
+def prediction_report(
+    verdict: Verdict,
+    prediction: Prediction,
+    *,
+    title: str,
+    steps: Sequence[str],
+    findings: Sequence[Finding],
+    made: Provenance,
+) -> str:
+    """Return the page of a verdict as HTML."""
+    values = {
+        "title": title,
+        "verdict": headline(verdict),
+        "rows": quantity_rows(verdict),
+        "causes": [(cause.name, MEANING[cause.name], *_cause_words(cause)) for cause in verdict.causes],
+        "anything_outside": bool(verdict.outside) or verdict.ended is not None,
+        "remarks": verdict.remarks,
+        "steps": steps,
+        "prediction": prediction,
+        "log_findings": findings,
+        "made": made,
+    }
+    return render("prediction", values)
+
+
+def headline(verdict: Verdict) -> str:
+    """Return the verdict in one line."""
+    return f"{verdict.recommendation.capitalize()} this controller. {verdict.reason}"
+
+
+def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
+    """Return rows: quantity and unit, measured, predicted, its 95 % interval, where it lies, predicted without."""
+    return [
+        (
+            f"{WORDS[one.name]} ({_SHOWN[one.name][1]})",
+            _number(one.name, one.value),
+            _number(one.name, one.predicted.median),
+            _interval(one.name, one.predicted),
+            _place(one),
+            _interval(one.name, verdict.none[one.name]) if verdict.none else "falls",
+        )
+        for one in verdict.quantities
+    ]
+
+
+def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
+    """Return rows: quantity and unit, predicted, its 95 % interval, predicted without compensation."""
+    return [
+        (
+            f"{WORDS[name]} ({_SHOWN[name][1]})",
+            _number(name, one.median),
+            _interval(name, one),
+            _interval(name, prediction.none[name]) if prediction.none else "falls",
+        )
+        for name, one in prediction.chosen.items()
+    ]
+
+
+def cause_lines(verdict: Verdict) -> list[str]:
+    """Return the causes in words, the likeliest first; that none can be determined, if something is outside."""
+    if not verdict.outside and verdict.ended is None:
+        return []
+    if not verdict.causes:
+        return ["The cause cannot be determined: nothing else in the log differs from the predicted run."]
+    return [
+        f"{place}. {cause.name} ({MEANING[cause.name]}), {confidence}: {evidence}"
+        for place, cause in enumerate(verdict.causes, start=1)
+        for confidence, evidence in [_cause_words(cause)]
+    ]
+
+
+def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
+    """Return what to do, in sentences that name the study's files."""
+    steps = _advice(verdict, prediction, files)
+    if not verdict.remarks:
+        return steps
+    own = f"Make sure first that the log was made with {files.controller}: the verdict is on no other controller."
+    return [own, *steps]
+
+
+def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> list[str]:
+    if verdict.recommendation == "keep":
+        return [f"Go on with {files.controller}."]
+    before = (
+        f"Go back to {files.previous}, the controller before this one."
+        if files.previous.exists()
+        else (
+            "Go back to the controller before this one, or to none: "
+            f"`{_design(files, 'nominal', 'none')} --out nominal`."
+        )
+    )
+    causes = [cause.name for cause in verdict.causes[:1]]
+    repair = [_REPAIRS[name].format(robot=files.robot) for name in causes]
+    if verdict.recommendation == "revert":
+        return [before, *repair, "Run `ballbot study` again with this log among its logs."]
+    kind = "precise" if prediction.controller == "precise" else "nominal"
+    compensation = {"full": "full", "partial": "partial", "precise": "full"}.get(
+        prediction.controller, "none"
+    )
+    weaker = f"{_design(files, kind, compensation)} --compensation-gain {_WEAKER:g}"
+    if compensation == "none":
+        return [before, *repair]
+    return [f"Compensate less friction: `{weaker} --out weaker`.", *repair]
+
+
+_REPAIRS = {
+    "delay": (
+        "Find the delay with `ballbot identify {robot} LOG --free delays --out delays`; give it to "
+        "`ballbot design --delay`."
+    ),
+    "grip": "Clean ball and wheels, or press them together more firmly, and record the course again.",
+    "friction": "Run `ballbot study` on new logs: the friction identified is not that of the robot as it is now.",
+    "sensor": "Check the IMU's mounting and its calibration at rest, and record the course again.",
+    "mapping": "Check torque constants, gear ratios and columns with `ballbot check-log LOG --robot {robot}`.",
+    "body": "Measure mass and height of the robot as it is now, correct {robot}, and run `ballbot study` again.",
+    "floor": "Record the course on a level floor, or design with `--adaptive`.",
+}
+
+
+def _design(files: StudyFolder, kind: str, compensation: str) -> str:
+    words = ["ballbot", "design", str(files.robot), "--kind", kind, "--compensation", compensation]
+    return shell_line(words)
+
+
+def _cause_words(cause: Cause) -> tuple[str, str]:
+    size = f"; {cause.clearness:.0f} times its usual variation" if np.isfinite(cause.clearness) else ""
+    return cause.confidence, f"{cause.evidence}{size}"
+
+
+def _place(one: JudgedQuantity) -> str:
+    if one.place == "inside":
+        return "inside"
+    if not np.isfinite(one.value):
+        return "outside (the run ended too early)"
+    return f"outside, {'better' if one.place == BETTER[one.name] else 'worse'}"
+
+
+def _number(name: str, value: float) -> str:
+    factor, _, decimals = _SHOWN[name]
+    return f"{factor * value:.{decimals}f}" if np.isfinite(value) else "–"
+
+
+def _interval(name: str, one: PredictionInterval) -> str:
+    return f"{_number(name, one.low)} to {_number(name, one.high)}"

@@ -1,0 +1,152 @@
+"""The ball's angular velocity by video: the thesis's Figure V.2, with its error, beside the wheels'; and results.json.
+
+results.json holds SI units, radians, pixels, and quaternions in the order wxyz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, finding_results
+from ballbot.report.style import GREEN, MEASURED, SHADE, WITHOUT_FRICTION, thinned
+from ballbot.vision.comparison import WheelComparison, spin_findings
+from ballbot.vision.spin import Spin
+
+_AXES = ("x", "y", "z")
+
+
+def velocity_figure(spin: Spin, comparison: WheelComparison | None) -> Figure:
+    """Return the velocity about each axis, robot frame, with twice its standard error; where it was lost is shaded."""
+    figure = Figure(figsize=(7.4, 4.9), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    for axis, panel in enumerate(panels):
+        _draw_lost(panel, spin)
+        t, omega, error = thinned(spin.t, spin.omega[:, axis], spin.errors[:, axis])
+        panel.fill_between(
+            t,
+            omega - 2.0 * error,
+            omega + 2.0 * error,
+            color=GREEN,
+            alpha=0.35,
+            linewidth=0.0,
+            label="± 2 standard errors",
+        )
+        panel.plot(t, omega, **MEASURED, label="video")
+        if comparison is not None:
+            panel.plot(
+                *thinned(spin.t, comparison.wheels[:, axis]),
+                **WITHOUT_FRICTION,
+                label="$T_{obw}$ × wheel speeds",
+            )
+        panel.set_ylabel(rf"$\Omega_{_AXES[axis]}$ [rad/s]")
+        panel.margins(x=0.01)
+    _finish(figure, panels[0], panels[-1])
+    return figure
+
+
+def difference_figure(spin: Spin, comparison: WheelComparison) -> Figure:
+    """Return video less wheels about each axis beside twice the video's standard error."""
+    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    for axis, panel in enumerate(panels):
+        _draw_lost(panel, spin)
+        t, difference, error = thinned(spin.t, comparison.difference[:, axis], spin.errors[:, axis])
+        panel.fill_between(
+            t,
+            -2.0 * error,
+            2.0 * error,
+            color=GREEN,
+            alpha=0.35,
+            linewidth=0.0,
+            label="± 2 standard errors of video",
+        )
+        panel.plot(t, difference, color=MEASURED["color"], linewidth=0.8, label="video less wheels")
+        panel.set_ylabel(rf"$\Omega_{_AXES[axis]}$ [rad/s]")
+        panel.margins(x=0.01)
+    _finish(figure, panels[0], panels[-1])
+    return figure
+
+
+def _draw_lost(panel: Axes, spin: Spin) -> None:
+    starts, ends = _spans(~spin.known)
+    half = 0.5 * float(np.median(np.diff(spin.t)))
+    for number, (a, b) in enumerate(zip(starts, ends, strict=True)):
+        label = "lost" if number == 0 else None
+        panel.axvspan(float(spin.t[a]) - half, float(spin.t[b]) + half, color=SHADE, label=label)
+
+
+def _spans(flags: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return first and last row of each run of true flags."""
+    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+
+
+def _finish(figure: Figure, top: Axes, bottom: Axes) -> None:
+    handles, labels = top.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    bottom.set_xlabel("time of the video [s]")
+
+
+def spin_results(
+    spin: Spin, comparison: WheelComparison | None, *, log_findings: Sequence[Finding] = ()
+) -> dict[str, object]:
+    """Return what results.json holds of a video's ball."""
+    found = [
+        Finding(code="spin", severity="note", text=sentence) for sentence in spin_findings(spin, comparison)
+    ]
+    view, errors, colour = spin.view, spin.calibration.errors, spin.colour
+    known = spin.known
+    omega = spin.omega[known]
+    return {
+        "findings": finding_results([*log_findings, *found]),
+        "frames": len(spin.t),
+        "duration": float(spin.t[-1] - spin.t[0]),
+        "tracked_share": float(np.mean(spin.track.tracked)),
+        "stretches": int(spin.track.stretch.max()) + 1,
+        "seam": spin.seam.name,
+        "colours": {"seam": colour.seam, "ball": colour.ball, "separation": colour.separation},
+        "view": {
+            "x": view.x,
+            "y": view.y,
+            "radius": view.radius,
+            "distance": view.distance,
+            "focal_length": view.focal,
+            "by_seam": spin.calibrated,
+            "standard_errors": {
+                "x": errors[0],
+                "y": errors[1],
+                "radius": errors[2] * view.radius,
+                "distance": errors[3] * view.distance**2,
+            },
+        },
+        "ball_omega": {
+            "peak": float(np.linalg.norm(omega, axis=1).max()),
+            "rms": np.sqrt(np.mean(omega**2, axis=0)),
+            "median_standard_error": np.median(spin.errors[known], axis=0),
+        },
+        "robot_camera_wxyz": spin.robot_camera.as_quat(canonical=True)[[3, 0, 1, 2]],
+        "wheels": None if comparison is None else _wheels(comparison),
+    }
+
+
+def _wheels(comparison: WheelComparison) -> dict[str, object]:
+    return {
+        "clock": {
+            "offset": comparison.clock.offset,
+            "offset_half_width": comparison.offset_half_width,
+            "rate": comparison.clock.rate,
+        },
+        "forward": comparison.forward,
+        "camera_tilt": comparison.tilt,
+        "rotation_half_width": comparison.rotation_half_width,
+        "rms_difference": comparison.rms,
+        "rms_difference_of_peak": float(np.linalg.norm(comparison.rms)) / comparison.peak,
+        "peak": comparison.peak,
+        "gain": comparison.gain,
+        "gain_half_width": comparison.gain_half_width,
+    }

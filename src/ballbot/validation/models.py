@@ -1,0 +1,268 @@
+"""The two models that a validation compares, the rows of a log that it may use, and forecasts of both models.
+
+A forecast starts from the measured state and is driven by the measured torques. Rows are taken from intervals of the
+log without gaps; an interval between rows longer than 1.5 sample times is a gap, and no forecast crosses one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction
+
+#: the two formulations, as sentences call them
+_FORMULATIONS = {"exact": "in the exact formulation", "thesis": "in the thesis's formulation"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedModel:
+    """A model and its name, which reads on from "the model": "with friction", or "of soft.toml"."""
+
+    name: str
+    model: Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelPair:
+    """Two models of robots with as many wheels; the first is judged, the second is what it is held against.
+
+    Raises
+    ------
+    InputError
+        Where they have the same name, are the same model, or have not as many wheels.
+    """
+
+    first: NamedModel
+    second: NamedModel
+
+    def __post_init__(self) -> None:
+        first, second = self.first, self.second
+        if first.name == second.name:
+            raise InputError(f"Both models are called {first.name!r}; give them different names.")
+        counts = [one.model.robot.wheel_count for one in (first, second)]
+        if counts[0] != counts[1]:
+            raise InputError(
+                f"The model {first.name} has {counts[0]} wheels and the model {second.name} "
+                f"has {counts[1]} wheels; both must be of the robot that was logged."
+            )
+        same_form = first.model.formulation == second.model.formulation
+        if same_form and np.array_equal(first.model.packed, second.model.packed):
+            raise InputError(
+                f"The model {first.name} and the model {second.name} are the same; there is nothing to compare."
+            )
+
+    @staticmethod
+    def by_friction(model: Model) -> ModelPair:
+        """Return a model as it is, beside itself without any friction.
+
+        Raises
+        ------
+        InputError
+            Where it has no friction.
+        """
+        robot = model.robot
+        none = Friction.none(robot.wheel_count)
+        if robot.friction == none:
+            raise InputError(
+                f"The robot {robot.name} has no friction to validate. Identify it with `ballbot identify`, or compare "
+                "two models with --against."
+            )
+        return ModelPair(
+            first=NamedModel(name="with friction", model=model),
+            second=NamedModel(
+                name="without friction", model=replace(model, robot=robot.replace(friction=none))
+            ),
+        )
+
+    @staticmethod
+    def by_formulation(model: Model) -> ModelPair:
+        """Return a model beside the same robot in the other formulation."""
+        other = replace(model, formulation="thesis" if model.formulation == "exact" else "exact")
+        first, second = (NamedModel(name=_FORMULATIONS[one.formulation], model=one) for one in (model, other))
+        return ModelPair(first=first, second=second)
+
+    @staticmethod
+    def of_two(first: Model, second: Model, *, files: tuple[str, str] | None = None) -> ModelPair:
+        """Return two models called by their robots' names, or by the files they came from where these are given."""
+        names = files or (first.robot.name, second.robot.name)
+        if names[0] == names[1]:
+            names = tuple(
+                f"{name} ({one.formulation})" for name, one in zip(names, (first, second), strict=True)
+            )
+        return ModelPair(
+            first=NamedModel(name=f"of {names[0]}", model=first),
+            second=NamedModel(name=f"of {names[1]}", model=second),
+        )
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Of the first and the second."""
+        return (self.first.name, self.second.name)
+
+    @property
+    def both(self) -> tuple[Model, Model]:
+        """The first model, then the second."""
+        return (self.first.model, self.second.model)
+
+
+Interval = tuple[float, float]
+
+#: an interval longer than this many sample times is a gap, across which nothing may be predicted
+_GAP = 1.5
+
+
+def stretches(log: Log, held_out: Sequence[Interval] | None = None) -> list[range]:
+    """Return the runs of rows that follow each other without a gap.
+
+    Parameters
+    ----------
+    log : Log
+    held_out : sequence of (start, end), optional
+        Times [s] that count, start <= t < end; without it, the whole log.
+
+    Raises
+    ------
+    InputError
+        Where nothing of the log lies in `held_out`.
+    """
+    counts = np.ones(len(log), dtype=bool)
+    if held_out is not None:
+        counts = np.any([(log.t >= start) & (log.t < end) for start, end in held_out], axis=0)
+        if not np.any(counts):
+            raise InputError(
+                "No row of the log lies in the held-out intervals; "
+                f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
+            )
+    breaks = np.flatnonzero(np.diff(log.t) > _GAP * log.sample_time) + 1
+    found = []
+    for part in np.split(np.arange(len(log)), breaks):
+        inside = part[counts[part]]
+        for rows in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+            if len(rows) > 1:
+                found.append(range(int(rows[0]), int(rows[-1]) + 1))
+    return found
+
+
+def window_starts(parts: Sequence[range], *, samples: int, every: int) -> NDArray[np.int64]:
+    """Return the rows from which `samples` steps stay within one of `parts`, `every` rows apart (starts,)."""
+    starts = [np.arange(part.start, part.stop - samples, every) for part in parts]
+    return np.concatenate([*starts, np.empty(0)]).astype(np.int64)
+
+
+def rows_after(starts: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
+    """Return the rows (starts, samples) that follow each start: start + 1 .. start + samples."""
+    return starts[:, None] + np.arange(1, samples + 1)
+
+
+def forecast(
+    models: Sequence[Model],
+    log: Log,
+    starts: NDArray[np.int64],
+    samples: int,
+    *,
+    initial: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Simulate each model from each start with the torques measured from there on.
+
+    Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with
+    the torques of rows k .. k + samples - 1 is of the states in rows k + 1 .. k + samples.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        All with as many wheels as the log has torques.
+    log : Log
+    starts : array (starts,)
+        Rows to start from.
+    samples : int
+        How far.
+    initial : array (starts, 10), optional
+        States to start from, in place of the measured ones.
+
+    Returns
+    -------
+    array (models, starts, samples, 10)
+        A forecast that passes the largest lean stays where it did.
+    """
+    return np.stack([_forecast_of(model, log, starts, samples, initial) for model in models])
+
+
+def _forecast_of(
+    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Return one model's states (starts, samples, 10)."""
+    check_wheels(model, log)
+    batch = simulate_lanes(
+        model.selected,
+        parameters=model.packed[None],
+        initial=log.states[starts] if initial is None else initial,
+        torques=log.torques[starts[:, None] + np.arange(samples)],
+        sample_time=log.sample_time,
+        steps=model.steps_in(log.sample_time),
+        parameter_of=np.zeros(len(starts), dtype=np.int64),
+    )
+    return batch.states
+
+
+def recoverable_lean(model: Model) -> float:
+    """Return the lean [rad] from which, at rest, the wheels' largest torques no longer bring the body back up.
+
+    For a lean theta about x, as well as phi about y, the acceleration is affine in the torques: the body's own
+    fall plus at most |row of its torques|_1 times the torque limit against it. The answer is the smaller of the
+    two leans at which these are equal, at most the lean at which a simulation ends.
+    """
+    leans = np.linspace(0.0, LARGEST_LEAN, 601)
+    n, limit = model.robot.wheel_count, model.robot.drive.torque_limit
+    smallest = LARGEST_LEAN
+    for axis in (2, 3):
+        q = np.zeros((len(leans), 5))
+        q[:, axis] = leans
+        rest = np.zeros_like(q)
+        fall = model.acceleration(q, rest, np.zeros((len(q), n)))[:, axis]
+        push = [model.acceleration(q, rest, np.tile(unit, (len(q), 1)))[:, axis] - fall for unit in np.eye(n)]
+        lost = np.flatnonzero(fall > limit * np.abs(push).sum(axis=0))
+        if lost.size:
+            smallest = min(smallest, float(leans[lost[0]]))
+    return smallest
+
+
+def check_wheels(model: Model, log: Log) -> None:
+    """Refuse a log whose torques are not those of the model's wheels.
+
+    Raises
+    ------
+    InputError
+        Naming both numbers.
+    """
+    have, need = log.torques.shape[1], model.robot.wheel_count
+    if have != need:
+        raise InputError(
+            f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectories:
+    """States over time, from the start that all three have in common; in the order and units of a log's states."""
+
+    t: NDArray[np.float64]  #: (k,) [s], of the log
+    measured: NDArray[np.float64]  #: (k, 10)
+    first: NDArray[np.float64]  #: (k, 10) of the first model
+    second: NDArray[np.float64]  #: (k, 10) of the second
+
+    @staticmethod
+    def beside(log: Log, start: int, states: NDArray[np.float64]) -> Trajectories:
+        """Return the rows of a log from `start` on beside the `states` (2, samples, 10) of both models after it."""
+        rows = slice(start, start + states.shape[1] + 1)
+        measured = log.states[rows]
+        first, second = (np.vstack([measured[:1], run]) for run in states)
+        return Trajectories(t=log.t[rows], measured=measured, first=first, second=second)

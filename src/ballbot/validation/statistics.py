@@ -1,0 +1,275 @@
+"""Statistics of time series whose samples are not independent: correlation, whiteness, and clustered least squares.
+
+A series is made of segments, none of which may be joined to the next.
+
+Correlation (the matrix of Figure 4.3). Two series that remember their past agree by chance more than white ones do. For
+independent ones (M. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536-543),
+
+    var r = (1 + 2 sum_k rho_1(k) rho_2(k)) / n
+
+so a cell counts as many samples as n over that sum, at most n, and is tested by Student's t. Over all cells, Holm's
+correction keeps the chance of any false mark at 5 %.
+
+Whiteness. The test is Ljung and Box's (Biometrika 65 (1978) 297-303) on autocorrelations studentised as by I. Lobato,
+J. Nankervis and N. Savin (Journal of Econometrics 100 (2001) 23-38), so that residuals which grow and shrink with the
+motion do not look coloured:
+
+    Q = n (n + 2) sum_(j=1..m) r_j^2 / (n - j),      r_j^2 = c_j^2 / mean(e_k^2 e_(k-j)^2)     chi^2 with m if white
+
+A long log rejects whiteness for a memory that does not matter. So the share of a residual's variance that the m
+residuals before it predict (Yule and Walker's equations) stands beside the test. One cause lies outside the model:
+the noise of a measured state enters two residuals, with opposite signs, which alone makes a correlation of down to
+-1/2 from one sample to the next and none beyond.
+
+Clustered least squares. The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: within a block of time,
+errors may depend on each other in any way. For q parameters, W = p^T V^-1 p is tested as Hotelling's T^2 of G blocks,
+W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the blocks in which the least frequent of the q columns is not zero: a
+rare event is known from few blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, stats
+
+
+def slices(lengths: Sequence[int]) -> Iterator[slice]:
+    """Return where each segment lies, given their lengths."""
+    end = 0
+    for length in lengths:
+        yield slice(end, end + length)
+        end += length
+
+
+def autocovariance(values: NDArray[np.float64], segments: Sequence[int], *, lags: int) -> NDArray[np.float64]:
+    """Return the autocovariances (lags + 1, k) of columns (n, k) about their means, divided by n at every lag."""
+    deviation = values - values.mean(axis=0)
+    total = np.zeros((lags + 1, values.shape[1]))
+    for where in slices(segments):
+        part = deviation[where]
+        size = 1 << int(2 * len(part) - 1).bit_length()
+        spectrum = np.fft.rfft(part, size, axis=0)
+        products = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)
+        reach = min(lags + 1, len(part))
+        total[:reach] += products[:reach]
+    return total / len(values)
+
+
+def lagged(values: NDArray[np.float64], segments: Sequence[int], *, lag: int) -> NDArray[np.float64]:
+    """Return each row's value `lag` rows before (n, k), NaN where that lies before its segment."""
+    before = np.full_like(values, np.nan)
+    for where in slices(segments):
+        part = values[where]
+        if len(part) > lag:
+            before[where.start + lag : where.stop] = part[: len(part) - lag]
+    return before
+
+
+def blocks_of(segments: Sequence[int], *, length: int) -> NDArray[np.int64]:
+    """Return which block (n,) of about `length` neighbouring rows each row is in; none is of two segments."""
+    numbers, first = [], 0
+    for count in segments:
+        blocks = max(1, round(count / length))
+        numbers.append(first + np.arange(count) * blocks // max(count, 1))
+        first += blocks
+    return np.concatenate([*numbers, np.empty(0, dtype=np.int64)]).astype(np.int64)
+
+
+def holm(p_values: NDArray[np.float64], *, level: float) -> NDArray[np.bool_]:
+    """Return which of many tests are significant where the chance of any false one is to be `level`; NaN never is.
+
+    S. Holm, Scandinavian Journal of Statistics 6 (1979) 65-70.
+    """
+    flat = np.ravel(p_values)
+    order = np.argsort(flat, kind="stable")  # NaN last
+    tested = int(np.isfinite(flat).sum())
+    ranked = flat[order][:tested] * np.arange(tested, 0, -1)
+    first_kept = int(np.argmax(ranked > level)) if np.any(ranked > level) else tested
+    significant = np.zeros(flat.shape, dtype=np.bool_)
+    significant[order[:first_kept]] = True
+    return significant.reshape(np.shape(p_values))
+
+
+#: blocks beyond the parameters tested, below which nothing is told
+_LEAST_FREEDOM = 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClusteredFit:
+    """Parameters (p,) of a straight-line model."""
+
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]  #: (p, p)
+    blocks: NDArray[np.int64]  #: (p,) in which each parameter's column is not zero
+
+    @property
+    def half_widths(self) -> NDArray[np.float64]:
+        """Of the 95 % intervals (p,)."""
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return stats.t.ppf(0.975, np.maximum(self.blocks - 1, 1)) * errors
+
+    def p_value(self, places: Sequence[int]) -> float:
+        """Return how likely the parameters at `places` are to be so far from zero by chance, if all are zero.
+
+        NaN where too few blocks are left to tell.
+        """
+        blocks = int(self.blocks[list(places)].min())
+        count, freedom = len(places), blocks - len(places)
+        if freedom < _LEAST_FREEDOM:
+            return float("nan")
+        part, covariance = self.values[list(places)], self.covariance[np.ix_(places, places)]
+        wald = float(part @ np.linalg.pinv(covariance, hermitian=True) @ part)
+        return float(stats.f.sf(wald * freedom / (count * (blocks - 1)), count, freedom))
+
+
+def clustered_fit(
+    design: NDArray[np.float64], values: NDArray[np.float64], blocks: NDArray[np.int64]
+) -> ClusteredFit:
+    """Fit values (n,) by columns (n, p), their errors clustered by `blocks` (n,)."""
+    inverse = np.linalg.pinv(design.T @ design, hermitian=True)
+    found = inverse @ (design.T @ values)
+    _, block = np.unique(blocks, return_inverse=True)
+    count = int(block.max()) + 1
+    pulls = design * (values - design @ found)[:, None]
+    sums = np.array([np.bincount(block, weights=column, minlength=count) for column in pulls.T])
+    present = [np.bincount(block, weights=column != 0.0, minlength=count) for column in design.T]
+    covariance = inverse @ (sums @ sums.T) @ inverse * count / max(count - 1, 1)
+    return ClusteredFit(values=found, covariance=covariance, blocks=np.count_nonzero(present, axis=1))
+
+
+def indicators(places: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """Return columns (n, count) of ones where a row's place (n,) is the column's, else zeros."""
+    return (places[:, None] == np.arange(count)).astype(np.float64)
+
+
+#: chance of any false mark in a matrix without correlation
+CORRELATION_LEVEL = 0.05
+#: memory is summed up to this share of the series
+_REACH = 0.2
+#: fewer samples that count than this do not make a cell
+_LEAST_COUNT = 10.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correlations:
+    """The correlation matrix of residuals and torques, (m, m), m = 10 + n; 13 by 13 for three wheels."""
+
+    labels: tuple[str, ...]
+    matrix: NDArray[np.float64]
+    counts: NDArray[np.float64]  #: samples that each cell counts, for its memory
+    significant: NDArray[np.bool_]  #: off the diagonal
+
+    def between(self, first: str, second: str) -> tuple[float, bool]:
+        """Return the correlation of two labels and whether it is significant."""
+        cell = self.labels.index(first), self.labels.index(second)
+        return float(self.matrix[cell]), bool(self.significant[cell])
+
+
+def correlations(
+    columns: NDArray[np.float64], labels: tuple[str, ...], segments: Sequence[int]
+) -> Correlations:
+    """Return the correlations of columns (n, m) made of `segments`, each pair of them tested."""
+    matrix, counts = correlation_of(columns), effective_counts(columns, segments)
+    pairs = np.triu_indices(len(matrix), 1)
+    r, count = matrix[pairs], counts[pairs]
+    t = r * np.sqrt(np.maximum(count - 2.0, 0.0) / np.maximum(1.0 - r**2, 1e-15))
+    p = 2.0 * stats.t.sf(np.abs(t), np.maximum(count - 2.0, 1.0))
+    p[count < _LEAST_COUNT] = np.nan
+    significant = np.zeros(matrix.shape, dtype=np.bool_)
+    significant[pairs] = holm(p, level=CORRELATION_LEVEL)
+    return Correlations(labels=labels, matrix=matrix, counts=counts, significant=significant | significant.T)
+
+
+def correlation_of(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the correlation matrix of the columns; a constant column has none with others, and one with itself."""
+    deviation = columns - columns.mean(axis=0)
+    size = np.linalg.norm(deviation, axis=0)
+    scaled = deviation / np.where(size > 0.0, size, 1.0)
+    correlation = scaled.T @ scaled
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
+def effective_counts(columns: NDArray[np.float64], segments: Sequence[int]) -> NDArray[np.float64]:
+    """Return how many independent samples each pair of columns counts (m, m), if the two are independent."""
+    count = len(columns)
+    lags = int(min(max(segments) - 1, _REACH * count))
+    covariances = autocovariance(columns, segments, lags=lags)
+    memory = covariances / np.where(covariances[0] > 0.0, covariances[0], 1.0)
+    return count / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
+
+
+#: how many lags are looked at
+LAGS = 20
+#: chance that any of a white log's states is called coloured
+WHITENESS_LEVEL = 0.05
+#: fewer steps are too few for the test
+LEAST_STEPS = 25 * LAGS
+#: a share of the variance foretold below this is no more than a trifle
+_TRIFLE = 0.02
+#: noise of the start: so much at one sample, so little beyond
+_OF_NOISE, _BEYOND = -0.2, 0.1
+
+Colour = Literal["white", "nearly white", "noise of the start", "coloured"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Whiteness:
+    """Of each column of residuals (k,)."""
+
+    autocorrelation: NDArray[np.float64]  #: (LAGS + 1, k)
+    statistic: NDArray[np.float64]  #: Q, about `LAGS` where white
+    p_value: NDArray[np.float64]  #: of the column alone
+    rejected: NDArray[np.bool_]  #: with Holm's correction over the columns
+    foretold: NDArray[np.float64]  #: share of the variance that the residuals before foretell
+
+    @property
+    def colours(self) -> tuple[Colour, ...]:
+        """What each column is."""
+        return tuple(self._colour(place) for place in range(len(self.rejected)))
+
+    def _colour(self, place: int) -> Colour:
+        memory = self.autocorrelation[1:, place]
+        if not self.rejected[place]:
+            return "white"
+        if self.foretold[place] < _TRIFLE:
+            return "nearly white"
+        if memory[0] < _OF_NOISE and np.abs(memory[1:]).max() < _BEYOND:
+            return "noise of the start"
+        return "coloured"
+
+
+def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiteness | None:
+    """Test residuals (n, k) made of `segments`, or return None where there are fewer than `LEAST_STEPS`."""
+    count = len(residuals)
+    if count < LEAST_STEPS:
+        return None
+    covariance = autocovariance(residuals, segments, lags=LAGS)
+    variance = np.where(covariance[0] > 0.0, covariance[0], 1.0)
+    squares = (residuals - residuals.mean(axis=0)) ** 2
+    statistic = np.zeros(residuals.shape[1])
+    for lag in range(1, LAGS + 1):
+        together = np.nanmean(squares * lagged(squares, segments, lag=lag), axis=0)
+        scale = np.where(together > 0.0, together, 1.0)
+        statistic += (count + 2.0) / (count - lag) * count * covariance[lag] ** 2 / scale
+    p_value = stats.chi2.sf(statistic, LAGS)
+    return Whiteness(
+        autocorrelation=covariance / variance,
+        statistic=statistic,
+        p_value=p_value,
+        rejected=holm(p_value, level=WHITENESS_LEVEL),
+        foretold=np.array([_predicted_share(column) for column in (covariance / variance).T]),
+    )
+
+
+def _predicted_share(memory: NDArray[np.float64]) -> float:
+    """Return the share of a series' variance that as many past values as there are lags foretell."""
+    if memory[0] <= 0.0:
+        return 0.0
+    past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])
+    return float(np.clip(past @ memory[1:], 0.0, 1.0))

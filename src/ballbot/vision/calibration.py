@@ -1,0 +1,295 @@
+"""The view refined by the seam itself: place, size and distance under which all frames fit their curve best.
+
+    minimise over the view g and each frame's turn d_k    sum_k sum_j w (r - d_k . (q x n) + n . R_k^T (dp/dg) g)^2
+                                                          + h^T P h s^2
+
+h = g - g_outline(closeness): place and size are held against the outline's under the same closeness, for what the
+same outline says of them depends on it where the ball is not in the middle of the picture. r, q x n and the rest are
+means over each short piece j of the seam, in which the seam's width cancels: point by point, a view that makes the
+seam narrower would seem to fit better.
+
+The d_k are eliminated frame by frame (Schur's complement). How far a frame's pull on g scatters gives s^2, the
+weight of the outline against the seam, and how sure g is.
+
+A video's view is calibrated on its first seconds, before the whole of it is followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.vision.seam import Seam, SeamTable, crossed, fit_rotation, matched
+from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
+from ballbot.vision.tracking import follow, orientation_search
+from ballbot.vision.video import Video
+from ballbot.vision.view import CLOSENESS, View, view_of_outline
+
+#: how well an outline tells the view: x, y as shares of the radius, ln radius, and closeness where nobody told it
+_OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
+#: and how well a circle that was given
+_GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
+#: a distance that was given is right to this share
+_GIVEN = 0.01
+#: what no scatter between frames shows, for it is the same in all: pixels move a seam's edges [pixels], as standard
+#: errors of x, y and the radius, and of the closeness as a share of the radius. On rendered videos of balls of 20 to
+#: 135 pixels radius these are what was missing (`tests/test_spin.py`)
+_EDGES, _EDGES_CLOSENESS = 0.1, 0.2
+_ROUNDS = 6
+#: cells along a diameter of the ball, that cut its seam into short pieces
+_CELLS = 16
+_REACHES = (0.14, 0.12, 0.12)
+_REACH = 0.12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibration:
+    """A view and how sure it is."""
+
+    view: View
+    errors: NDArray[np.float64]  #: (4,) standard errors of x, y [pixels], ln radius and closeness
+
+
+def calibrate(
+    view: View,
+    points: NDArray[np.float64],
+    frames: Sequence[NDArray[np.uint8]],
+    orientations: Sequence[NDArray[np.float64]],
+    *,
+    table: SeamTable,
+    colour: SeamColour,
+    found: bool,
+    distance: float | None,
+) -> Calibration:
+    """Return the view under which frames fit the seam best.
+
+    Parameters
+    ----------
+    view : View
+        By the outline.
+    points : ndarray (k, 2)
+        Of the outline [pixels].
+    frames : sequence of ndarray (height, width, 3) uint8
+        Tracked ones, of many orientations.
+    orientations : sequence of ndarray (3, 3)
+        Theirs, ball frame to camera frame.
+    table : SeamTable
+    colour : SeamColour
+    found : bool
+        That the outline was found in the picture; one that is given by hand is less sure.
+    distance : float, optional
+        D, where it is known [ball radii].
+    """
+    size = (frames[0].shape[1], frames[0].shape[0])
+    spread = (_OUTLINE if found else _GIVEN_CIRCLE) * np.array([view.radius, view.radius, 1.0, 1.0])
+    if distance is not None:
+        spread[3] = _GIVEN * view.closeness
+    rotations = list(orientations)
+    assumed = view.closeness
+    covariance = np.diag(spread**2)
+    for _ in range(_ROUNDS):
+        pixels = ball_pixels(view, size)
+        parts = [_pull(pixels, colour, table, frame, R) for frame, R in zip(frames, rotations, strict=True)]
+        rotations = [part[2] for part in parts]
+        S, pulls = np.sum([part[0] for part in parts], axis=0), np.array([part[1] for part in parts])
+        scale = _scatter(S, pulls - pulls.mean(axis=0))
+        off, slopes = _off_outline(view, points, size, assumed)
+        prior = slopes.T / spread**2
+        covariance = np.linalg.inv(S / scale + prior @ slopes)
+        step = -covariance @ (pulls.sum(axis=0) / scale + prior @ off)
+        view = _within(moved(view, step))
+        if np.all(np.abs(step) < 0.02 * np.sqrt(np.diag(covariance))):
+            break
+    edges = np.array([_EDGES, _EDGES, _EDGES / view.radius, _EDGES_CLOSENESS / view.radius])
+    return Calibration(view=view, errors=np.sqrt(np.diag(covariance) + edges**2))
+
+
+def _off_outline(
+    view: View, points: NDArray[np.float64], size: tuple[int, int], assumed: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return h (4,), how far the view is from the outline's and from the closeness assumed, and its slopes (4, 4)."""
+
+    def by_outline(closeness: float) -> NDArray[np.float64]:
+        told = view_of_outline(points, size=size, closeness=closeness)
+        return np.array([told.x, told.y, np.log(told.radius)])
+
+    here = np.array([view.x, view.y, np.log(view.radius)]) - by_outline(view.closeness)
+    step = 0.25 * CLOSENESS[0]
+    slopes = np.eye(4)
+    slopes[:3, 3] = (by_outline(view.closeness - step) - by_outline(view.closeness + step)) / (2.0 * step)
+    return np.append(here, view.closeness - assumed), slopes
+
+
+def _pull(
+    pixels: BallPixels, colour: SeamColour, table: SeamTable, frame: NDArray[np.uint8], R: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return a frame's information (4, 4) and gradient (4,) on the view, its turn eliminated, and its orientation."""
+    seen, _ = seam_finder(pixels, colour).find(frame)
+    fit = fit_rotation(table, seen, R, reaches=_REACHES)
+    r, n, q, w = matched(table, seen, fit.R, _REACH)
+    by_view = np.einsum("kgi,ki->kg", pixels.by_view[seen.places], n @ fit.R.T.astype(np.float32))
+    table_of = np.column_stack([-crossed(q, n), by_view, r]).astype(np.float64)
+    piece = _pieces((q - r[:, None] * n).astype(np.float32))
+    weight = np.bincount(piece, weights=w)
+    means = np.column_stack([np.bincount(piece, weights=w * column) for column in table_of.T])
+    means /= np.maximum(weight, 1e-12)[:, None]
+    J, r_mean = means[:, :7], means[:, 7]
+    weighted = J * weight[:, None]
+    normal, right = weighted.T @ J, weighted.T @ r_mean
+    turn = normal[:3, :3] + 1e-6 * np.trace(normal[:3, :3]) * np.eye(3)
+    across = np.linalg.solve(turn, np.column_stack([normal[:3, 3:], right[:3]]))
+    S = normal[3:, 3:] - normal[3:, :3] @ across[:, :4]
+    return S, right[3:] - normal[3:, :3] @ across[:, 4], fit.R
+
+
+def _pieces(feet: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Return the number of the piece of the seam that each foot (k, 3) is on."""
+    cell = ((feet + np.float32(1.0)) * np.float32(0.5 * _CELLS)).astype(np.int64)
+    return np.unique((cell[:, 0] * 2 * _CELLS + cell[:, 1]) * 2 * _CELLS + cell[:, 2], return_inverse=True)[1]
+
+
+def _scatter(S: NDArray[np.float64], pulls: NDArray[np.float64]) -> float:
+    """Return s^2 with which the frames' pulls (k, 4) scatter as s^2 S / k."""
+    size = np.sqrt(np.maximum(np.diag(S), 1e-12))
+    white = np.linalg.pinv(S / np.outer(size, size), rcond=1e-6)
+    scaled = pulls / size
+    return max(float(np.einsum("ki,ij,kj->", scaled, white, scaled)) / 4.0, 1e-12)
+
+
+def _within(view: View) -> View:
+    low, high = CLOSENESS
+    bounded = min(max(view.closeness, low), high)
+    return moved(view, np.array([0.0, 0.0, 0.0, bounded - view.closeness]))
+
+
+#: so much of the video [s], by so many frames of it, or not with fewer than the least
+_TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
+#: where less than this share of it is tracked, the distance may be other than assumed: the seam says which of these
+#: closenesses is the best, in so many frames
+_DOUBTFUL_SHARE = 0.9
+_CLOSENESSES = (0.04, 0.12, 0.22, 0.34)
+_LOCALISED_FRAMES = 4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pass:
+    """The first seconds followed under one view."""
+
+    frames: list[NDArray[np.uint8]]  #: tracked ones, spread evenly
+    orientations: list[NDArray[np.float64]]
+    tracked: float  #: share
+
+
+def calibrated_view(
+    video: Video,
+    points: NDArray[np.float64],
+    closeness: float,
+    samples: Sequence[NDArray[np.uint8]],
+    *,
+    colour: SeamColour,
+    seam: Seam,
+    table: SeamTable,
+    found: bool,
+    distance: float | None,
+    progress: Callable[[float], None],
+) -> Calibration | None:
+    """Return the view by the video's first seconds, or None where too little of them is tracked.
+
+    Parameters
+    ----------
+    video : Video
+    points : ndarray (k, 2)
+        Of the outline [pixels].
+    closeness : float
+        1/D, assumed where `distance` is not given.
+    samples : sequence of ndarray
+        Some frames, from `Video.samples`.
+    colour, seam, table
+        The seam's.
+    found : bool
+        That the outline was found in the picture and not given.
+    distance : float, optional
+        D, where it is known [ball radii].
+    progress : function
+        Told what share is done.
+    """
+    view = view_of_outline(points, size=video.size, closeness=closeness)
+    first = _followed(video, view, colour, seam, table, progress)
+    if first.tracked < _DOUBTFUL_SHARE and distance is None:
+        likelier = _likeliest(points, samples, colour, seam, table)
+        if likelier.closeness != view.closeness:
+            view = likelier
+            first = _followed(video, view, colour, seam, table, progress)
+    if len(first.frames) < _LEAST_FRAMES:
+        return None
+    return calibrate(
+        view,
+        points,
+        first.frames,
+        first.orientations,
+        table=table,
+        colour=colour,
+        found=found,
+        distance=distance,
+    )
+
+
+def _followed(
+    video: Video,
+    view: View,
+    colour: SeamColour,
+    seam: Seam,
+    table: SeamTable,
+    progress: Callable[[float], None],
+) -> _Pass:
+    wanted = max(2, round(_TIME * video.frame_rate))
+    if video.stated_frames:
+        wanted = min(wanted, video.stated_frames)
+    every = max(1, wanted // _FRAMES)
+    kept: list[NDArray[np.uint8]] = []
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        for count, (_, frame) in enumerate(video.frames()):
+            if count == wanted:
+                return
+            if count % every == 0:
+                kept.append(frame)
+            yield frame
+
+    pixels = ball_pixels(view, video.size)
+    track = follow(
+        pictures(), seam_finder(pixels, colour), orientation_search(seam, table, pixels),
+        progress=lambda count: progress(count / wanted),
+    )  # fmt: skip
+    rows = [row for row in range(len(kept)) if track.tracked[row * every]]
+    return _Pass(
+        frames=[kept[row] for row in rows],
+        orientations=[track.R[row * every] for row in rows],
+        tracked=float(np.mean(track.tracked)),
+    )
+
+
+def _likeliest(
+    points: NDArray[np.float64],
+    samples: Sequence[NDArray[np.uint8]],
+    colour: SeamColour,
+    seam: Seam,
+    table: SeamTable,
+) -> View:
+    """Return the view with the closeness under which the seam fits some frames best, each by itself."""
+    frames = samples[:: max(1, len(samples) // _LOCALISED_FRAMES)][:_LOCALISED_FRAMES]
+    size = (frames[0].shape[1], frames[0].shape[0])
+
+    def quality(view: View) -> float:
+        pixels = ball_pixels(view, size)
+        finder, judge = seam_finder(pixels, colour), orientation_search(seam, table, pixels)
+        total = 0.0
+        for frame in frames:
+            seen, share = finder.find(frame)
+            total += judge.localise(seen, share, near=None).quality if len(seen.p) else 0.0
+        return total
+
+    return max((view_of_outline(points, size=size, closeness=one) for one in _CLOSENESSES), key=quality)

@@ -1,0 +1,374 @@
+"""Test videos of a ball that turns in a known way, from any motion, with the disturbances of real ones.
+
+The motion is given by its angular velocity, and its orientation integrated. Light is added up in linear intensities
+over the exposure and over points within each pixel, then blurred by the lens, encoded with a gamma of 2.2, and noise
+is added. The seam's cover of a pixel comes from the distance to the curve, from a map of its own: the tracker's table
+takes no part. Videos are written with a real codec.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.vision.seam import Seam, cell_directions, octahedral, thesis_seam
+from ballbot.vision.view import View
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Angular velocity, linear between instants, and the orientation that follows."""
+
+    t: NDArray[np.float64]  #: (n,) [s], increasing, close enough together that it hardly changes between two
+    omega: NDArray[np.float64]  #: (n, 3) [rad/s], camera frame
+    rotations: NDArray[np.float64]  #: (n, 3, 3) ball frame to camera frame
+
+    def omega_at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the angular velocity (k, 3) [rad/s] at times (k,)."""
+        return np.column_stack([np.interp(t, self.t, column) for column in self.omega.T])
+
+    def orientation(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the orientation (k, 3, 3), ball frame to camera frame, at times (k,)."""
+        before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
+        middle = self.omega_at(0.5 * (self.t[before] + t))
+        rest = Rotation.from_rotvec(middle * (t - self.t[before])[:, None])
+        return (rest * Rotation.from_matrix(self.rotations[before])).as_matrix()
+
+
+def motion_of(t: NDArray[np.float64], omega: NDArray[np.float64], *, start: Rotation | None = None) -> Motion:
+    """Return the motion with an angular velocity (n, 3) [rad/s], camera frame, at times (n,) [s].
+
+    Over a step the mean of its ends is taken, which errs by (w x dw) dt^2 / 12: steps of a millisecond give 1e-8 rad.
+    """
+    steps = Rotation.from_rotvec(0.5 * (omega[1:] + omega[:-1]) * np.diff(t)[:, None])
+    turned = Rotation.concatenate([start or Rotation.identity(), steps])
+    reach = 1
+    while reach < len(t):  # each row becomes the product of twice as many steps
+        turned = Rotation.concatenate([turned[:reach], turned[reach:] * turned[:-reach]])
+        reach *= 2
+    return Motion(t=t, omega=omega, rotations=turned.as_matrix())
+
+
+def wandering(*, duration: float, peak: float, seed: int, fastest: float = 1.0, rows: int = 1000) -> Motion:
+    """Return a motion about all three axes by sums of sines, whose speed peaks at a value.
+
+    Parameters
+    ----------
+    duration : float
+        [s]
+    peak : float
+        Largest length of the angular velocity [rad/s].
+    seed : int
+        Of the sines and of the orientation at the start.
+    fastest : float
+        Highest frequency [Hz].
+    rows : int
+        A second.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(-0.1, duration + 0.1, 1.0 / rows)
+    omega = np.zeros((len(t), 3))
+    for axis in range(3):
+        # five frequencies: U(0.05, fastest) Hz; sizes: U(0.3, 1); phases: U(0, 2 pi)
+        f, size, phase = (
+            rng.uniform(0.05, fastest, 5),
+            rng.uniform(0.3, 1.0, 5),
+            rng.uniform(0.0, 2 * np.pi, 5),
+        )
+        omega[:, axis] = np.sin(2 * np.pi * np.outer(t, f) + phase) @ size
+    omega *= peak / np.linalg.norm(omega, axis=1).max()
+    return motion_of(t, omega, start=Rotation.from_quat(rng.normal(size=4)))
+
+
+#: red, green, blue, 0 to 255, as a picture has them
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Light:
+    """How the scene is lit."""
+
+    uneven: float = 0.0  #: how much darker the far corner is, as a share of the light
+    highlight: float = 0.0  #: height of the lamp's reflection on the ball, as a share of full white
+    shadow: float = (
+        0.0  #: share of the light that a shadow with a sharp edge takes; it moves over the ball and back
+    )
+    shadow_period: float = 7.0  #: of that [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """The camera, and what it spoils."""
+
+    size: tuple[int, int] = (480, 360)  #: width and height [pixels]
+    frame_rate: float = 60.0  #: [Hz]
+    distance: float = 7.0  #: from the lens to the ball's centre [ball radii]
+    centre: tuple[float, float] = (246.0, 172.0)  #: of the ball in the picture [pixels]
+    radius: float = 135.0  #: of the ball, as `View` has it [pixels]
+    exposure: float = 0.05  #: share of the time between frames in which light is gathered: motion blur
+    blur: float = 0.6  #: of the lens, standard deviation [pixels]
+    noise: float = 1.0  #: standard deviation [grey levels of 255]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A ball, its light and the camera."""
+
+    seam: Seam = field(default_factory=thesis_seam)
+    seam_width: float = 0.07  #: [ball radii]
+    seam_colour: Colour = (225, 190, 40)
+    ball_colour: Colour = (62, 70, 92)
+    light: Light = Light()
+    camera: Camera = Camera()
+
+
+_GAMMA = 2.2
+#: cells along a side of the map of distances, one about 0.003 rad
+_SIDE = 1024
+#: points of a pixel and instants of an exposure: a sharp frame takes few
+_SAMPLES_STILL, _SAMPLES_MOVING = 4, 10
+#: an exposure below this share is still
+_STILL = 0.2
+#: darkest that the ball's shading gets at its rim, as a share
+_RIM = 0.35
+#: width of a shadow's edge [pixels]
+_PENUMBRA = 6.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Canvas:
+    """All that does not change from frame to frame; colours linear, in OpenCV's order blue, green, red."""
+
+    corner: tuple[int, int]  #: column and row of the ball's box
+    rays: list[NDArray[np.float32]]  #: points of the ball (k, 3) by sample, camera frame
+    covered: list[NDArray[np.bool_]]  #: (rows, columns) which pixels these are
+    light: NDArray[np.float32]  #: (height, width) on the whole picture
+    shading: NDArray[np.float32]  #: (rows, columns) of the ball
+    highlight: NDArray[np.float32]  #: (rows, columns)
+    background: NDArray[np.float32]  #: (height, width, 3)
+    distances: NDArray[np.float32]  #: (side, side) to the seam [rad]
+    encode: NDArray[np.uint8]  #: by linear light in 4095 steps
+
+
+def view_of(scene: Scene) -> View:
+    """Return the view that a scene's camera has."""
+    camera = scene.camera
+    middle = (0.5 * (camera.size[0] - 1), 0.5 * (camera.size[1] - 1))
+    return View(
+        x=camera.centre[0], y=camera.centre[1], radius=camera.radius, closeness=1.0 / camera.distance, middle=middle
+    )  # fmt: skip
+
+
+def render(scene: Scene, motion: Motion, *, duration: float, seed: int = 0) -> Iterator[NDArray[np.uint8]]:
+    """Yield the frames (height, width, 3) uint8, as OpenCV has them, of `duration` seconds.
+
+    The k-th is the light of the exposure whose middle is at k / frame_rate.
+    """
+    camera = scene.camera
+    canvas = _canvas(scene)
+    count = len(canvas.rays)
+    rng = np.random.default_rng(seed)
+    cv2.setRNGSeed(seed % 2**31)  # OpenCV takes a signed integer of 32 bits
+    order = rng.permutation(count)  # so that places within a pixel do not go with instants
+    for frame in range(round(duration * camera.frame_rate)):
+        middle = frame / camera.frame_rate
+        within = (np.arange(count) + 0.5) / count - 0.5
+        instants = middle + within[order] * camera.exposure / camera.frame_rate
+        yield _frame(scene, canvas, motion.orientation(instants), middle)
+
+
+def _frame(scene: Scene, canvas: _Canvas, R: NDArray[np.float64], t: float) -> NDArray[np.uint8]:
+    seam, ball = _linear(scene.seam_colour), _linear(scene.ball_colour)
+    rows, columns = canvas.shading.shape
+    share = np.zeros((rows, columns), np.float32)  # of the pixel that is ball, and that is seam
+    seamed = np.zeros((rows, columns), np.float32)
+    sharp = np.float32(scene.camera.radius)
+    for rays, covered, rotation in zip(canvas.rays, canvas.covered, R, strict=True):
+        distance = _sampled(canvas.distances, rays @ rotation.astype(np.float32))
+        cover = np.clip((np.float32(0.5 * scene.seam_width) - distance) * sharp + np.float32(0.5), 0.0, 1.0)
+        share[covered] += 1.0
+        seamed[covered] += cover
+    share /= len(canvas.rays)
+    seamed /= len(canvas.rays)
+    albedo = share[..., None] * ball + seamed[..., None] * (seam - ball)
+    column, row = canvas.corner
+    picture = canvas.background.copy()
+    box = picture[row : row + rows, column : column + columns]
+    box *= (1.0 - share)[..., None]
+    box += albedo * canvas.shading[..., None]
+    picture *= (canvas.light * _shadow(scene, t))[..., None]
+    box += canvas.highlight[..., None] * share[..., None]
+    return _developed(scene, canvas, picture)
+
+
+def _developed(scene: Scene, canvas: _Canvas, picture: NDArray[np.float32]) -> NDArray[np.uint8]:
+    if scene.camera.blur > 0.0:
+        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), scene.camera.blur), np.float32)
+    levels = np.clip(picture * 4095.0, 0.0, 4095.0).astype(np.uint16)
+    encoded = canvas.encode[levels]
+    if scene.camera.noise > 0.0:
+        noise = cv2.randn(
+            np.empty(encoded.shape, np.int16), np.zeros((4, 1)), np.full((4, 1), scene.camera.noise)
+        )
+        encoded = cv2.add(encoded, noise, dtype=cv2.CV_8U)
+    return np.asarray(encoded, np.uint8)
+
+
+def _canvas(scene: Scene) -> _Canvas:
+    camera, view = scene.camera, view_of(scene)
+    width, height = camera.size
+    reach = camera.radius * 1.2 + 4.0
+    left, top = max(0, int(view.x - reach)), max(0, int(view.y - reach))
+    right, bottom = min(width, int(view.x + reach) + 1), min(height, int(view.y + reach) + 1)
+    grid = np.stack(np.meshgrid(np.arange(left, right), np.arange(top, bottom)), axis=-1).astype(np.float64)
+    rays, covered = [], []
+    for offset in _offsets(_SAMPLES_STILL if camera.exposure < _STILL else _SAMPLES_MOVING):
+        points, facing = view.points((grid + offset).reshape(-1, 2))
+        hit = np.isfinite(facing)
+        rays.append(points[hit].astype(np.float32))
+        covered.append(hit.reshape(grid.shape[:2]))
+    points, facing = view.points(grid.reshape(-1, 2))
+    facing = np.nan_to_num(facing)
+    lamp = np.array([-0.35, -0.45, -0.82])  # where the lamp is from the ball, camera frame
+    lit = np.clip(np.nan_to_num(points) @ lamp, 0.0, 1.0)
+    shading = _RIM + (1.0 - _RIM) * (0.5 * facing + 0.5 * lit)
+    highlight = scene.light.highlight * np.exp(-(1.0 - lit) / 0.006)
+    return _Canvas(
+        corner=(left, top),
+        rays=rays,
+        covered=covered,
+        light=_light(scene),
+        shading=shading.reshape(grid.shape[:2]).astype(np.float32),
+        highlight=highlight.reshape(grid.shape[:2]).astype(np.float32),
+        background=_background(scene, view),
+        distances=_distances(scene.seam),
+        encode=np.round(255.0 * (np.arange(4096) / 4095.0) ** (1.0 / _GAMMA)).astype(np.uint8),
+    )
+
+
+def _offsets(count: int) -> NDArray[np.float64]:
+    """Return places (count, 2) within a pixel, spread evenly: the plastic number's sequence."""
+    k = np.arange(count)[:, None] + 0.5
+    places = (k * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
+    return places - places.mean(axis=0)
+
+
+def _light(scene: Scene) -> NDArray[np.float32]:
+    width, height = scene.camera.size
+    across = np.add.outer(np.linspace(0.0, 0.6, height), np.linspace(0.0, 0.4, width))
+    return (1.0 - scene.light.uneven * across).astype(np.float32)
+
+
+def _shadow(scene: Scene, t: float) -> NDArray[np.float32] | np.float32:
+    """Return the share of light (height, width) that a shadow leaves: a slanting band that swings across the ball."""
+    light, camera = scene.light, scene.camera
+    if light.shadow == 0.0:
+        return np.float32(1.0)
+    width, height = camera.size
+    swing = np.sin(2.0 * np.pi * t / light.shadow_period)
+    along = np.add.outer(0.35 * np.arange(height), np.arange(width)).astype(np.float32)
+    edge = camera.centre[0] + 0.35 * camera.centre[1] + (0.7 * swing - 0.3) * camera.radius
+    within = np.clip((along - np.float32(edge)) / np.float32(_PENUMBRA) + np.float32(0.5), 0.0, 1.0)
+    within *= np.clip(
+        (np.float32(edge + 0.8 * camera.radius) - along) / np.float32(_PENUMBRA) + np.float32(0.5), 0.0, 1.0
+    )
+    return np.float32(1.0) - np.float32(light.shadow) * within
+
+
+def _background(scene: Scene, view: View) -> NDArray[np.float32]:
+    """Return a table top with the robot's plate, three wheels and some clutter."""
+    width, height = scene.camera.size
+    picture = np.empty((height, width, 3), np.float32)
+    picture[:] = _linear((168, 160, 150))
+    centre, radius = (round(view.x), round(view.y)), view.radius
+    _disc(picture, centre, 1.32 * radius, (120, 122, 126))
+    for azimuth in np.radians([20.0, 140.0, 260.0]):
+        place = np.array(centre) + 1.12 * radius * np.array([np.cos(azimuth), np.sin(azimuth)])
+        box = (
+            (float(place[0]), float(place[1])),
+            (0.5 * radius, 0.2 * radius),
+            float(np.degrees(azimuth)) + 90.0,
+        )
+        cv2.fillPoly(picture, [cv2.boxPoints(box).astype(np.int32)], _linear((40, 40, 44)).tolist())
+        _disc(picture, (round(place[0]), round(place[1])), 0.05 * radius, (150, 60, 50))
+    cv2.line(picture, (0, height // 5), (width, height // 8), _linear((90, 110, 150)).tolist(), 3)
+    return picture
+
+
+def _disc(picture: NDArray[np.float32], centre: tuple[int, int], radius: float, colour: Colour) -> None:
+    cv2.circle(picture, centre, round(radius), _linear(colour).tolist(), -1)
+
+
+def _linear(colour: Colour) -> NDArray[np.float32]:
+    return ((np.array(colour[::-1]) / 255.0) ** _GAMMA).astype(np.float32)
+
+
+def _distances(seam: Seam) -> NDArray[np.float32]:
+    chord = KDTree(seam.points).query(cell_directions(_SIDE))[0]
+    return (2.0 * np.arcsin(0.5 * chord)).astype(np.float32).reshape(_SIDE, _SIDE)
+
+
+def _sampled(table: NDArray[np.float32], q: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the table's values (k,), interpolated, at directions (k, 3)."""
+    u, v = octahedral(q)
+    half = np.float32(0.5 * _SIDE)
+    # OpenCV's maps have at most 32767 rows
+    shape = (-1, 512)
+    spare = -len(u) % shape[1]
+    column = np.pad(u * half + (half - np.float32(0.5)), (0, spare)).reshape(shape)
+    row = np.pad(v * half + (half - np.float32(0.5)), (0, spare)).reshape(shape)
+    values = cv2.remap(table, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values, np.float32).ravel()[: len(u)]
+
+
+#: fourcc by suffix: lossless, and the two lossy codecs that every build of OpenCV can write
+LOSSLESS, MPEG4, MOTION_JPEG = "HFYU", "mp4v", "MJPG"
+
+
+def write_video(
+    path: str | Path, frames: Iterable[NDArray[np.uint8]], *, frame_rate: float, codec: str = LOSSLESS
+) -> int:
+    """Write frames (height, width, 3) as a video, whole or not at all, and return how many they were.
+
+    Parameters
+    ----------
+    path : str or Path
+        .avi for HFYU and MJPG, .mp4 for mp4v.
+    frames : iterable of ndarray
+    frame_rate : float
+        [Hz]
+    codec : str
+        A fourcc.
+
+    Raises
+    ------
+    InputError
+        Where OpenCV cannot write such a file.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.stem}.part{path.suffix}")
+    count = 0
+    try:
+        writer: cv2.VideoWriter | None = None
+        for frame in frames:
+            if writer is None:
+                size = (frame.shape[1], frame.shape[0])
+                writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*codec), frame_rate, size)
+                if not writer.isOpened():
+                    raise InputError(f"{path} cannot be written with the codec {codec}.")
+            writer.write(frame)
+            count += 1
+        if writer is not None:
+            writer.release()
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return count

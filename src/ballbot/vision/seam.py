@@ -1,0 +1,319 @@
+"""The seam of a ball: its curve, a table of the curve by direction, and the rotation that fits seam points best.
+
+Curves, closed on the unit sphere in the ball's own frame:
+
+    (V.4)   x = a cos t + b cos 3t,   y = a sin t - b sin 3t,   z = c sin 2t,   b = 1 - a,   c = 2 sqrt(ab)
+
+The thesis prints cos 3t in the second component and c = sqrt(ab); with either the curve leaves the sphere.
+
+Table: where the seam is nearest to any direction. The sphere is laid out on a square by the octahedral map (E. Praun
+and H. Hoppe, ACM Trans. Graphics 22 (2003) 340-349):
+
+    s = |x| + |y| + |z|;   (u, v) = (x, y) / s above the equator,   ((1 - |y|/s) sgn x, (1 - |x|/s) sgn y) below
+
+A cell keeps n = c x tau, c the seam's point nearest to it and tau the tangent there. The great circle with the
+normal n touches the seam at c, so that asin(n . q) is the distance of any q near from the seam, signed by the side,
+to second order in the cell's size.
+
+Fit, by Gauss-Newton on the distances from the curve:
+
+    q = R^T p,   r = n(q) . q,   R <- R exp(d),   r(d) = r - d . (q x n)
+
+p are points of the ball in the camera's frame, q the same in the ball's, n from `SeamTable`: r is the distance from
+the curve, and the point may slide along it (Y. Chen and G. Medioni, Image and Vision Computing 10 (1992) 145-155).
+Points far off count less (Tukey's biweight), and from `reach` on not at all.
+
+A seam is a band, and the middle of a band is the curve only if weights do not change across it. So a point weighs
+as its piece of the ball's surface, times a factor that falls toward the rim and is taken at the foot, p - r n, on
+the curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ballbot.errors import InputError
+
+#: points of a curve: 0.003 rad apart at the most, an eighth of a seam's width
+_POINTS = 4096
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seam:
+    """Where a ball's seam runs."""
+
+    name: str
+    curves: tuple[NDArray[np.float64], ...]  #: each (n, 3), unit vectors, closed: the last meets the first
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """All points of all curves (n, 3)."""
+        return np.vstack(self.curves)
+
+    @property
+    def tangents(self) -> NDArray[np.float64]:
+        """The unit tangents (n, 3) at `points`."""
+        slopes = [np.roll(curve, -1, axis=0) - np.roll(curve, 1, axis=0) for curve in self.curves]
+        return np.vstack([slope / np.linalg.norm(slope, axis=1, keepdims=True) for slope in slopes])
+
+
+def thesis_seam(a: float = 0.65) -> Seam:
+    """Return (V.4) with its two misprints mended.
+
+    Parameters
+    ----------
+    a : float
+        0.5 < a < 1, in ball radii; the nearer to 1, the nearer is the curve to a great circle.
+
+    Raises
+    ------
+    InputError
+        Where a is outside of that.
+    """
+    if not 0.5 < a < 1.0:
+        raise InputError(f"a of the seam is {a:g} ball radii; (V.4) needs a value between 0.5 and 1.")
+    t, b = _parameter(), 1.0 - a
+    x = a * np.cos(t) + b * np.cos(3.0 * t)
+    y = a * np.sin(t) - b * np.sin(3.0 * t)
+    z = 2.0 * np.sqrt(a * b) * np.sin(2.0 * t)
+    return Seam(name="thesis", curves=(np.column_stack([x, y, z]),))
+
+
+def tennis_seam() -> Seam:
+    """Return a tennis ball's seam: (V.4) with a = 0.75, whose neck is 60 degrees wide where the thesis's is 35."""
+    return Seam(name="tennis", curves=thesis_seam(0.75).curves)
+
+
+def basketball_seam() -> Seam:
+    """Return a basketball's seam of eight panels: two great circles, and an oval about each end of the x axis.
+
+    The ovals are 45 degrees from the x axis where the great circle z = 0 cuts them and 62 degrees at their far
+    ends; makers differ in this, and none publishes a curve.
+    """
+    t = _parameter()
+    zero = np.zeros_like(t)
+    equator = np.column_stack([np.cos(t), np.sin(t), zero])
+    meridian = np.column_stack([zero, np.cos(t), np.sin(t)])
+    opening = np.radians(45.0) + np.radians(17.0) * np.sin(t) ** 2
+    oval = np.column_stack([np.cos(opening), np.sin(opening) * np.cos(t), np.sin(opening) * np.sin(t)])
+    return Seam(name="basketball", curves=(equator, meridian, oval, oval * [-1.0, 1.0, 1.0]))
+
+
+SEAMS: Mapping[str, Callable[[], Seam]] = MappingProxyType(
+    {"thesis": thesis_seam, "tennis": tennis_seam, "basketball": basketball_seam}
+)
+
+
+def seam_named(name: str) -> Seam:
+    """Return the seam of that name.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
+    if name not in SEAMS:
+        raise InputError(f"There is no seam {name!r}; the seams are {', '.join(SEAMS)}.")
+    return SEAMS[name]()
+
+
+def _parameter() -> NDArray[np.float64]:
+    return np.linspace(0.0, 2.0 * np.pi, _POINTS, endpoint=False)
+
+
+#: cells along a side; one is about 0.006 rad across
+_SIDE = 512
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeamTable:
+    """The seam's normals by direction."""
+
+    normals: NDArray[np.float32]  #: (side^2, 3), ball frame
+    side: int
+
+    def normals_at(self, q: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return n (k, 3) for directions q (k, 3), ball frame; n . q is the sine of the distance from the seam."""
+        u, v = octahedral(q)
+        scale = np.float32(0.5 * self.side)
+        most = np.int32(self.side - 1)
+        column = np.minimum(((u + np.float32(1.0)) * scale).astype(np.int32), most)
+        row = np.minimum(((v + np.float32(1.0)) * scale).astype(np.int32), most)
+        return self.normals.take(row * np.int32(self.side) + column, axis=0)
+
+
+def seam_table(seam: Seam) -> SeamTable:
+    """Return the table of a seam."""
+    points, tangents = seam.points, seam.tangents
+    nearest = KDTree(points).query(cell_directions(_SIDE))[1]
+    normals = np.cross(points[nearest], tangents[nearest])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return SeamTable(normals=normals.astype(np.float32), side=_SIDE)
+
+
+def octahedral(q: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the place (u, v), each (k,) within -1..1, of directions (k, 3) on the square."""
+    x, y, z = q[:, 0], q[:, 1], q[:, 2]
+    size = np.float32(1.0) / (np.abs(x) + np.abs(y) + np.abs(z))
+    u, v = x * size, y * size
+    below = z < 0
+    folded_u = np.copysign(np.float32(1.0) - np.abs(v), u)
+    folded_v = np.copysign(np.float32(1.0) - np.abs(u), v)
+    return np.where(below, folded_u, u), np.where(below, folded_v, v)
+
+
+def cell_directions(side: int) -> NDArray[np.float64]:
+    """Return the directions (side^2, 3) at the middles of the cells, row by row."""
+    middles = (np.arange(side) + 0.5) * (2.0 / side) - 1.0
+    v, u = np.meshgrid(middles, middles, indexing="ij")
+    z = 1.0 - np.abs(u) - np.abs(v)
+    x = np.where(z < 0, np.copysign(1.0 - np.abs(v), u), u)
+    y = np.where(z < 0, np.copysign(1.0 - np.abs(u), v), v)
+    directions = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def exponential(v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation (3, 3) about v (3,) by its length [rad] (Rodrigues)."""
+    angle = float(np.sqrt(v @ v))
+    x, y, z = v
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-8:
+        return np.eye(3) + K
+    return np.eye(3) + np.sin(angle) / angle * K + (1.0 - np.cos(angle)) / angle**2 * (K @ K)
+
+
+def logarithm(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return v (3,) with exponential(v) = R, for rotations by less than half a turn."""
+    odd = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = float(np.sqrt(odd @ odd))
+    angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
+    return odd if sine < 1e-12 else odd * (angle / sine)
+
+
+#: of the start, as a share of the points' mean information: what they do not tell stays as it was predicted
+TRUST = 5e-4
+#: cells along a diameter of the ball, that cut its seam into pieces
+_PIECES = 5
+#: a step below this is none [rad]
+_SMALL = 2e-5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeamPoints:
+    """Where the seam was seen in a frame."""
+
+    p: NDArray[np.float32]  #: (k, 3) unit vectors, camera frame
+    area: NDArray[np.float32]  #: (k,) of the ball's surface, relative
+    places: NDArray[np.intp]  #: (k,) which pixels of the ball these are
+    toward: NDArray[np.float32]  #: (3,) direction from the ball's centre to the lens, camera frame
+    rim: float  #: feet lower than this along `toward` count nothing [ball radii]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A rotation and what the points say of it."""
+
+    R: NDArray[np.float64]  #: (3, 3) ball frame to camera frame
+    information: NDArray[
+        np.float64
+    ]  #: (3, 3) sum of w (q x n)(q x n)^T, camera frame, as if each point erred by 1 rad
+    bias: NDArray[np.float64]  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
+    inliers: float  #: share of the weight that is within reach of the curve
+    spread: float  #: rms distance of those from the curve [rad]
+    step: float  #: length of the last step [rad]
+
+
+def fit_rotation(
+    table: SeamTable, seen: SeamPoints, start: NDArray[np.float64], *, reaches: tuple[float, ...]
+) -> Fit:
+    """Return the rotation near a start (3, 3) that brings the points onto the curve best.
+
+    Points on one circle, all that is seen of some seams at times, do not tell a turn about its axis; the start does
+    then.
+
+    Parameters
+    ----------
+    table : SeamTable
+    seen : SeamPoints
+        At least three points.
+    start : ndarray (3, 3)
+        Ball frame to camera frame.
+    reaches : tuple of float
+        For each iteration, the distance from which on a point counts nothing [rad].
+    """
+    R = start
+    d = np.zeros(3)
+    for reach in reaches:
+        r, n, q, w = matched(table, seen, R, reach)
+        lever = crossed(q, n)
+        H = (lever * w[:, None]).T @ lever
+        trust = TRUST / 3.0 * max(float(np.trace(H)), 1e-9)
+        g = (lever.T @ (w * r)).astype(np.float64) - trust * logarithm(start.T @ R)
+        d = np.linalg.solve(H.astype(np.float64) + trust * np.eye(3), g).astype(np.float64)
+        R = R @ exponential(d)
+        if float(d @ d) < _SMALL**2 and reach == reaches[-1]:
+            break
+    return _scored(table, seen, R, reaches[-1], float(np.linalg.norm(d)))
+
+
+def matched(
+    table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return distances r (k,), normals n (k, 3) and points q (k, 3) in the ball's frame, and weights (k,)."""
+    turned = R.astype(np.float32)
+    q = seen.p @ turned
+    n = table.normals_at(q)
+    r = np.einsum("ki,ki->k", q, n)
+    toward = seen.toward @ turned
+    rim = np.float32(seen.rim)
+    foot = (q @ toward - r * (n @ toward) - rim) / (np.float32(1.0) - rim)
+    share = np.maximum(np.float32(1.0) - (r / np.float32(reach)) ** 2, np.float32(0.0))
+    return r, n, q, seen.area * np.maximum(foot, np.float32(0.0)) * share * share
+
+
+def crossed(q: NDArray[np.float32], n: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return q x n (k, 3)."""
+    lever = np.empty_like(q)
+    lever[:, 0] = q[:, 1] * n[:, 2] - q[:, 2] * n[:, 1]
+    lever[:, 1] = q[:, 2] * n[:, 0] - q[:, 0] * n[:, 2]
+    lever[:, 2] = q[:, 0] * n[:, 1] - q[:, 1] * n[:, 0]
+    return lever
+
+
+def _scored(table: SeamTable, seen: SeamPoints, R: NDArray[np.float64], reach: float, step: float) -> Fit:
+    r, n, q, w = matched(table, seen, R, reach)
+    lever = crossed(q, n)
+    H = ((lever * w[:, None]).T @ lever).astype(np.float64)
+    near = np.abs(r) < reach
+    inside = float(seen.area[near].sum())
+    return Fit(
+        R=R,
+        information=R @ H @ R.T,
+        bias=R @ _disagreement(H, lever * (w * r)[:, None], q - r[:, None] * n) @ R.T,
+        inliers=inside / max(float(seen.area.sum()), 1e-9),
+        spread=float(np.sqrt((seen.area[near] @ r[near] ** 2) / max(inside, 1e-9))),
+        step=step,
+    )
+
+
+def _disagreement(
+    H: NDArray[np.float64], pulls: NDArray[np.float64], feet: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the rotation's covariance (3, 3) by the pulls (k, 3) of points, in whatever way those of one piece of
+    the seam go together; the pieces are told by the points' feet (k, 3).
+
+    The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: what blur, shadows, a wrong view or a
+    wrong curve do to one piece they do otherwise to the next.
+    """
+    cell = np.minimum(((feet + 1.0) * (0.5 * _PIECES)).astype(np.intp), _PIECES - 1)
+    piece = (cell[:, 0] * _PIECES + cell[:, 1]) * _PIECES + cell[:, 2]
+    sums = np.stack([np.bincount(piece, weights=pulls[:, axis]) for axis in range(3)])
+    inverse = np.linalg.inv(H + TRUST / 3.0 * max(float(np.trace(H)), 1e-9) * np.eye(3))
+    return inverse @ (sums @ sums.T) @ inverse

@@ -1,0 +1,398 @@
+"""The pixels of the ball in a picture, the points of the sphere seen there, and which of them are seam.
+
+The seam's colour against the ball's is one number a pixel, 0 on the ball and 1 on the seam, whatever the light.
+
+    score = w . (l - mean of l around, but for the seam),      l = log of blue, green, red
+
+In logarithms light multiplies nothing but adds the same to all three, so that Fisher's discriminant w (R. A.
+Fisher, Annals of Eugenics 7 (1936) 179-188), learned from the video itself, turns away from light and shadow by
+itself where the seam has a colour, and uses brightness where it has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.vision.seam import SeamPoints
+from ballbot.vision.view import View
+
+#: grey levels added before the logarithm, so that the noise of dark pixels does not grow without bound
+_FLOOR = 12.0
+#: before anything else, standard deviation [pixels]
+_BLUR = 0.8
+#: what a video may have where its first seconds show less, as standard deviations: noise in each channel [grey
+#: levels], shadow, as a share of the light, and reflected white [grey levels]
+_COLOUR_NOISE, _SHADOW, _REFLECTION = 3.0, 0.3, 15.0
+#: side of the surroundings that a pixel is compared with, in radii of the ball
+_AROUND = 0.5
+#: the seam and the ball differ by so many standard deviations of the ball's pixels, or there is no seam to be seen
+_LEAST_SEPARATION = 1.7
+#: a pixel with less than this score is surely not seam
+_NOT_SEAM = 0.3
+#: keeps a quotient finite where no ball is around
+_LEAST_SHARE = np.float32(1e-3)
+#: most of a ball that a seam covers
+_MOST_SEAM = 0.35
+#: most pixels that the discriminant is learned from
+_MOST_PIXELS = 40_000
+_LOGS = np.log(np.arange(256, dtype=np.float32) + np.float32(_FLOOR))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeamColour:
+    """What tells seam from ball."""
+
+    table: NDArray[np.float32]  #: (256, 3) w log(level), by channel
+    around: int  #: side of the surroundings [pixels]
+    noise: float  #: standard deviation of the score on the ball
+    separation: float  #: of the two, in standard deviations of both
+    seam: tuple[int, int, int]  #: the seam's mean colour, red green blue
+    ball: tuple[int, int, int]
+
+    def score(self, picture: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the score (rows, columns) of a picture (rows, columns, 3) of the ball.
+
+        Parameters
+        ----------
+        picture : ndarray of uint8
+        share : ndarray (rows, columns)
+            From `surroundings`: what part of each pixel's surroundings is ball; 0 beside the ball.
+        """
+        logs = cv2.LUT(picture, self.table[:, None, :])
+        value = np.asarray(cv2.GaussianBlur(cv2.transform(logs, np.ones((1, 3), np.float32)), (0, 0), _BLUR))
+        inside = (share > 0.0).astype(np.float32)
+        mean = _mean(value * inside, self.around) / np.maximum(share, _LEAST_SHARE)
+        # a second time without the seam, which would pull the mean toward itself
+        ball = inside * (value - mean < np.float32(_NOT_SEAM))
+        mean = _mean(value * ball, self.around) / np.maximum(_mean(ball, self.around), _LEAST_SHARE)
+        return np.asarray((value - mean) * inside, np.float32)
+
+
+def surroundings(inside: NDArray[np.bool_], around: int) -> NDArray[np.float32]:
+    """Return what part (rows, columns) of each pixel's surroundings is ball; 0 beside the ball."""
+    return _mean(inside.astype(np.float32), around) * inside
+
+
+def learn_colour(
+    pictures: Sequence[NDArray[np.uint8]],
+    inside: NDArray[np.bool_],
+    *,
+    radius: float,
+    colour: tuple[int, int, int] | None = None,
+) -> SeamColour:
+    """Return what tells seam from ball in pictures (rows, columns, 3) of the ball.
+
+    Parameters
+    ----------
+    pictures : sequence of ndarray of uint8
+    inside : ndarray of bool (rows, columns)
+        Where the ball is.
+    radius : float
+        The ball's [pixels].
+    colour : tuple of int, optional
+        The seam's, red green blue; without it, the seam is what stands out of its surroundings most.
+
+    Raises
+    ------
+    InputError
+        Where nothing stands out enough.
+    """
+    around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
+    sample = _Sample.of(pictures, inside, around)
+    found = [_best(sample.detail(None), sample.levels, colour)]
+    for _ in range(2):  # again with surroundings that are free of the seam
+        w, threshold, _ = found[-1]
+        found.append(_best(sample.detail((w, threshold)), sample.levels, colour))
+    w, threshold, separation = found[-1]
+    if separation < _LEAST_SEPARATION:
+        raise InputError(_no_seam(colour))
+    along = sample.detail((w, threshold)) @ w
+    is_seam = along > threshold
+    seam, ball = along[is_seam], along[~is_seam]
+    contrast = seam.mean() - ball.mean()
+    return SeamColour(
+        table=(_LOGS[:, None] * (w / contrast)).astype(np.float32),
+        around=around,
+        # the median, for the seam's blurred edges are no noise
+        noise=1.4826 * float(np.median(np.abs(ball - np.median(ball)))) / contrast,
+        separation=separation,
+        seam=_mean_colour(sample.levels[is_seam]),
+        ball=_mean_colour(sample.levels[~is_seam]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sample:
+    """What the discriminant is learned from."""
+
+    logs: list[NDArray[np.float32]]  #: pictures (rows, columns, 3)
+    inside: NDArray[np.float32]  #: (rows, columns)
+    around: int
+    chosen: NDArray[np.bool_]  #: (rows, columns)
+    levels: NDArray[np.uint8]  #: (n, 3) of the pixels chosen, of all pictures
+
+    @staticmethod
+    def of(pictures: Sequence[NDArray[np.uint8]], inside: NDArray[np.bool_], around: int) -> _Sample:
+        step = max(1, int(np.sqrt(inside.sum() * len(pictures) / _MOST_PIXELS)))
+        chosen = np.zeros_like(inside)
+        chosen[::step, ::step] = inside[::step, ::step]
+        return _Sample(
+            logs=[
+                np.asarray(cv2.GaussianBlur(_LOGS[picture], (0, 0), _BLUR), np.float32)
+                for picture in pictures
+            ],
+            inside=inside.astype(np.float32),
+            around=around,
+            chosen=chosen,
+            levels=np.concatenate([picture[chosen] for picture in pictures]),
+        )
+
+    def detail(self, seam: tuple[NDArray[np.float64], float] | None) -> NDArray[np.float64]:
+        """Return log colours less those around (n, 3); a seam known by direction and threshold is left out of these."""
+        parts = []
+        for values in self.logs:
+            ball = self.inside
+            detail = values - self._mean(values, ball)
+            if seam is not None:
+                ball = ball * (detail @ seam[0].astype(np.float32) < np.float32(0.7 * seam[1]))
+                detail = values - self._mean(values, ball)
+            parts.append(detail[self.chosen])
+        return np.concatenate(parts).astype(np.float64)
+
+    def _mean(self, values: NDArray[np.float32], ball: NDArray[np.float32]) -> NDArray[np.float32]:
+        share = np.maximum(_mean(ball, self.around), _LEAST_SHARE)
+        return np.asarray(_mean(values * ball[..., None], self.around) / share[..., None], np.float32)
+
+
+def _best(
+    detail: NDArray[np.float64], levels: NDArray[np.uint8], colour: tuple[int, int, int] | None
+) -> tuple[NDArray[np.float64], float, float]:
+    """Return the discriminant (3,), the seam's threshold along it, and how far apart seam and ball are."""
+    by_level = 1.0 / (np.median(levels, axis=0) + _FLOOR)  # of the logarithm
+    noise = (
+        np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2 + np.outer(by_level, by_level) * _REFLECTION**2
+    )
+    starts = _starts(detail, levels, colour)
+    found = [one for one in (_refined(detail, noise, start) for start in starts) if one is not None]
+    if not found:
+        raise InputError(_no_seam(colour))
+    return max(found, key=lambda one: one[2])
+
+
+def _starts(
+    detail: NDArray[np.float64], levels: NDArray[np.uint8], colour: tuple[int, int, int] | None
+) -> list[NDArray[np.float64]]:
+    """Return directions (3,) to start from: toward the colour given, or where pixels stand out most."""
+    if colour is not None:
+        ball = np.log(np.median(levels, axis=0) + _FLOOR)
+        toward = np.log(np.array(colour[::-1], float) + _FLOOR) - ball
+        hue = toward - toward.mean()
+        return [hue if np.linalg.norm(hue) > 0.3 * np.linalg.norm(toward) else toward]
+    starts = []
+    for basis in (np.eye(3) - 1.0 / 3.0, np.eye(3)):  # in colour only, and in brightness too
+        seen = detail @ basis
+        # what stands out is rare and far: the fourth power of the length lets it speak
+        size = np.minimum(np.linalg.norm(seen, axis=1), np.quantile(np.linalg.norm(seen, axis=1), 0.999))
+        direction = np.linalg.eigh((seen * size[:, None] ** 2).T @ seen)[1][:, -1]
+        along = seen @ direction
+        far = np.abs(along) > np.quantile(np.abs(along), 0.98)
+        starts.append(direction * np.sign(np.sum(along[far])))
+    return starts
+
+
+def _refined(
+    detail: NDArray[np.float64], noise: NDArray[np.float64], w: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float, float] | None:
+    """Return the discriminant (3,), its threshold, and how far apart seam and ball are; None where no seam is."""
+    threshold, separation = 0.0, 0.0
+    for _ in range(6):
+        is_seam = _split(detail @ w)
+        if is_seam is None:
+            return None
+        seam, ball = detail[is_seam], detail[~is_seam]
+        apart = seam.mean(axis=0) - ball.mean(axis=0)
+        spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
+        w = np.linalg.solve(spread, apart)
+        w /= np.linalg.norm(w)
+        threshold = float(0.5 * w @ (seam.mean(axis=0) + ball.mean(axis=0)))
+        separation = float(w @ apart / np.sqrt(w @ spread @ w))
+    return w, threshold, separation
+
+
+def _split(along: NDArray[np.float64]) -> NDArray[np.bool_] | None:
+    """Return which of the values (n,) are of the rare high kind, by two means; None where it is not rare."""
+    is_seam = along > 0.5 * (float(np.median(along)) + float(np.quantile(along, 0.99)))
+    for _ in range(12):
+        if not 20 < is_seam.sum() < _MOST_SEAM * len(along):
+            return None
+        is_seam = along > 0.5 * (float(along[~is_seam].mean()) + float(along[is_seam].mean()))
+    return is_seam if 20 < is_seam.sum() < _MOST_SEAM * len(along) else None
+
+
+def _mean(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    return np.asarray(cv2.blur(values, (side, side), borderType=cv2.BORDER_CONSTANT), np.float32)
+
+
+def _mean_colour(levels: NDArray[np.uint8]) -> tuple[int, int, int]:
+    blue, green, red = (round(float(value)) for value in levels.mean(axis=0))
+    return red, green, blue
+
+
+def _no_seam(colour: tuple[int, int, int] | None) -> str:
+    if colour is None:
+        return (
+            "No seam stands out from the ball. Give the ball's "
+            "circle (--circle) or the colour of the seam (--colour)."
+        )
+    named = ",".join(map(str, colour))
+    return (
+        f"Nothing of the colour {named} stands out from the ball; "
+        "check that it is the colour of the seam, as red,green,blue."
+    )
+
+
+#: pixels are joined until the ball's radius is below this: more points cost time and tell little more [pixels]
+_LARGEST_RADIUS = 160.0
+#: least cosine between surface and picture of a pixel that is used: nearer the rim a pixel is a wide piece of the
+#: ball
+LEAST_FACING = 0.25
+#: of one whose colour counts as the ball's
+_LEAST_BALL = 0.15
+#: and of a piece of the curve that counts: across it, the seam is whole within the pixels used
+_LEAST_CURVE = 0.35
+#: scores at which a pixel begins to be seam, and is
+_BEGINS, _WHOLLY = 0.3, 0.7
+#: and begins no sooner than at so many standard deviations of the ball's
+_LEAST_CONTRAST = 3.5
+#: changes by which derivatives by the view are taken: x, y [pixels], logarithm of the radius, closeness
+_CHANGES = np.array([0.5, 0.5, 2e-3, 2e-3])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BallPixels:
+    """The ball's pixels under a view."""
+
+    view: View
+    rows: slice
+    columns: slice
+    shape: tuple[int, int]  #: of the box once its pixels are joined
+    places: NDArray[np.intp]  #: (m,) of the pixels used, in that box
+    p: NDArray[np.float32]  #: (m, 3) camera frame
+    area: NDArray[np.float32]  #: (m,) of the ball's surface in each, relative
+    toward: NDArray[np.float32]  #: (3,) direction from the ball's centre to the lens, camera frame
+    rim: float  #: what of the ball is lower than this along `toward` is too near the rim [ball radii]
+    by_view: NDArray[np.float32]  #: (m, 4, 3) derivatives of p by x, y, ln radius and closeness
+    index: NDArray[np.intp]  #: (rows * columns,) row in `p` of each pixel of the box, -1 where not used
+    inside: NDArray[np.bool_]  #: (rows, columns) where the ball's colour is seen
+
+    def box(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the ball's box of a frame, its pixels joined."""
+        cut = frame[self.rows, self.columns]
+        if cut.shape[:2] == self.shape:
+            return np.ascontiguousarray(cut)
+        return np.asarray(cv2.resize(cut, self.shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+
+    def index_at(self, pixels: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return the row in `p` (k,) of the pixel used at each place (k, 2) of the picture; -1 where there is none."""
+        factor = self.shape[1] / (self.columns.stop - self.columns.start)
+        column = np.rint((pixels[:, 0] - self.columns.start + 0.5) * factor - 0.5).astype(np.intp)
+        row = np.rint((pixels[:, 1] - self.rows.start + 0.5) * factor - 0.5).astype(np.intp)
+        within = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
+        return np.where(within, self.index[np.where(within, row * self.shape[1] + column, 0)], -1)
+
+
+def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
+    """Return the pixels of a ball in pictures of that width and height."""
+    outline = view.outline()
+    low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - 2, 0)
+    high = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + 3, np.array(size))
+    joined = max(1, int(np.ceil(view.radius / _LARGEST_RADIUS)))
+    high = low + (high - low) // joined * joined
+    columns, rows = np.arange(low[0], high[0]), np.arange(low[1], high[1])
+    middles = np.stack(
+        np.meshgrid(columns.reshape(-1, joined).mean(axis=1), rows.reshape(-1, joined).mean(axis=1)), axis=-1
+    )
+    shape = (len(rows) // joined, len(columns) // joined)
+    pixels = middles.reshape(-1, 2)
+    p, facing = view.points(pixels)
+    facing = np.nan_to_num(facing)
+    places = np.flatnonzero(facing > LEAST_FACING)
+    index = np.full(len(pixels), -1, np.intp)
+    index[places] = np.arange(len(places))
+    return BallPixels(
+        view=view,
+        rows=slice(int(low[1]), int(high[1])),
+        columns=slice(int(low[0]), int(high[0])),
+        shape=shape,
+        places=places,
+        p=p[places].astype(np.float32),
+        area=(1.0 / facing[places]).astype(np.float32),
+        toward=-view.axis.astype(np.float32),
+        rim=_height(_LEAST_CURVE, view.distance),
+        by_view=_by_view(view, pixels[places]),
+        index=index,
+        inside=(facing > _LEAST_BALL).reshape(shape),
+    )
+
+
+def moved(view: View, change: NDArray[np.float64]) -> View:
+    """Return a view with x, y, the logarithm of the radius and the closeness changed (4,)."""
+    return replace(
+        view,
+        x=view.x + float(change[0]),
+        y=view.y + float(change[1]),
+        radius=view.radius * float(np.exp(change[2])),
+        closeness=view.closeness + float(change[3]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeamFinder:
+    """Finds the seam's pixels in a frame."""
+
+    pixels: BallPixels
+    colour: SeamColour
+    share: NDArray[np.float32]  #: from `surroundings`
+
+    def find(self, frame: NDArray[np.uint8]) -> tuple[SeamPoints, NDArray[np.float32]]:
+        """Return the seam's points, and how much each pixel used (m,) is seam, 0 to 1."""
+        score = self.colour.score(self.pixels.box(frame), self.share).ravel()[self.pixels.places]
+        begins = np.float32(max(_BEGINS, _LEAST_CONTRAST * self.colour.noise))
+        width = np.float32(max(_WHOLLY - begins, 0.2))
+        seam = np.clip((score - begins) / width, np.float32(0.0), np.float32(1.0))
+        places = np.flatnonzero(seam)
+        pixels = self.pixels
+        seen = SeamPoints(
+            p=pixels.p[places],
+            area=seam[places] * pixels.area[places],
+            places=places,
+            toward=pixels.toward,
+            rim=pixels.rim,
+        )
+        return seen, seam
+
+
+def seam_finder(pixels: BallPixels, colour: SeamColour) -> SeamFinder:
+    """Return what finds the seam of that colour in those pixels."""
+    return SeamFinder(pixels=pixels, colour=colour, share=surroundings(pixels.inside, colour.around))
+
+
+def _height(facing: float, distance: float) -> float:
+    """Return h with facing = (D h - 1) / sqrt(D^2 - 2 D h + 1), by its quadratic equation in D h - 1."""
+    c2 = facing**2
+    root = np.sqrt(c2**2 + c2 * (distance**2 - 1.0))
+    return float((1.0 - c2 + root) / distance)
+
+
+def _by_view(view: View, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
+    found = np.empty((len(pixels), 4, 3), np.float32)
+    for k, change in enumerate(np.diag(_CHANGES)):
+        after, before = moved(view, change).points(pixels)[0], moved(view, -change).points(pixels)[0]
+        found[:, k] = (after - before) / (2.0 * _CHANGES[k])
+    return found
