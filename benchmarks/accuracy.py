@@ -6,14 +6,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ballbot.mechanics.compiled import FAST
+from ballbot.mechanics.engine.compiled import FAST
+from ballbot.mechanics.engine.lanes import LANES, ROWS, TORQUE, put
+from ballbot.mechanics.engine.run import load_state, load_torques, start_lane
+from ballbot.mechanics.engine.smooth import derivative, pose
+from ballbot.mechanics.engine.vector import each
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.lanes import LANES, ROWS, TORQUE, put
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import load
-from ballbot.mechanics.smooth import derivative, pose
-from ballbot.mechanics.steps import load_state, load_torques, start_lane
-from ballbot.mechanics.vector import each
 
 
 @njit(error_model="numpy", fastmath=FAST)

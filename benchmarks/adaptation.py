@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, square
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course_file import LEAGUE, choose_courses
 from ballbot.experiments.league.play import League, play

@@ -22,7 +22,7 @@ from ballbot.control.interface import Feedback
 from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.fitting.run import worker_pool

@@ -17,7 +17,7 @@ import numpy as np
 from ballbot import Robot, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, change_pose, hold, square
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.fitting.run import worker_pool

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.compare import start
 from ballbot.experiments.controller_choice import ABLATIONS, candidates, without_part
 from ballbot.experiments.league.statistics import MedianEstimate, median_with_interval

@@ -18,7 +18,7 @@ from ballbot import Controller, Model, Robot, simulate
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.compare import score, start
 from ballbot.experiments.score import Score
 from ballbot.fitting.run import worker_pool

@@ -15,16 +15,14 @@ from numpy.typing import NDArray
 
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, named_reference, square
-from ballbot.estimation.errors import StateErrors, state_errors
-from ballbot.estimation.interface import Estimator, Reading
+from ballbot.estimation.interface import Estimator, Reading, StateErrors, state_errors
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.estimation.noise import FilterNoise
+from ballbot.estimation.kalman_model import FilterNoise
 from ballbot.estimation.onboard import OnboardState
 from ballbot.experiments.compare import Comparison, compare, start
 from ballbot.robot import Robot
-from ballbot.simulation.fixes import FixSource
 from ballbot.simulation.run import simulate
-from ballbot.simulation.sensors import SensorFaults
+from ballbot.simulation.sensors import FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from benchmarks.section import Section
 

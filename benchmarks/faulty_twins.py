@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight, square
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.compare import start
 from ballbot.experiments.controller_choice import SQUARE, ControllerChoice, candidates, choose_controller
 from ballbot.experiments.plant_draws import draw_plants

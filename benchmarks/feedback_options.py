@@ -26,7 +26,7 @@ from ballbot.control.presets import (
     precise_controller,
 )
 from ballbot.control.references import change_pose, hold
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.limits.loop import top_speed
 from ballbot.experiments.limits.starts import leaning, pushed
 from ballbot.fitting.run import worker_pool

@@ -11,8 +11,8 @@ from time import perf_counter
 import numpy as np
 from numba import cuda
 
-from ballbot.mechanics import cuda as engine
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import cuda as engine
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.model import Model
 from benchmarks.workloads import balancing, nominal_robot, smooth
 

@@ -1,4 +1,4 @@
-"""The polynomials of `ballbot.mechanics.elementary`: Chebyshev fits in forty digits.
+"""The polynomials of `ballbot.mechanics.engine.elementary`: Chebyshev fits in forty digits.
 
 .venv/bin/python -m benchmarks.polynomials          prints coefficients and their largest errors
 """

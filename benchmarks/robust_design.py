@@ -8,7 +8,7 @@ from time import perf_counter
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.experiments.metrics import position_error, rms_torque_change, settled
 from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
 from ballbot.experiments.robust_design.perturbed import Spread

@@ -21,8 +21,8 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain, precise_controller
 from ballbot.control.references import hold
 from ballbot.files import write_text
-from ballbot.mechanics.engine import simulate_lanes
-from ballbot.mechanics.lanes import LANES, ROWS
+from ballbot.mechanics.engine.lanes import LANES, ROWS
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.model import Model
 from ballbot.simulation.batch import simulate_batch
 from benchmarks import identification, jax_peer, peers

@@ -17,7 +17,7 @@ import ballbot
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.score import score
 from ballbot.twin import Twin
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.estimation.interface import Reading
-from ballbot.estimation.noise import FilterNoise
+from ballbot.estimation.kalman_model import FilterNoise
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 

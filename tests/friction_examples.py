@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from ballbot.mechanics.compiled import compiled
+from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, Karnopp, LuGre, Smoothed
-from ballbot.mechanics.friction_laws.inertia import UNLIMITED, Inertia
-from ballbot.mechanics.friction_laws.interface import friction_of, move, visible_speed
+from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, friction_of, move, visible_speed
 
 #: Table I of Canudas de Wit et al. 1995; its friction can drive (Barabanov and Ortega 2000), hence the last word
 PAPER_LUGRE = LuGre(

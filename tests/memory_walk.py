@@ -29,10 +29,11 @@ from ballbot.identification.axis.model import AXIS_LAWS, Axis
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 from ballbot.identification.swing import Swing
 from ballbot.identification.swing import _motion as swing_motion
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction_laws import Classical, LuGre, advance, follow, friction_at
 from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
+from ballbot.simulation.batch import Verdict
 from ballbot.simulation.conditions import Conditions
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.gear_play import GearPlayPlant
@@ -40,7 +41,6 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.simulation.upside_down import follow as follow_ball
-from ballbot.simulation.verdict import Verdict
 from ballbot.twin import Twin
 
 FRICTION = Friction(
@@ -497,7 +497,7 @@ def entries() -> dict[str, Dispatcher]:
     """Return every compiled function of the package that Python can call, by its full name."""
     found = {}
     for module in pkgutil.walk_packages(ballbot.__path__, "ballbot."):
-        if module.name == "ballbot.mechanics.cuda" or module.name.endswith("__main__"):
+        if module.name == "ballbot.mechanics.engine.cuda" or module.name.endswith("__main__"):
             continue
         for value in vars(importlib.import_module(module.name)).values():
             if isinstance(value, Dispatcher) and not value.targetoptions.get("no_cpython_wrapper"):
@@ -520,7 +520,7 @@ def other_arrays(dispatcher: Dispatcher) -> list[str]:
 
 #: compiled functions that get no array from outside, and whose arrays they get
 OWN_ARRAYS = {
-    "ballbot.simulation.grip.friction_needed_along": "those of the closed loop that `reference_margins` has run",
+    "ballbot.simulation.model_plant.friction_needed_along": "those of the closed loop that `reference_margins` has run",
 }
 
 

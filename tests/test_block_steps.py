@@ -8,13 +8,11 @@ from control_examples import FRICTION
 from numba import njit
 
 from ballbot import Model, Robot
-from ballbot.mechanics.compiled import FAST
-from ballbot.mechanics.engine import simulate_lanes
-from ballbot.mechanics.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
+from ballbot.mechanics.engine.compiled import FAST
+from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
+from ballbot.mechanics.engine.run import load_state, load_torques, simulate_lanes
+from ballbot.mechanics.engine.smooth import begin_steps, runge_kutta_step, smooth_block
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, load
-from ballbot.mechanics.smooth import runge_kutta_step
-from ballbot.mechanics.smooth_block import begin_steps, smooth_block
-from ballbot.mechanics.steps import load_state, load_torques
 from ballbot.robot import Wheels
 
 

@@ -14,7 +14,7 @@ from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.presets import design_integral_gain, precise_controller
 from ballbot.control.references import hold
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.limits.loop import Loop
 from ballbot.experiments.limits.region import reach
 from ballbot.experiments.limits.starts import leaning, pushed

@@ -17,7 +17,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.controller_causes import POSSIBLE, SYMPTOMS, ranked_causes
 from ballbot.experiments.controller_choice import NamedCourse, choose_controller
 from ballbot.experiments.controller_prediction import (

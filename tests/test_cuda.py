@@ -11,8 +11,8 @@ pytest.importorskip("numba_cuda", reason="numba-cuda is not installed: pip insta
 
 from numba import cuda, typeof, types
 
-from ballbot.mechanics.cuda import _advance, packed_in_lanes, simulate_on_gpu
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.cuda import _advance, packed_in_lanes, simulate_on_gpu
+from ballbot.mechanics.engine.run import simulate_lanes
 
 
 def test_the_engine_compiles_for_a_gpu(monkeypatch):

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.mechanics import elementary
-from ballbot.mechanics.compiled import compiled
-from ballbot.mechanics.elementary import (
+from ballbot.mechanics.engine.compiled import compiled
+from ballbot.mechanics.engine.elementary import (
     binary_logarithm,
     exponential,
     logarithm,
@@ -17,6 +16,7 @@ from ballbot.mechanics.elementary import (
     sine_cosine,
     sine_cosine_of_lean,
 )
+from ballbot.mechanics.engine.run import elementary
 
 
 @compiled

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.estimation import OnboardState, Reading
 from ballbot.estimation.attitude import angle_rates
-from ballbot.estimation.errors import state_errors
+from ballbot.estimation.interface import named_estimator, state_errors
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.estimation.named import named_estimator
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 

@@ -16,27 +16,27 @@ from scipy.stats import chi2
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight
 from ballbot.errors import InputError
+from ballbot.estimation.attitude import attitude_of_swing, heading_of, lean_of
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
     BIAS,
     PSI,
     STATES,
+    FilterNoise,
     G,
     S,
     X,
+    absorb,
     advance,
     attitude_seen,
+    propagate,
     tilt,
     transition,
     wheels_seen,
 )
-from ballbot.estimation.linear_update import absorb, propagate
-from ballbot.estimation.noise import FilterNoise
-from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
-from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.mechanics.geometry import body_rates_matrix, rotation
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot.robot import Friction
 from ballbot.simulation.run import simulate
 from tests.estimation_examples import ALTEN, H, Run, light_wheels, swaying, turned

@@ -14,10 +14,8 @@ from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.onboard import OnboardState
 from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.simulation.accelerometer import Accelerometer
-from ballbot.simulation.fixes import FixSource
 from ballbot.simulation.run import simulate
-from ballbot.simulation.sensors import SensorFaults
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from benchmarks.estimation import ALONE, BIASED, FIXED, THESIS, side_by_side
 

@@ -10,8 +10,14 @@ from numba import config, types
 from numba.core.registry import cpu_target
 
 from ballbot.errors import CompiledCodeNotKept
-from ballbot.mechanics.compiled import called, compiled, compiled_alone, inlined, shared
-from ballbot.mechanics.inner_code import warn_that_code_is_not_kept
+from ballbot.mechanics.engine.compiled import (
+    called,
+    compiled,
+    compiled_alone,
+    inlined,
+    shared,
+    warn_that_code_is_not_kept,
+)
 
 PROGRAM = """
 import sys
@@ -26,7 +32,7 @@ print(value, hits, sum(assembled))
 """
 
 SOURCE = """
-from ballbot.mechanics.compiled import compiled, shared
+from ballbot.mechanics.engine.compiled import compiled, shared
 
 @shared
 def twice(x):

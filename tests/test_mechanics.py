@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from symbolic_oracle import random_robot, random_state
 
 from ballbot import InputError, Model, Robot
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.symbolic import equations
 from ballbot.robot import Friction

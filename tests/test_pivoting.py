@@ -22,8 +22,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import change_pose, hold
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.floor import lift_off, sinking_of
-from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.model_plant import ModelPlant, lift_off, sinking_of
 
 STATES = 1000
 

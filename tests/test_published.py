@@ -17,8 +17,8 @@ from ballbot.experiments.published.entry import Entry, entry_table
 from ballbot.experiments.published.linear import mixture_model, unstable_poles
 from ballbot.experiments.published.page import published_page
 from ballbot.experiments.published.tracking import track
-from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
 from ballbot.mechanics.symbolic import Corrections, corrections_of
 from ballbot.robot import Robot
 from ballbot.robot.parameters import PARAMETERS

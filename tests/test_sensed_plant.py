@@ -17,13 +17,11 @@ from ballbot.control.references import hold, square
 from ballbot.experiments.metrics import rms_torque_change
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
-from ballbot.simulation.accelerometer import Accelerometer
-from ballbot.simulation.conditions import LONGEST_DELAY, Conditions, rest_on_slope
-from ballbot.simulation.fixes import FixSource
+from ballbot.simulation.conditions import MAX_DELAY, Conditions, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
-from ballbot.simulation.sensors import SensorFaults
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Payload, Timing
@@ -327,7 +325,7 @@ def test_a_run_ends_at_the_scenarios_lean():
     ("change", "words"),
     [
         ({"delay": -1}, "delay"),
-        ({"delay": LONGEST_DELAY + 1}, "at most 1000"),
+        ({"delay": MAX_DELAY + 1}, "at most 1000"),
         ({"torque_noise": -0.1}, "torque_noise"),
         ({"torque_noise": math.nan}, "torque_noise"),
         ({"backlash": -1e-3}, "backlash"),
@@ -358,9 +356,9 @@ def test_models_without_encoders_wheels_or_rotors_are_refused():
 
 
 def test_conditions_have_a_longest_delay():
-    assert Conditions(delay=LONGEST_DELAY).delay == LONGEST_DELAY
+    assert Conditions(delay=MAX_DELAY).delay == MAX_DELAY
     with pytest.raises(InputError, match="at most 1000"):
-        Conditions(delay=LONGEST_DELAY + 1)
+        Conditions(delay=MAX_DELAY + 1)
 
 
 # --- the twin ---

@@ -10,12 +10,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.estimation.swing import lean_of
+from ballbot.estimation.attitude import lean_of
 from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Robot
-from ballbot.simulation.accelerometer import AccelerationSensor, Accelerometer
-from ballbot.simulation.fixes import FixSensor, FixSource
-from ballbot.simulation.sensors import AttitudeSensor, Encoders, SensorFaults
+from ballbot.simulation.sensors import (
+    AccelerationSensor,
+    Accelerometer,
+    AttitudeSensor,
+    Encoders,
+    FixSensor,
+    FixSource,
+    SensorFaults,
+)
 from ballbot.twin.motion_capture import MotionCapture
 
 ALTEN = Robot.load("alten")

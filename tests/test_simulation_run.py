@@ -11,7 +11,7 @@ from ballbot import InputError, Log, Model, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold, square
 from ballbot.mechanics.geometry import body_rates_matrix
-from ballbot.simulation.floor import lift_off, sinking_of
+from ballbot.simulation.model_plant import lift_off, sinking_of
 
 
 @dataclass(frozen=True)

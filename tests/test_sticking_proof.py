@@ -17,10 +17,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from ballbot import Model, Robot
-from ballbot.mechanics.convex_block import convex_block
+from ballbot.mechanics.engine.convex import convex_block
+from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
+from ballbot.mechanics.engine.run import robust_lane
 from ballbot.mechanics.geometry import body_rates_matrix
-from ballbot.mechanics.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
-from ballbot.mechanics.steps import robust_lane
 from ballbot.mechanics.stick_slip import minimise
 from benchmarks.convex_problems import (
     KINDS,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from symbolic_oracle import cloud_body, linearized_about_upright, random_cloud, random_robot, random_state
 
 from ballbot.errors import InputError
-from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.mechanics.parameters import Formulation
 from ballbot.mechanics.symbolic import Corrections, Equations, corrections_of, equations
 from ballbot.robot import Robot
 

@@ -17,7 +17,7 @@ from ballbot.control.presets import design_gain
 from ballbot.experiments.pole_spread import pole_spread
 from ballbot.experiments.prediction_band import prediction_band
 from ballbot.log import STATE_NAMES
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot.deviations import draw_robots, propagate, uncertain
 from ballbot.robot.file import read_robot, robot_text, write_robot

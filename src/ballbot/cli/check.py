@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from ballbot.experiments.pole_spread import PoleSpread
     from ballbot.experiments.prediction_band import PredictionBand
     from ballbot.log.checked import CheckedLogs
-    from ballbot.mechanics.linear import LinearModel
+    from ballbot.mechanics.model import LinearModel
 
 #: file names of logs; every other is a video's
 _LOG_SUFFIXES = (".csv", ".parquet")

@@ -14,7 +14,7 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import reference_from
-from ballbot.estimation.named import EstimatorName
+from ballbot.estimation.interface import EstimatorName
 from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs, recorded
 from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed

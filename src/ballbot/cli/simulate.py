@@ -12,7 +12,7 @@ from ballbot.control.controller import Compensation
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import reference_from
-from ballbot.estimation.named import EstimatorName
+from ballbot.estimation.interface import EstimatorName
 from ballbot.experiments.metrics import SETTLE, settled
 from ballbot.experiments.score import score
 from ballbot.files import write_text

@@ -27,8 +27,8 @@ from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import check_seed
 from ballbot.log import STATE_NAMES, Log
-from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
 from ballbot.printable import shell_line
 from ballbot.report.page import as_json, provenance
 from ballbot.report.prediction import (

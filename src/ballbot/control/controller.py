@@ -13,7 +13,7 @@ from ballbot.control.law import ALLOWED, control_law
 from ballbot.control.law_row import MEMORY, drag, given_back, pack_law, scales
 from ballbot.control.parts import Parts
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName, checked_name
+from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step

@@ -31,7 +31,7 @@ from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName
+from ballbot.estimation.interface import EstimatorName
 from ballbot.files import write_text
 from ballbot.inputs import read_toml
 from ballbot.printable import toml_string

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.estimation.named import EstimatorName, checked_name
+from ballbot.estimation.interface import EstimatorName, checked_name
 
 #: a measured state that holds a larger number, or no number, is invalid: nothing on a robot is a million metres away
 LARGEST_STATE = 1e6

@@ -41,7 +41,7 @@ from ballbot.control.parts.past import (
 from ballbot.control.parts.prediction import as_it_acted, predict, remembered
 from ballbot.control.parts.reference_shaping import Smooth, load_shaping, shaped
 from ballbot.control.parts.torque_balance import accelerations, lost_to_force, remember_rates, torque_needed
-from ballbot.mechanics.compiled import called, compiled, inlined
+from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
 
 #: what `control_law` returns where the reference may be followed

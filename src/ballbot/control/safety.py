@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.control.interface import LARGEST_STATE, Feedback, estimator_of
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName
+from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Robot

@@ -1,4 +1,4 @@
-"""The seam between a robot's sensors and whoever makes the state of what they say.
+"""The seam between a robot's sensors and the state made from them: readings, estimators by name, and their errors.
 
 An estimator gets one reading a sample, in order of time, and answers at once: it knows nothing of what comes
 next, so that what is tried here runs on a robot as it is.
@@ -7,13 +7,14 @@ next, so that what is tried here runs on a robot as it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
+from ballbot.robot.robot import Robot
 
 #: a value beyond this is none that a sensor says: angles [rad], speeds [rad/s]
 _LARGEST = 1e6
@@ -106,3 +107,92 @@ class Estimator(Protocol):
     def update(self, reading: Reading) -> NDArray[np.float64]:
         """Take one sample and return the state (10,): x, y, theta, phi, psi and their rates, world frame."""
         ...
+
+
+_MINUTE = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateErrors:
+    """Root mean squares over a run, both components together where there are two."""
+
+    lean: float  #: theta and phi [rad]
+    rate: float  #: theta_dot, phi_dot and psi_dot [rad/s]
+    velocity: float  #: of the ball [m/s]
+    heading: float  #: psi [rad]
+    position: float  #: [m]
+    position_drift: float  #: change of the position's error within a minute [m]; NaN where the run is shorter
+
+
+def state_errors(
+    t: NDArray[np.float64], states: NDArray[np.float64], truth: NDArray[np.float64]
+) -> StateErrors:
+    """Return the errors of estimated states (N, 10) against the true ones (N, 10), at even times t (N,) [s].
+
+    The drift is taken over all pairs of instants a minute apart, so that neither a good end nor a way that
+    returns to where it began can hide it.
+
+    Raises
+    ------
+    InputError
+        Where the shapes do not fit each other.
+    """
+    if not (states.shape == truth.shape == (len(t), 10) and len(t) > 1):
+        raise InputError(
+            f"Errors of states need t (N,) and two arrays of states (N, 10), not {t.shape}, {states.shape} "
+            f"and {truth.shape}."
+        )
+    error = states - truth
+    rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))
+    drift = error[rows:, :2] - error[:-rows, :2]
+    return StateErrors(
+        lean=_size(error[:, 2:4]),
+        rate=_size(error[:, 7:10]),
+        velocity=_size(error[:, 5:7]),
+        heading=_size(error[:, 4:5]),
+        position=_size(error[:, :2]),
+        position_drift=_size(drift) if len(drift) else float("nan"),
+    )
+
+
+def _size(errors: NDArray[np.float64]) -> float:
+    """Return the root mean square length of the rows."""
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
+
+#: the thesis's way; the Kalman filter, which also listens to fixes
+EstimatorName = Literal["onboard", "kalman"]
+
+
+def checked_name(name: str) -> EstimatorName:
+    """Return the name of an estimator; InputError where there is none of that name."""
+    for known in get_args(EstimatorName):
+        if name == known:
+            return known
+    raise InputError(
+        f"There is no estimator {name!r}; the estimators are {', '.join(get_args(EstimatorName))}."
+    )
+
+
+def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:
+    """Return a new estimator of that name for a robot.
+
+    Parameters
+    ----------
+    name : {"onboard", "kalman"}
+    robot : Robot
+    sample_time : float
+        Time between two updates [s].
+
+    Raises
+    ------
+    InputError
+        Where there is none of that name, or the sample time is not positive.
+    """
+    if checked_name(name) == "onboard":
+        from ballbot.estimation.onboard import OnboardState
+
+        return OnboardState(robot, sample_time=sample_time)
+    from ballbot.estimation.kalman import KalmanFilter
+
+    return KalmanFilter(robot, sample_time=sample_time)

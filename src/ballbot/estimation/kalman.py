@@ -4,7 +4,7 @@ What it knows that `OnboardState` does not:
 
 - a ball that does not pivot turns under the wheels as the body turns over it, so the encoders hold the heading
   while the AHRS's runs away, and the gyro's bias about the vertical shows;
-- the angular momentum about the floor's contact changes by gravity alone (`ballbot.mechanics.contact_momentum`), which
+- the angular momentum about the floor's contact changes by gravity alone (`ballbot.mechanics.model`), which
   gives speed from lean and lean from speed, whatever friction and play the driveline has;
 - how sure it is of each state, so that a fix corrects each by as much as it should.
 
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.estimation.attitude import angle_rates
+from ballbot.estimation.attitude import angle_rates, attitude_of_swing, heading_of, lean_of
 from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
 from ballbot.estimation.kalman_model import (
     BIAS,
@@ -33,16 +33,15 @@ from ballbot.estimation.kalman_model import (
     PSI,
     STATES,
     FilterModel,
+    FilterNoise,
     G,
     S,
     X,
+    absorb,
     sample,
 )
-from ballbot.estimation.linear_update import absorb
-from ballbot.estimation.noise import FilterNoise
-from ballbot.estimation.swing import attitude_of_swing, heading_of, lean_of
-from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.model import contact_momentum
 from ballbot.robot.robot import Robot
 
 

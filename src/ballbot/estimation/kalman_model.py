@@ -1,4 +1,4 @@
-"""The Kalman filter's model of robot and sensors, compiled.
+"""The Kalman filter's model of robot and sensors, compiled, with the noise it assumes and its two linear steps.
 
     14 states     x y      place of the ball, world frame [m]
                   psi      heading: R = Rz(psi) M(g), M the shortest turn that takes g upright [rad]
@@ -17,23 +17,144 @@
                   v = r_b (Omega_y, -Omega_x)    Omega_z = 0
     the AHRS      g + a,  psi + d
 
-C and Lambda are those of `ballbot.mechanics.contact_momentum`. All but place and heading is in frames that turn with
-the robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
+C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but place and heading is in frames that turn
+with the robot, so that where and which way it stands enters nothing but a fix and psi + d. With velocity or lean in the
 world frame, each linearisation at another estimate would draw a little knowledge of the heading out of nothing
 (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3 to 6). This psi differs from the
 state's by 2 atan(tan(theta/2) tan(phi/2)), 0.07 degrees where both lean by 2.
+
+Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
+so that no matrix is inverted. Joseph's form keeps the covariance symmetric and positive whatever the gain's rounding
+(Bucy and Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968, chapter 16):
+
+    k = P h / (h^T P h + r)        P+ = (I - k h^T) P (I - k h^T)^T + k r k^T
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.estimation.linear_update import absorb, propagate
-from ballbot.mechanics.compiled import compiled
+from ballbot.errors import InputError
+from ballbot.mechanics.engine.compiled import compiled
+from ballbot.robot.robot import Robot
+
+
+@compiled
+def propagate(P: NDArray[np.float64], F: NDArray[np.float64], Q: NDArray[np.float64]) -> None:
+    """Overwrite the covariance P (m, m) by F P F^T + Q, made symmetric."""
+    spread = np.dot(np.dot(F, P), F.T)
+    m = len(P)
+    for i in range(m):
+        for j in range(i + 1):
+            P[i, j] = 0.5 * (spread[i, j] + spread[j, i]) + Q[i, j]
+            P[j, i] = P[i, j]
+
+
+@compiled
+def absorb(
+    x: NDArray[np.float64],
+    P: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    variances: NDArray[np.float64],
+) -> float:
+    """Take in p numbers that were seen, changing the state x (m,) and its covariance P (m, m).
+
+    Parameters
+    ----------
+    x, P : arrays (m,), (m, m)
+        Overwritten.
+    residuals : array (p,)
+        Seen less expected at the x given.
+    rows : array (p, m)
+        What was seen, derived by x.
+    variances : array (p,)
+        Of each number's own error, independent of the others'.
+
+    Returns
+    -------
+    float
+        Sum of the squared residuals over their variances, each given those before it: chi-squared with p degrees of
+        freedom where the filter's sizes are right.
+    """
+    m = len(x)
+    change = np.zeros(m)
+    surprise = 0.0
+    for i in range(len(residuals)):
+        h = rows[i]
+        Ph = np.dot(P, h)
+        variance = np.dot(h, Ph) + variances[i]
+        residual = residuals[i] - np.dot(h, change)
+        surprise += residual * residual / variance
+        k = Ph / variance
+        change += k * residual
+        half = P - np.outer(k, Ph)  # (I - k h^T) P
+        half_h = np.dot(half, h)
+        for a in range(m):
+            for b in range(a + 1):
+                P[a, b] = half[a, b] - half_h[a] * k[b] + k[a] * variances[i] * k[b]
+                P[b, a] = P[a, b]
+    x += change
+    return surprise
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterNoise:
+    """Standard deviations and densities; a density is that of an integral of white noise after one second.
+
+    The defaults are of the size of the thesis's robot with an AHRS of the Xsens MTi 1-series. Those that are not
+    a sensor's own were taken from the twin: what its rollers and its play do to A^-1's velocity, averaged over a
+    second, and its rolling friction.
+    """
+
+    gyro: float  #: of each sample [rad/s]
+    attitude: float  #: white part of the AHRS's angles [rad]
+    heading_drift: float  #: how fast the AHRS's heading may run away [rad/s]
+    heading_drift_walk: float = 1e-5  #: how that changes [rad/s/sqrt(s)]
+    heading_walk: float = 1e-4  #: the AHRS's heading besides [rad/sqrt(s)]
+    gyro_bias: float = math.radians(0.2)  #: at the start [rad/s]
+    gyro_bias_walk: float = 1e-5  #: [rad/s/sqrt(s)]
+    lean_error: float = math.radians(0.2)  #: slow part of the AHRS's lean error [rad]
+    lean_error_time: float = 10.0  #: over which that forgets itself [s]
+    push: float = 0.02  #: of the momentum, by what pushes from outside [m/s/sqrt(s)]
+    rolling: float = 1e-3  #: of the way that the wheels tell: rollers, play, slip [m/sqrt(s)]
+    pivoting: float = 5e-3  #: of the ball's turning on the spot, as the wheels tell it [rad/sqrt(s)]
+    pivoting_time: float = 0.5  #: over which that is averaged to find whether the ball pivots [s]
+    pivoting_limit: float = 0.08  #: average from which it does; rollers and play make 0.02 [rad/s]
+    start_position: float = 1e-3  #: of the place given at the reset [m]
+    start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
+    #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
+    #: their play, and a stiff controller falls within a second
+    start_speed: float = 0.005
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(
+                    f"{field.name} of the filter's noise is {value}; it must be a finite number, zero or more."
+                )
+        for name in ("rolling", "pivoting", "pivoting_time", "attitude", "lean_error_time"):
+            if getattr(self, name) == 0:
+                raise InputError(
+                    f"{name} of the filter's noise is zero; it must be above zero, as no measurement is perfect."
+                )
+
+    @staticmethod
+    def of(robot: Robot) -> FilterNoise:
+        """Return what goes with a robot's own sensors; a perfect sensor is taken as a very good one."""
+        sensors = robot.sensors
+        return FilterNoise(
+            gyro=max(sensors.gyro_noise, 1e-5),
+            attitude=max(sensors.attitude_noise, 1e-5),
+            heading_drift=max(abs(sensors.heading_drift), 1e-5),
+        )
+
 
 STATES = 14
 #: where each state, or the first of its numbers, lies

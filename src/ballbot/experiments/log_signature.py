@@ -22,8 +22,8 @@ from ballbot.log import Log
 from ballbot.log.columns import torque_names
 from ballbot.log.physics.motion import Motion, Rows, as_complex, as_plane, motion_of, usable_rows
 from ballbot.log.physics.torque import SIGN, Driving, driving_of, smoothed_wheel_speeds
-from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
 #: how much less rows count if a wheel did not turn for certain all the filter's time

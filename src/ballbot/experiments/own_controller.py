@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName
+from ballbot.estimation.interface import EstimatorName
 from ballbot.experiments.own_files import (
     Checksums,
     changed_file,

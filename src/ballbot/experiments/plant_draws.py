@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.experiments.compare import start
 from ballbot.experiments.league.course_file import PlantName
 from ballbot.identification import Identification

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot import Robot
 from ballbot.robot.deviations import draw_robots

@@ -26,7 +26,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.control.references import is_reference_file, reference_from, reference_text
 from ballbot.errors import InputError
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.files import write_text
 from ballbot.fitting.run import uninterrupted, worker_pool
 from ballbot.result_folder import read_manifest, result_folder

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.experiments.compare import Comparison, compare
 from ballbot.robot.robot import Robot
-from ballbot.simulation.fixes import FixSource
+from ballbot.simulation.sensors import FixSource
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
 

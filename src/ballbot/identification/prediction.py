@@ -29,7 +29,7 @@ from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import (
     PLACE_PIVOTING,
     PLACE_ROLLING,

@@ -36,7 +36,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
-from ballbot.mechanics.compiled import compiled_alone
+from ballbot.mechanics.engine.compiled import compiled_alone
 
 Kind = Literal["angle", "rate"]
 

@@ -1,9 +1,9 @@
 """From generalised forces to accelerations: M nu_dot = f solved by blocks, and by the ball's spin where it pivots."""
 
-from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.vector import add, dot, scale, subtract, symmetric_times
 from ballbot.mechanics.equations import SpinTerms, Terms
 from ballbot.mechanics.parameters import Pivoting
-from ballbot.mechanics.vector import add, dot, scale, subtract, symmetric_times
 
 _TWO, _THREE, _SIX = (0.0,) * 2, (0.0,) * 3, (0.0,) * 6
 _TERMS = Terms(_THREE, (_THREE, _THREE), _SIX, _TWO, _THREE)

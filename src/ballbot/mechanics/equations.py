@@ -16,10 +16,9 @@ Above, A^T tau is the wheels' torque on the ball in the body's frame. The thesis
 
 from typing import NamedTuple
 
-from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.elementary import sine_cosine, sine_cosine_of_lean
-from ballbot.mechanics.parameters import Pivoting, Thesis
-from ballbot.mechanics.vector import (
+from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.elementary import sine_cosine, sine_cosine_of_lean
+from ballbot.mechanics.engine.vector import (
     add,
     cross,
     dot,
@@ -33,6 +32,7 @@ from ballbot.mechanics.vector import (
     symmetric_times,
     total,
 )
+from ballbot.mechanics.parameters import Pivoting, Thesis
 
 #: beyond this lean, theta or phi [rad], a simulation ends: no wheel touches the ball any more
 LARGEST_LEAN = 1.2

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.compiled import inlined
-from ballbot.mechanics.elementary import binary_logarithm, power_of_two
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.elementary import binary_logarithm, power_of_two
 from ballbot.robot import Friction
 
 
@@ -65,3 +65,32 @@ def with_decay(wheel, power):
 def sign(value):
     """Return -1, 0 or 1."""
     return (1.0 if value > 0.0 else 0.0) - (1.0 if value < 0.0 else 0.0)
+
+
+def stribeck_curve(
+    speed: ArrayLike,
+    *,
+    viscous: float,
+    coulomb: float,
+    stribeck: float,
+    stribeck_speed: float,
+    stribeck_exponent: float,
+) -> NDArray[np.float64]:
+    """Return b w + (c + s exp(-|w/v_s|^delta)) sgn(w), 0 at rest.
+
+    Parameters
+    ----------
+    speed : array_like (...)
+        w [rad/s].
+    viscous : float
+        b [N m s/rad].
+    coulomb, stribeck : float
+        c and s [N m].
+    stribeck_speed : float
+        v_s [rad/s].
+    stribeck_exponent : float
+        delta [-].
+    """
+    w = np.asarray(speed, dtype=float)
+    decay = np.exp(-(np.abs(w / stribeck_speed) ** stribeck_exponent))
+    return viscous * w + (coulomb + stribeck * decay) * np.sign(w)

@@ -1,36 +1,70 @@
-"""The robot's equations of motion as one object, in either formulation.
+"""The robot's equations of motion as one object, in either formulation, and two linear models of it.
 
 State x = [x y theta phi psi and their rates], input u = wheel torques [N m]:
 
     M(q) q_ddot + bias(q, q_dot) = W(q)^T (u - friction)        wheel speeds  W(q) q_dot
 
-"exact" is the corrected rigid-body model, "thesis" Appendix II as printed (design section 5).
+"exact" is the corrected rigid-body model, "thesis" Appendix II as printed. `LinearModel` is x_dot = A x + B u about
+upright. `contact_momentum` is what the driveline cannot hide: the angular momentum about the point where the ball
+touches the floor.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import simulate_one
-from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.evaluate import (
+from ballbot.mechanics.engine.arrays import (
     evaluate_acceleration,
     evaluate_energy,
     evaluate_mass_matrix,
     evaluate_wheel_rows,
     evaluate_wheel_speeds,
 )
-from ballbot.mechanics.formulation import Formulation
-from ballbot.mechanics.linear import LinearModel
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, pack, selector
+from ballbot.mechanics.engine.run import simulate_one
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot
 
-_MOST_STEPS = 1e8  # of one call: most of a minute on one core
+if TYPE_CHECKING:
+    from control import StateSpace
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearModel:
+    """x_dot = A x + B u about upright at psi = 0; x = [x y theta phi psi and their rates], u = wheel torques [N m]."""
+
+    A: NDArray[np.float64]  #: (10, 10)
+    B: NDArray[np.float64]  #: (10, n)
+
+    def poles(self) -> NDArray[np.complex128]:
+        """Return the eigenvalues of A (10,) [rad/s], the largest real part first."""
+        poles = np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
+        return poles[np.argsort(-np.real(poles), kind="stable")]
+
+    def to_control(self) -> StateSpace:
+        """Return the model as a python-control StateSpace with all states as outputs.
+
+        Raises
+        ------
+        InputError
+            Where python-control is not installed.
+        """
+        try:
+            from control import StateSpace
+        except ImportError:
+            raise InputError(
+                "python-control is not installed; install it with: pip install 'ballbot[interop]'."
+            ) from None
+        return StateSpace(self.A, self.B, np.eye(len(self.A)), np.zeros_like(self.B))
+
+
+_MAX_STEPS = 1e8  # of one call: most of a minute on one core
 
 
 @dataclass(frozen=True)
@@ -221,9 +255,9 @@ class Model:
             If they are more than a hundred million, most of a minute's work.
         """
         wanted = np.ceil(duration / self.step - 1e-9)
-        if not wanted <= _MOST_STEPS:
+        if not wanted <= _MAX_STEPS:
             raise InputError(
-                f"{duration:g} s take {wanted:.3g} inner steps of {self.step:g} s; at most {_MOST_STEPS:.0e} are "
+                f"{duration:g} s take {wanted:.3g} inner steps of {self.step:g} s; at most {_MAX_STEPS:.0e} are "
                 "possible. Use a longer step or a shorter duration."
             )
         return max(1, int(wanted))
@@ -245,3 +279,38 @@ def _rows(arguments: list[tuple[ArrayLike, int, str]]) -> tuple[list[NDArray[np.
         for a in arrays
     ]
     return rows, shape
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ContactMomentum:
+    """The two matrices of d/dt (v + C w) = -Lambda g, heading frame."""
+
+    lever: NDArray[np.float64]  #: (2, 3) C [m]
+    pull: NDArray[np.float64]  #: (2, 2) Lambda [m/s^2]
+
+
+def contact_momentum(robot: Robot) -> ContactMomentum:
+    """Return the law of the momentum about the floor's contact, from the exact model's mass matrix upright.
+
+    Wheel torques, their friction and the gearboxes' play act between body and ball. They cancel in the sum of the
+    ball's equation of motion and the body's, taken with the lever r_b (W = [A R^T E / r_b, -A]):
+
+        (row v) + E^T R / r_b (row w)        E = [[0, -1], [1, 0], [0, 0]]
+
+    What is left, linear in the rates and for a small lean, in the heading frame:
+
+        d/dt (v + C w) = -Lambda g
+
+    v is the ball's velocity, w the body's angular velocity, g = (x and y of R^T e_z) the upward direction in the
+    body's frame: (-sin phi, sin theta) at psi = 0, to second order. s = v + C w is the momentum as a speed; only
+    gravity changes it, and what pushes the robot from outside: rolling friction, a slope, a hand. No friction of the
+    driveline, identified or not, is in it.
+    """
+    E = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
+    both = np.hstack([np.eye(2), E.T / robot.ball.radius])  # (row v) + E^T / r_b (row w)
+    mass = both @ Model(robot).mass_matrix(np.zeros(5))
+    moment = robot.body.mass * robot.gravity * robot.body.center_of_mass  # gravity's, for a whole radian
+    # gravity turns the body about g x e_z = (g_y, -g_x), and E^T (g_y, -g_x, 0) = -g
+    pull = np.linalg.solve(mass[:, :2], np.eye(2) * moment / robot.ball.radius)
+    lever = np.linalg.solve(mass[:, :2], mass[:, 2:])
+    return ContactMomentum(lever=np.asarray(lever, dtype=np.float64), pull=np.asarray(pull, dtype=np.float64))

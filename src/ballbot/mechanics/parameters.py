@@ -1,22 +1,25 @@
-"""Where a robot's long-worded values become the paper's symbols.
+"""The two formulations, and one robot's numbers as compiled code reads them: its values become the paper's symbols.
 
-The compiled equations read one row of numbers for each robot (`pack`), so that every robot in a batch
-can have values of its own. `Parameters` gives these numbers their names back inside compiled code.
+The compiled equations read one row of numbers for each robot (`pack`), so that every robot in a batch can have values
+of its own. `Parameters` gives these numbers their names back inside compiled code.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.lanes import restored
+from ballbot.mechanics.engine.vector import each_with, second, written
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.lanes import restored
-from ballbot.mechanics.vector import each_with, second, written
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
+
+#: "exact": the corrected rigid-body model; "thesis": Appendix II as printed, only its misprints mended
+Formulation = Literal["exact", "thesis"]
+
 
 RIGID_SIZE = 26  # numbers before the wheels' own
 WHEEL_SIZE = 6  # axle (3), b, c, s
@@ -163,7 +166,7 @@ def _symmetric(S: NDArray[np.float64]) -> list[float]:
     return [S[0, 0], S[1, 1], S[2, 2], S[0, 1], S[0, 2], S[1, 2]]
 
 
-# --- compiled: one robot's numbers out of a block's work array (`ballbot.mechanics.lanes`) ---
+# --- compiled: one robot's numbers out of a block's work array (`ballbot.mechanics.engine.lanes`) ---
 
 
 @inlined

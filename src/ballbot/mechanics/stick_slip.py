@@ -24,9 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array, real_number
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import called, compiled, shared
+from ballbot.mechanics.engine.arrays import fill
+from ballbot.mechanics.engine.compiled import called, compiled, shared
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.rows import fill
 
 _GUESSES = 12
 _ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, with which no better guess is sought

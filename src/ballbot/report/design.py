@@ -20,8 +20,7 @@ from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.report.style import BLUE, GREEN, ORANGE, SHADE, Line
 
 if TYPE_CHECKING:
-    from ballbot.mechanics.linear import LinearModel
-    from ballbot.mechanics.model import Model
+    from ballbot.mechanics.model import LinearModel, Model
 
 #: what is wrong with each matrix that the thesis's mistakes are in; the numbers are those of docs/reproduce.md
 MISTAKEN_MATRICES = {

@@ -26,9 +26,9 @@ from ballbot.robot import Robot
 #: share of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
 FALLING_PART = 0.05
 #: the steepest slope for which the first order is taken: 0.1 is 5.7 degrees
-STEEPEST = 0.1
+MAX_SLOPE = 0.1
 #: samples by which torques may be late: 5 s at 200 Hz, in which any ballbot falls; each takes room in a batch
-LONGEST_DELAY = 1000
+MAX_DELAY = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,15 +56,15 @@ class Conditions:
             whole_number(getattr(self, name), f"{name} of the conditions", least=0)
         if not isinstance(self.delay, int) or self.delay < 0:
             raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number, zero or more.")
-        if self.delay > LONGEST_DELAY:
+        if self.delay > MAX_DELAY:
             raise InputError(
-                f"The delay is {self.delay} samples; it must be at most {LONGEST_DELAY}, by when any robot has fallen."
+                f"The delay is {self.delay} samples; it must be at most {MAX_DELAY}, by when any robot has fallen."
             )
         if not self.top_speed > 0.0:
             raise InputError(f"The largest wheel speed is {self.top_speed:g} rad/s; it must be positive.")
-        if not np.hypot(*self.slope) <= STEEPEST:
+        if not np.hypot(*self.slope) <= MAX_SLOPE:
             raise InputError(
-                f"The slope of the floor is {np.hypot(*self.slope):.3g}; it must be at most {STEEPEST:g}."
+                f"The slope of the floor is {np.hypot(*self.slope):.3g}; it must be at most {MAX_SLOPE:g}."
             )
 
 

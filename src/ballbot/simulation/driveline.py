@@ -3,6 +3,10 @@
 Many drivelines run at once, each with its own inertia, friction, speed limit and torques. Torques are held over a
 sample. The supply's speed limit is a torque-speed curve, or the thesis's clamp (3.2) as it stands, for comparison:
 it limits the output x_1 and not the state x_2, which winds up and leaves the limit late.
+
+The classical law is the one that identification runs by the thousand. Its lanes are stepped side by side with the
+signs of their start, in a loop that becomes vector instructions; a lane that rests, or whose speed would pass zero,
+takes the law's own step instead. Other laws are stepped one lane after another.
 """
 
 from __future__ import annotations
@@ -16,18 +20,148 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import index_array, positive_number, real_array, whole_number
 from ballbot.errors import InputError
-from ballbot.mechanics.engine import over_threads
-from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.mechanics.friction_laws.inertia import UNLIMITED, Inertia
-from ballbot.mechanics.friction_laws.interface import FrictionLaw
+from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.lanes import LANES, entry
+from ballbot.mechanics.engine.run import over_threads
+from ballbot.mechanics.friction import sign
+from ballbot.mechanics.friction_laws.classical import Classical, ClassicalNumbers
+from ballbot.mechanics.friction_laws.interface import (
+    UNLIMITED,
+    FrictionLaw,
+    Inertia,
+    clamped,
+    move,
+    slide,
+    visible_speed,
+)
 from ballbot.mechanics.friction_laws.smoothed import Smoothed
-from ballbot.mechanics.lanes import LANES
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.robot.robot import Robot
-from ballbot.simulation.driveline_lanes import run_classical_block, run_lane
+
+# Rows of a block: five numbers of the law, four of the inertia, then
+_SPEED, _ANGLE, _TORQUE, _END, _TRAVEL, _KEPT = 9, 10, 11, 12, 13, 14
+_ROWS = 15
+
+_VECTOR = 8  # lanes are filled up to whole vectors, so that a lane rounds alike in every company
+
+
+@compiled
+def run_lane(law, inertia, state, speed, torques, sample_time, steps, every, out):
+    """Turn one driveline; `out` (3, records) takes visible speed, angle and integrated speed.
+
+    Parameters
+    ----------
+    law, inertia : named tuple
+    state : ndarray (m,)
+        The law's; it is changed.
+    speed : float
+        At the start [rad/s].
+    torques : ndarray (samples,)
+    sample_time : float
+    steps : int
+        Inner steps a sample.
+    every : int
+    out : ndarray (3, samples // every)
+    """
+    h, angle = sample_time / steps, 0.0
+    for sample in range(len(torques)):
+        for _ in range(steps):
+            speed, travel = move(law, inertia, torques[sample], state, speed, h)
+            angle += travel
+        if (sample + 1) % every == 0:
+            record = (sample + 1) // every - 1
+            out[0, record] = clamped(inertia, visible_speed(law, speed))
+            out[1, record] = angle
+            out[2, record] = speed
+
+
+@inlined
+def _law(work, lane):
+    return ClassicalNumbers(
+        entry(work, 0, lane),
+        entry(work, 1, lane),
+        entry(work, 2, lane),
+        entry(work, 3, lane),
+        entry(work, 4, lane),
+    )
+
+
+@inlined
+def _inertia(work, lane):
+    return Inertia(entry(work, 5, lane), entry(work, 6, lane), entry(work, 7, lane), entry(work, 8, lane))
+
+
+@inlined
+def _try_sliding(work, filled, h):
+    """Step every lane with the sign of its start, and note whether the speed has kept it."""
+    for lane in range(filled):
+        speed = entry(work, _SPEED, lane)
+        direction = sign(speed)
+        torque = entry(work, _TORQUE, lane)
+        end, travel = slide(_law(work, lane), _inertia(work, lane), torque, speed, direction, h)
+        work[_END * LANES + lane] = end
+        work[_TRAVEL * LANES + lane] = travel
+        work[_KEPT * LANES + lane] = direction * end
+
+
+@inlined
+def _take_step(work, state, width, filled, h):
+    _try_sliding(work, filled, h)
+    for lane in range(width):
+        if not entry(work, _KEPT, lane) > 0.0:
+            speed, torque = entry(work, _SPEED, lane), entry(work, _TORQUE, lane)
+            end, travel = move(_law(work, lane), _inertia(work, lane), torque, state, speed, h)
+            work[_END * LANES + lane] = end
+            work[_TRAVEL * LANES + lane] = travel
+    for lane in range(width):
+        work[_SPEED * LANES + lane] = entry(work, _END, lane)
+        work[_ANGLE * LANES + lane] += entry(work, _TRAVEL, lane)
+
+
+@compiled
+def run_classical_block(laws, inertias, speeds, torques, torque_of, sample_time, steps, every, out):
+    """Turn up to `LANES` drivelines under the classical law side by side.
+
+    Parameters
+    ----------
+    laws, inertias : ndarray (width, 5), (width, 4)
+        Rows of `ClassicalNumbers` and `Inertia`.
+    speeds : ndarray (width,)
+        At the start [rad/s].
+    torques : ndarray (inputs, samples)
+    torque_of : ndarray (width,)
+        Row of torques of each lane.
+    sample_time : float
+    steps : int
+    every : int
+    out : ndarray (3, width, samples // every)
+        Visible speed, angle and integrated speed.
+    """
+    width, h = len(laws), sample_time / steps
+    filled = (width + _VECTOR - 1) // _VECTOR * _VECTOR
+    work = np.zeros(_ROWS * LANES)
+    state = np.empty(0)
+    for lane in range(width):
+        for i in range(5):
+            work[i * LANES + lane] = laws[lane, i]
+        for i in range(4):
+            work[(5 + i) * LANES + lane] = inertias[lane, i]
+        work[_SPEED * LANES + lane] = speeds[lane]
+    for sample in range(torques.shape[1]):
+        for lane in range(width):
+            work[_TORQUE * LANES + lane] = torques[torque_of[lane], sample]
+        for _ in range(steps):
+            _take_step(work, state, width, filled, h)
+        if (sample + 1) % every == 0:
+            record = (sample + 1) // every - 1
+            for lane in range(width):
+                out[0, lane, record] = clamped(_inertia(work, lane), entry(work, _SPEED, lane))
+                out[1, lane, record] = entry(work, _ANGLE, lane)
+                out[2, lane, record] = entry(work, _SPEED, lane)
+
 
 _LARGEST_RATE_STEP = 0.5  # explicit steps are at most this part of the driveline's fastest time constant
-_MOST_STEPS = 100_000  # a sample
+_MAX_STEPS = 100_000  # a sample
 
 
 def speed_clamp(speed: ArrayLike, limit: float) -> NDArray[np.float64]:
@@ -264,7 +398,7 @@ def _run_one_by_one(batch: _Batch, steps: NDArray[np.int64], threads: int | None
 def _steps(line: Driveline, sample_time: float, step: float) -> int:
     """Return the inner steps in a sample: none longer than `step`, nor than the fastest rate allows."""
     wanted = max(sample_time / step, sample_time * line.fastest_rate() / _LARGEST_RATE_STEP)
-    if wanted > _MOST_STEPS:
+    if wanted > _MAX_STEPS:
         raise InputError(
             f"A sample of {sample_time:g} s takes {wanted:.0f} inner steps, because the fastest rate of the "
             f"driveline is {line.fastest_rate():.3g}/s: its inertia of {line.inertia:g} kg m^2 is too small "

@@ -31,21 +31,20 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.mechanics.accelerations import solve
-from ballbot.mechanics.compiled import called, compiled
+from ballbot.mechanics.contacts import finished, free_motion
+from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
+from ballbot.mechanics.engine.compiled import called, compiled
+from ballbot.mechanics.engine.lanes import LANES, ROWS, STATE, stored
+from ballbot.mechanics.engine.run import load_state, start_lane, velocity_in, write_state
+from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, balancing_attitude
-from ballbot.mechanics.free_motion import finished, free_motion
 from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.lanes import LANES, ROWS, STATE, stored
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import friction_places, load
-from ballbot.mechanics.rows import box_rows, fill, in_order, mass_matrix
-from ballbot.mechanics.steps import load_state, start_lane, velocity_in, write_state
 from ballbot.mechanics.stick_slip import solve_in_place
-from ballbot.mechanics.vector import each_with
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.simulation.floor import lift_off
-from ballbot.simulation.model_plant import checked_states, measurement, why_ended
+from ballbot.simulation.model_plant import checked_states, lift_off, measurement, why_ended
 from ballbot.simulation.plant import Measurement
 
 #: longest step [s]; the twin's

@@ -6,7 +6,7 @@ robots whose masses, geometry or friction differ from those that the controller 
 
 What each imperfection is:
 
-- sensors, their faults, an accelerometer and fixes: those of the twin (`ballbot.simulation.sensor_suite`). The
+- sensors, their faults, an accelerometer and fixes: those of the twin (`ballbot.simulation.sensors`). The
   controller's state is an estimator's, of the robot that the controller knows.
 - delay: torques act whole samples later, zero at first. Noise comes upon each sample's torques when they act, and then
   the driver's torque limit and the supply's speed limit, which is taken by the speed at the sample's start.
@@ -28,22 +28,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array, real_number, whole_number
 from ballbot.errors import InputError
-from ballbot.estimation.interface import Reading
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.interface import EstimatorName, Reading, named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.robot.robot import Sensors
-from ballbot.simulation.accelerometer import Accelerometer
 from ballbot.simulation.conditions import FALLING_PART, Conditions, rest_on_slope
-from ballbot.simulation.fixes import FixSource
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensor_suite import SensorSuite, sensor_samples
-from ballbot.simulation.sensors import SensorFaults
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults, SensorSuite, sensor_samples
 from ballbot.sizes import SHORTEST_SAMPLE
 
 #: samples over which counts may be differenced

@@ -1,7 +1,11 @@
-"""The robot's own sensors, as they err: wheel encoders that count, an AHRS that is noisy and drifts.
+"""A robot's sensors, with their errors: wheel encoders, an AHRS, an accelerometer, and fixes from outside.
+
+Encoders count; the AHRS is noisy and drifts; an accelerometer sits at a place of the body; something outside (cameras,
+a laser scanner, beacons) sees where the robot is.
 
 Each is asked once a sample, in order of time, and knows nothing of what comes next. What a robot file says of its
-sensors is always there; `SensorFaults` are what a scenario puts upon that.
+sensors is always there; `SensorFaults` are what a scenario puts upon that. `SensorSuite` reads all sensors of one robot
+together, once a sample.
 """
 
 from __future__ import annotations
@@ -15,7 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.estimation.swing import turned_about_vertical
+from ballbot.estimation.attitude import turned_about_vertical
+from ballbot.estimation.interface import Fix, Reading
+from ballbot.mechanics.geometry import rotation
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.robot import Robot, Sensors
 
@@ -174,3 +180,232 @@ class _SlowErrors:
         self._bias = self._bias + faults.gyro_bias_walk * math.sqrt(h) * self._random.standard_normal(3)
         fresh = faults.lean_error * math.sqrt(1.0 - self._memory**2)
         self._lean = self._memory * self._lean + fresh * self._random.standard_normal(2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accelerometer:
+    """Where an accelerometer sits and how noisy it is."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.3)  #: from the ball's centre, body frame [m]
+    noise: float = 0.02  #: standard deviation of each sample [m/s^2]
+
+
+class AccelerationSensor:
+    """Specific force f = R^T (a + g e_z) + w_dot x r + w x (w x r) at a place r of the body.
+
+    a, the acceleration of the body's point at the ball's centre, and w_dot are differences over the sample: a sensor
+    of this kind filters to half its own rate, and a MuJoCo contact's last step would be noise.
+
+    Parameters
+    ----------
+    accelerometer : Accelerometer
+    sample_time : float
+        [s]
+    gravity : float
+        [m/s^2]
+    random : Generator
+    """
+
+    def __init__(
+        self,
+        accelerometer: Accelerometer,
+        *,
+        sample_time: float,
+        gravity: float,
+        random: np.random.Generator,
+    ) -> None:
+        self._accelerometer = accelerometer
+        self._place = np.array(accelerometer.position)
+        self._sample_time = sample_time
+        self._gravity = np.array([0.0, 0.0, gravity])
+        self._random = random
+        self._before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def read(
+        self,
+        velocity: NDArray[np.float64],
+        body_rate: NDArray[np.float64],
+        R_world_body: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return acc_x, acc_y, acc_z (3,) [m/s^2], body frame.
+
+        Parameters
+        ----------
+        velocity : array (3,)
+            Of the body's point at the ball's centre, world frame [m/s].
+        body_rate : array (3,)
+            Angular velocity w, body frame [rad/s].
+        R_world_body : array (3, 3)
+            Body to world.
+        """
+        before = self._before if self._before is not None else (velocity, body_rate)
+        acceleration = (velocity - before[0]) / self._sample_time
+        turning = (body_rate - before[1]) / self._sample_time
+        self._before = (velocity.copy(), body_rate.copy())
+        force = R_world_body.T @ (acceleration + self._gravity)
+        force += np.cross(turning, self._place) + np.cross(body_rate, np.cross(body_rate, self._place))
+        return force + self._accelerometer.noise * self._random.standard_normal(3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixSource:
+    """How often a fix comes and how good it is; in the world's frame and at once."""
+
+    rate: float  #: [Hz]
+    position: bool = True  #: whether it says x and y
+    heading: bool = True  #: whether it says psi
+    position_noise: float = 0.005  #: standard deviation of x and of y [m]
+    heading_noise: float = 0.02  #: standard deviation of psi [rad]
+    missing: float = 0.0  #: share of fixes that do not come, 0 to 1
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.rate) and self.rate > 0):
+            raise InputError(f"rate of a fix is {self.rate}; it must be above 0 Hz.")
+        for name in ("position_noise", "heading_noise"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{name} of a fix is {value}; it must be above 0.")
+        if not 0 <= self.missing <= 1:
+            raise InputError(f"missing of a fix is {self.missing}; it must be a fraction from 0 to 1.")
+
+
+class FixSensor:
+    """The fixes of one run; the first comes at 1 / rate.
+
+    Parameters
+    ----------
+    source : FixSource
+    random : Generator
+    """
+
+    def __init__(self, source: FixSource, random: np.random.Generator) -> None:
+        self._source = source
+        self._random = random
+        self._taken = 0
+
+    def read(self, t: float, truth: NDArray[np.float64]) -> Fix | None:
+        """Return the fix that has come by now, if one has.
+
+        Parameters
+        ----------
+        t : float
+            Time since the start [s].
+        truth : array (10,)
+            The state as it is.
+        """
+        source = self._source
+        due = math.floor(t * source.rate + 1e-9)
+        if due <= self._taken:
+            return None
+        self._taken = due
+        # the same draws for each fix, whether it comes or not and whatever it has
+        chance, (east, north, turn) = self._random.random(), self._random.standard_normal(3)
+        if chance < source.missing:
+            return None
+        return Fix(
+            position=truth[:2] + source.position_noise * np.array([east, north]) if source.position else None,
+            heading=float(truth[4] + source.heading_noise * turn) if source.heading else None,
+            position_deviation=source.position_noise,
+            heading_deviation=source.heading_noise,
+        )
+
+
+def sensor_samples(duration: float, sample_time: float) -> int:
+    """Return how many samples of the sensors [s] a controller holds its torques for.
+
+    Raises
+    ------
+    InputError
+        If the duration [s] is not a whole multiple of the sample time, at least one.
+    """
+    samples = round(duration / sample_time)
+    if samples < 1 or abs(duration - samples * sample_time) > 1e-6 * sample_time:
+        raise InputError(
+            f"The sensors are sampled every {sample_time:g} s, so a controller's sample time must be a whole number of "
+            f"these samples, not {duration:g} s."
+        )
+    return samples
+
+
+class SensorSuite:
+    """Encoders and AHRS, and an accelerometer and fixes where there are any.
+
+    Parameters
+    ----------
+    robot : Robot
+        Gear ratio and gravity; its own sensors are not looked at.
+    sensors : Sensors
+        What the sensors are.
+    window : int
+        Samples over which encoder counts are differenced into a speed.
+    faults : SensorFaults, optional
+        What the AHRS does besides being noisy.
+    accelerometer : Accelerometer, optional
+    fix : FixSource, optional
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        sensors: Sensors,
+        *,
+        window: int = 1,
+        faults: SensorFaults | None = None,
+        accelerometer: Accelerometer | None = None,
+        fix: FixSource | None = None,
+    ) -> None:
+        self._sensors, self._faults = sensors, faults
+        self._accelerometer, self._fix = accelerometer, fix
+        self._gravity = robot.gravity
+        self._encoders = Encoders(robot, sensors, window=window)
+        self.reset(np.random.default_rng(0), np.zeros(robot.wheel_count))
+
+    def reset(self, random: np.random.Generator, motor_angles: NDArray[np.float64]) -> None:
+        """Start a run: all noise follows from `random`, and the motor angles (n,) [rad] count from here."""
+        self._encoders.reset(motor_angles)
+        self._imu = AttitudeSensor(self._sensors, random, self._faults)
+        self._acceleration, self._fixes = None, None
+        if self._accelerometer is not None:
+            self._acceleration = AccelerationSensor(
+                self._accelerometer,
+                sample_time=self._sensors.sample_time,
+                gravity=self._gravity,
+                random=random.spawn(1)[0],
+            )
+        if self._fix is not None:
+            self._fixes = FixSensor(self._fix, random.spawn(1)[0])
+
+    def read(
+        self,
+        t: float,
+        truth: NDArray[np.float64],
+        body_velocity: NDArray[np.float64],
+        motor_angles: NDArray[np.float64],
+    ) -> Reading:
+        """Return what the sensors say.
+
+        Parameters
+        ----------
+        t : float
+            Time since the start [s].
+        truth : array (10,)
+            The state as it is.
+        body_velocity : array (6,)
+            Velocity of the body's point at the ball's centre, world frame [m/s]; angular velocity, body frame [rad/s].
+        motor_angles : array (n,)
+            Of the motors, seen at the wheels [rad].
+        """
+        rate = body_velocity[3:]
+        gyro, attitude = self._imu.read(t, rate, truth[2:5])
+        wheel_angles, wheel_speeds = self._encoders.read(motor_angles)
+        acceleration = None
+        if self._acceleration is not None:
+            acceleration = self._acceleration.read(body_velocity[:3], rate, rotation(*truth[2:5]))
+        return Reading(
+            wheel_angles=wheel_angles,
+            wheel_speeds=wheel_speeds,
+            gyro=gyro,
+            attitude=attitude,
+            acceleration=acceleration,
+            fix=self._fixes.read(t, truth) if self._fixes else None,
+        )

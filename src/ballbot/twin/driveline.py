@@ -24,7 +24,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.mechanics.compiled import compiled_alone
+from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction_laws import advance, friction_at
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.robot.robot import Robot

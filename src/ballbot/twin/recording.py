@@ -22,7 +22,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
-from ballbot.estimation.errors import state_errors
+from ballbot.estimation.interface import state_errors
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.robot import Robot
@@ -118,7 +118,7 @@ def results(log: Log) -> dict[str, object]:
     -------
     dict
         `ended`: why it stopped early, or None; `peak_position_error`, `rms_position_error` [m]: true position
-        from the reference; `estimation_errors`: of the on-board state, see `ballbot.estimation.errors`, the drift
+        from the reference; `estimation_errors`: of the on-board state, see `ballbot.estimation.interface`, the drift
         None where the run is shorter than a minute, and all of it where it has a single row.
     """
     truth = log.truth()

@@ -18,10 +18,8 @@ from typing import Literal
 from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot.robot import Friction, Robot, Rollers, Sensors
-from ballbot.simulation.accelerometer import Accelerometer
-from ballbot.simulation.conditions import LONGEST_DELAY
-from ballbot.simulation.fixes import FixSource
-from ballbot.simulation.sensors import SensorFaults
+from ballbot.simulation.conditions import MAX_DELAY
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.sizes import SHORTEST_SAMPLE, SHORTEST_STEP
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
@@ -319,7 +317,7 @@ _POSITIVE = (
 
 #: sizes that decide how much is computed or kept, and the most that is
 _LARGEST = {
-    "delay": float(LONGEST_DELAY),  # samples
+    "delay": float(MAX_DELAY),  # samples
     "latency": 10.0,
     "speed_window": 10_000.0,
     "per_row": 500.0,

@@ -27,9 +27,7 @@ from ballbot.inputs import read_toml
 from ballbot.printable import toml_string
 from ballbot.robot.robot import Robot
 from ballbot.schema import validated
-from ballbot.simulation.accelerometer import Accelerometer
-from ballbot.simulation.fixes import FixSource
-from ballbot.simulation.sensors import SensorFaults
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin.scenario import (
     LAW_NAMES,
     BristleLaw,

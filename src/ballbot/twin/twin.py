@@ -22,7 +22,7 @@ from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.robot import Robot
 from ballbot.simulation.plant import Measurement
-from ballbot.simulation.sensor_suite import SensorSuite, sensor_samples
+from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts
 from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds, quaternion_of
 from ballbot.twin.mjcf import floor_normal, twin_mjcf

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.model import Model
 from ballbot.validation.errors import ErrorPair, join_pairs
 from ballbot.validation.models import ModelPair, Trajectories, check_wheels, rows_after, window_starts

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.mechanics.engine import simulate_lanes
+from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction

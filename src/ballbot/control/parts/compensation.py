@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
 from ballbot.mechanics.equations import ball_rate, body_rates
 from ballbot.mechanics.friction import dry_friction
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.parameters import Wheel
-from ballbot.mechanics.vector import dot, rotate_back, subtract
 from ballbot.robot import Robot
 
 if TYPE_CHECKING:

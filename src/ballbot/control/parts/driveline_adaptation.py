@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 from ballbot.control.parts.torque_balance import MAX_WHEELS, TorqueBalance
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import called, inlined
+from ballbot.mechanics.engine.compiled import called, inlined
 
 #: friction torque of a wheel for which the times hold [N m]
 TYPICAL = 0.1

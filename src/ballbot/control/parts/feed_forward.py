@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 

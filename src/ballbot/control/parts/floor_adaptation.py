@@ -26,7 +26,7 @@ import math
 from dataclasses import dataclass, fields
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import called, inlined
+from ballbot.mechanics.engine.compiled import called, inlined
 
 
 @dataclass(frozen=True, kw_only=True)

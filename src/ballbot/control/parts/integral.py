@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

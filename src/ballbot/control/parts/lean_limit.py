@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller

@@ -5,7 +5,7 @@ Where a share k of a driveline's dry friction follows the force N_i between whee
     (1 - k + k N_i/N_0i) (c, s)        sum_i N_i n_i = m_r R^T (s'' + g e_z) + sum_i (v_i/r_w) t_i
 
 with N_0i the load upright at rest, s'' the acceleration asked for, and v_i the last torque without what friction takes.
-Three wheels' loads follow from this; of four the one of least squares (see `ballbot.simulation.grip`).
+Three wheels' loads follow from this; of four the one of least squares (see `ballbot.simulation.model_plant`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from ballbot.control.parts.past import EFFECTIVE, past
 from ballbot.control.parts.torque_balance import MAX_WHEELS
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.vector import dot, rotate_back
 from ballbot.mechanics.geometry import contact_directions, rolling_directions
-from ballbot.mechanics.vector import dot, rotate_back
 
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ballbot.control.parts.torque_balance import MAX_WHEELS
-from ballbot.mechanics.compiled import called, inlined
+from ballbot.mechanics.engine.compiled import called, inlined
 
 #: updates that are remembered
 MAX_PAST = 22

@@ -25,7 +25,7 @@ from ballbot.arrays import real_array
 from ballbot.control.lqr import held
 from ballbot.control.parts.past import EFFECTIVE, MAX_PAST, past
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import called, inlined
+from ballbot.mechanics.engine.compiled import called, inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 

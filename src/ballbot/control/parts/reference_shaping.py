@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import compiled, inlined
+from ballbot.mechanics.engine.compiled import compiled, inlined
 
 #: numbers of a shaping beyond which its derivatives are lost in rounding or overflow
 _LEAST, _MOST = 1e-12, 1e12

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 

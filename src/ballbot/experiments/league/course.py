@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName, named_estimator
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body, scaled_friction

@@ -20,7 +20,7 @@ from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
-from ballbot.estimation.named import EstimatorName, checked_name
+from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.experiments.own_controller import OwnController
 from ballbot.printable import shell_line
 from ballbot.robot import Robot

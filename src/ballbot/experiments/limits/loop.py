@@ -1,6 +1,6 @@
 """A closed loop whose limits are sought, and which starts it comes back from.
 
-A run ends as soon as its outcome is known (`ballbot.simulation.verdict`):
+A run ends as soon as its outcome is known (`ballbot.simulation.batch`):
 
     settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from here on ask for no torque above 40 % of
                the limit or of what the wheels' grip holds at rest, no wheel speed above 40 % of the motors' highest and
@@ -32,9 +32,8 @@ from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.batch import Verdict, simulate_batch
 from ballbot.simulation.conditions import Conditions
-from ballbot.simulation.verdict import Verdict
 
 #: a run that has not ended after so long [s] has been caught
 DURATION = 5.0

@@ -19,7 +19,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import FALLING_PART, Conditions
-from ballbot.simulation.grip import friction_needed_along, pack_contacts
+from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import sample_count
 
 #: change of a reference within a sample that is a jump [m, rad], as where runs are scored

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import hold
-from ballbot.estimation.named import named_estimator
+from ballbot.estimation.interface import named_estimator
 from ballbot.experiments.limits.limits import Kind, RobotLimits, TwinEdge
 from ballbot.experiments.limits.starts import leaning
 from ballbot.mechanics.equations import LARGEST_LEAN

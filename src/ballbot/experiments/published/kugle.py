@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.experiments.published.entry import Entry, entry_table, markdown_table
 from ballbot.experiments.published.linear import SourceModel, in_state, unstable_poles
-from ballbot.mechanics.linear import LinearModel
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.mechanics.linear import LinearModel
+from ballbot.mechanics.model import LinearModel
 from ballbot.mechanics.symbolic import Corrections, equations
 from ballbot.robot import Robot
 

@@ -20,8 +20,7 @@ from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.experiments.published.entry import Entry, entry_table, markdown_table
 from ballbot.experiments.published.linear import SourceModel, in_state, mixture_model, unstable_poles
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.linear import LinearModel
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import LinearModel, Model
 from ballbot.mechanics.symbolic import corrections_of
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia

@@ -20,8 +20,7 @@ from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.experiments.published.linear import mixture_model, unstable_poles
 from ballbot.experiments.published.tracking import track
-from ballbot.mechanics.linear import LinearModel
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import LinearModel, Model
 from ballbot.mechanics.symbolic import Corrections, equations
 from ballbot.robot import Robot
 

@@ -23,9 +23,9 @@ from ballbot.experiments.published.thesis import (
     shares,
 )
 from ballbot.experiments.published.tracking import PERIOD, SETTLED, SIDE, Track, track
-from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Friction, Robot
 from ballbot.twin.scenario import Scenario
 

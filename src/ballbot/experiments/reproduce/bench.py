@@ -30,8 +30,8 @@ from ballbot.identification.driveline import DrivelineBounds, DrivelineFit, Swee
 from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
-from ballbot.mechanics.formulation import Formulation
 from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import sample_count, simulate

@@ -29,7 +29,7 @@ from ballbot.experiments.reproduce.measures import (
 )
 from ballbot.experiments.reproduce.recordings import ARRIVED
 from ballbot.log import Log
-from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.parameters import Formulation
 
 #: what the thesis reads from Figure 5.8 [m]
 THESIS_PEAKS = {"none": 1.0, "full": 0.2}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body
-from ballbot.simulation.conditions import STEEPEST, Conditions
+from ballbot.simulation.conditions import MAX_SLOPE, Conditions
 
 #: the ball lies so far from where it is asked to be at the start [m]
 START = 0.3
@@ -47,10 +47,10 @@ class Spread:
                 )
         if not isinstance(self.delay, int):
             raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number.")
-        if math.tan(math.radians(self.tilt)) > STEEPEST:
+        if math.tan(math.radians(self.tilt)) > MAX_SLOPE:
             raise InputError(
                 f"The floor's tilt is {self.tilt:g} degrees; it must be at most "
-                f"{math.degrees(math.atan(STEEPEST)):.1f}."
+                f"{math.degrees(math.atan(MAX_SLOPE)):.1f}."
             )
 
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.mechanics.compiled import compiled
+from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.interface import move
 from ballbot.mechanics.friction_laws.lugre import LuGre

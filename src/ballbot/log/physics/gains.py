@@ -3,7 +3,7 @@
 Regression of a torque on the torque that the motion needs gives too small a factor, because the need comes from
 differentiated signals and has their noise. Gravity's part of the need comes from the lean alone:
 
-    z = A^-T r_b E^T M_vv (-Lambda g)          (`ballbot.mechanics.contact_momentum`)
+    z = A^-T r_b E^T M_vv (-Lambda g)          (`ballbot.mechanics.model`)
 
 Its noise is another sensor's, so that k = (z . u) / (z . n), both without what follows the wheel's friction, has no
 such bias (an instrumental variable). It is 0.95 to 1.1 on logs that show it well.
@@ -27,9 +27,8 @@ from ballbot.log.physics.torque import (
     TorqueEvidence,
     enough_turning,
 )
-from ballbot.mechanics.contact_momentum import contact_momentum
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.model import Model
+from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
 SURE = 3.0

@@ -1,6 +1,6 @@
 """Lean axes against the ball's acceleration, by the law of the momentum about the floor's contact.
 
-    d/dt (v + C w) = -Lambda g                    (`ballbot.mechanics.contact_momentum`)
+    d/dt (v + C w) = -Lambda g                    (`ballbot.mechanics.model`)
 
 No torque and no driveline friction is in it: the robot accelerates towards its lean whatever the motors do. The law is
 evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, Place
 from ballbot.log.physics.evidence import block_sums, clarity, without
 from ballbot.log.physics.motion import Complex, Motion, as_complex, as_plane
-from ballbot.mechanics.contact_momentum import contact_momentum
+from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
 #: another reading must leave this many times less unexplained, and be clearer by this many standard errors

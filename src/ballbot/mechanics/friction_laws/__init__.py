@@ -7,8 +7,7 @@
 from ballbot.mechanics.friction_laws.armstrong import Armstrong
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.dahl import Dahl
-from ballbot.mechanics.friction_laws.evaluate import advance, follow, friction_at
-from ballbot.mechanics.friction_laws.interface import FrictionLaw
+from ballbot.mechanics.friction_laws.interface import FrictionLaw, advance, follow, friction_at
 from ballbot.mechanics.friction_laws.karnopp import Karnopp
 from ballbot.mechanics.friction_laws.lugre import LuGre
 from ballbot.mechanics.friction_laws.smoothed import Smoothed

@@ -21,13 +21,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.friction_laws.bristle import linear_motion
-from ballbot.mechanics.friction_laws.checks import check_values
-from ballbot.mechanics.friction_laws.inertia import available
-from ballbot.mechanics.friction_laws.interface import register
-from ballbot.mechanics.friction_laws.root import crossing
+from ballbot.mechanics.friction_laws.interface import (
+    available,
+    check_values,
+    crossing,
+    linear_motion,
+    register,
+)
 
 # Places in the state; the speeds at the last ends of steps follow, in a ring
 _DIRECTION, _TURN, _DWELL, _LEVEL, _STEP, _NEWEST, _RING = 0, 1, 2, 3, 4, 5, 6

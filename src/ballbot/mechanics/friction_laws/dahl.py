@@ -16,13 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.compiled import inlined
-from ballbot.mechanics.elementary import exponential, logarithm
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.elementary import exponential, logarithm
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.friction_laws.bristle import linear_motion
-from ballbot.mechanics.friction_laws.checks import check_values
-from ballbot.mechanics.friction_laws.inertia import available
-from ballbot.mechanics.friction_laws.interface import register
+from ballbot.mechanics.friction_laws.interface import available, check_values, linear_motion, register
 
 _LEAST = 1e-9  # y that counts as arrived at c in a step of a moving inertia
 

@@ -18,12 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.friction_laws.checks import check_values
-from ballbot.mechanics.friction_laws.inertia import available
-from ballbot.mechanics.friction_laws.interface import register
-from ballbot.mechanics.friction_laws.sliding import slide, time_to_slow
+from ballbot.mechanics.friction_laws.interface import available, check_values, register, slide, time_to_slow
 
 
 class KarnoppNumbers(NamedTuple):

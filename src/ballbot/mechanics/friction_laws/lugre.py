@@ -23,14 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
-from ballbot.mechanics.elementary import exponential
-from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.friction_laws.bristle import linear_motion
-from ballbot.mechanics.friction_laws.checks import check_values
-from ballbot.mechanics.friction_laws.curve import stribeck_curve
-from ballbot.mechanics.friction_laws.inertia import available
-from ballbot.mechanics.friction_laws.interface import register
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.elementary import exponential
+from ballbot.mechanics.friction import dry_friction, stribeck_curve
+from ballbot.mechanics.friction_laws.interface import available, check_values, linear_motion, register
 
 
 class LuGreNumbers(NamedTuple):

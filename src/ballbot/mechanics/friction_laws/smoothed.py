@@ -16,13 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
-from ballbot.mechanics.compiled import inlined
-from ballbot.mechanics.elementary import exponential
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.elementary import exponential
 from ballbot.mechanics.friction import dry_friction
-from ballbot.mechanics.friction_laws.checks import check_values
-from ballbot.mechanics.friction_laws.inertia import available, clamped
-from ballbot.mechanics.friction_laws.interface import register
-from ballbot.mechanics.friction_laws.root import crossing
+from ballbot.mechanics.friction_laws.interface import available, check_values, clamped, crossing, register
 
 SmoothSign = Literal["tanh", "root"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ballbot.errors import InputError
-from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.parameters import Formulation
 
 
 @dataclass(frozen=True, kw_only=True)

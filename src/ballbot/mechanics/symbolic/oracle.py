@@ -11,7 +11,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.parameters import Formulation
 from ballbot.mechanics.symbolic.corrections import Corrections, corrections_of
 from ballbot.mechanics.symbolic.derivation import Derivation, derive
 from ballbot.mechanics.symbolic.symbols import parameter_numbers, parameter_symbols, symbols

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 
 from ballbot.experiments.metrics import true_place
 from ballbot.log import Log
-from ballbot.mechanics.formulation import Formulation
+from ballbot.mechanics.parameters import Formulation
 from ballbot.report.style import GREEN, INK, MUTED, REFERENCE, STATE_SYMBOLS, STATE_UNITS, Line, thinned
 
 #: the model without friction, by its equations

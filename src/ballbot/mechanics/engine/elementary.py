@@ -12,8 +12,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ballbot.mechanics.compiled import by_types_of_in_order, inlined_in_order
-from ballbot.mechanics.vector import written
+from ballbot.mechanics.engine.compiled import by_types_of_in_order, inlined_in_order
+from ballbot.mechanics.engine.vector import written
 
 # pi/2 in three parts, so that k * part is exact while |k| < 2^20 (angles to a million radians)
 _HALF_PI_1 = 1.5707963267341256

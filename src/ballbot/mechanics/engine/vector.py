@@ -8,7 +8,7 @@ length.
 
 from collections.abc import Callable
 
-from ballbot.mechanics.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.compiled import by_types_of, inlined
 
 
 @inlined

@@ -5,9 +5,6 @@ of the engine's work array, so that what one thread loads lies beside its neighb
 over all samples.
 """
 
-# numba.cuda decorates at run time what its types do not say
-# pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false
-
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -18,12 +15,16 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
+from ballbot.mechanics.engine.convex import convex_step
+from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.smooth import runge_kutta_step
+from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, attitude, rates_from_angles, rates_of_angles
-from ballbot.mechanics.lanes import LANES
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, load
-from ballbot.mechanics.proximal import convex_step
-from ballbot.mechanics.smooth import runge_kutta_step
-from ballbot.mechanics.vector import each_with
+
+# numba.cuda decorates at run time what its types do not say
+# pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false
+
 
 _THREADS = 128  # a block of the GPU's; a whole number of warps
 
@@ -82,7 +83,7 @@ def simulate_on_gpu(
     sample_time: float,
     steps: int,
 ) -> GpuBatch:
-    """Simulate many three-wheeled robots under the same torques; see `ballbot.mechanics.engine.simulate_lanes`.
+    """Simulate many three-wheeled robots under the same torques; see `ballbot.mechanics.engine.run.simulate_lanes`.
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def simulate_on_gpu(
     h = positive_number(sample_time, "The sample time") / whole_number(steps, "The number of steps", least=1)
     if not cuda.is_available():
         raise InputError(
-            "No CUDA device was found; use ballbot.mechanics.engine.simulate_lanes on the processor instead."
+            "No CUDA device was found; use ballbot.mechanics.engine.run.simulate_lanes on the processor instead."
         )
     robots = len(initial)
     states = cuda.to_device(initial)

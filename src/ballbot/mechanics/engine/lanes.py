@@ -13,15 +13,15 @@ from typing import TypeVar
 import numpy as np
 from numba import types
 
-from ballbot.mechanics.compiled import by_types_of, inlined
-from ballbot.mechanics.vector import written
+from ballbot.mechanics.engine.compiled import by_types_of, inlined
+from ballbot.mechanics.engine.vector import written
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MOST_PARAMETERS = np.int64(50)  # a plain integer would have each row compiled as a function of its own
-STATE = MOST_PARAMETERS
+MAX_PARAMETERS = np.int64(50)  # a plain integer would have each row compiled as a function of its own
+STATE = MAX_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11
 STEP = TORQUE + 4

@@ -1,0 +1,11 @@
+"""The compiled forms of the mechanics: many robots side by side, in one call.
+
+compiled             Numba's options and cache, in one place
+vector, elementary   tuples as vectors; sine, exponential and power as polynomials
+lanes                the work array of a block of robots
+smooth               RK4 while no friction changes its sign
+convex               the convex step for many robots at once
+run                  blocks of robots through many samples
+arrays               the equations at many states, for `Model`
+cuda                 the same on an NVIDIA GPU
+"""

@@ -1,0 +1,388 @@
+"""The engine: many robots through many samples in one compiled call.
+
+Robots are stepped in blocks of `LANES`, side by side, in loops that become vector instructions; a single robot is a
+block of one. Where no contact is at rest, a step is first tried as RK4 with known signs of friction (`smooth`); robots
+in which a sign may have changed take the convex step instead (`convex`, and `stick_slip` where that does not settle).
+The lanes are kept sorted, moving robots first, so that neither method is spent on the other's robots. But for
+rounding, a robot's step depends on nothing but the robot.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.arrays import index_array, positive_number, real_array, whole_number
+from ballbot.mechanics.accelerations import solve
+from ballbot.mechanics.contacts import finished, free_motion
+from ballbot.mechanics.engine.arrays import box_rows, in_order, mass_matrix
+from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined, shared
+from ballbot.mechanics.engine.convex import convex_block
+from ballbot.mechanics.engine.lanes import (
+    GROUP,
+    LANES,
+    MARGIN,
+    MAX_PARAMETERS,
+    ROBOT,
+    STATE,
+    STEP,
+    TORQUE,
+    TRIAL,
+    entry,
+    new_work,
+    put,
+    restored,
+    robot_in,
+    stored,
+    swap,
+)
+from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, smooth_block
+from ballbot.mechanics.engine.vector import each, each_with
+from ballbot.mechanics.equations import (
+    LARGEST_LEAN,
+    attitude,
+    balancing_attitude,
+    rates_from_angles,
+    rates_of_angles,
+)
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, Pivoting, Thesis, load, state_like
+from ballbot.mechanics.stick_slip import minimiser
+
+
+@inlined
+def load_state(selected, work, lane):
+    """Return a lane's state: ten numbers, and the spin where the ball pivots."""
+    return restored(state_like(selected), work, STATE, lane)
+
+
+@inlined
+def load_torques(selected, work, lane):
+    """Return the wheel torques of one lane."""
+    return restored(selected.wheels, work, TORQUE, lane)
+
+
+@called
+def robust_lane(selected, work, lane):
+    """Take the convex step of one lane by `stick_slip.minimiser`, which always finds the minimiser."""
+    P = load(selected, work, lane)
+    state, u = load_state(selected, work, lane), load_torques(selected, work, lane)
+    h = entry(work, STEP, lane)
+    a = balancing_attitude((state[2], state[3], state[4]))
+    free = free_motion(selected, P, a, state, u)
+    v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
+    start = in_order(free.v, free.w)
+    C, limits = box_rows(selected, P, a), np.array(free.limits)
+    end = minimiser(
+        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling, h, start
+    )
+    stored(
+        work, TRIAL, lane, finished(selected, state, a, velocity_in(free.v, end), (end[2], end[3], end[4]), h)
+    )
+
+
+def velocity_in(like, nu) -> tuple:  # pragma: no cover (compiled form below)
+    """Return v out of velocities in the order of `rows`."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(velocity_in)
+def _velocity_in(like, nu):
+    if len(like) == 2:
+        return lambda like, nu: (nu[0], nu[1])
+    return lambda like, nu: (nu[0], nu[1], nu[5])
+
+
+@shared
+def take_steps(selected, work, width, steps):
+    """Advance every lane of a block by `steps` steps with torques held."""
+    for _ in range(steps):
+        begin_steps(selected, work, width)
+        resting = _count_open(work, 0, width)
+        if resting > 0:
+            _sort(work, width)
+        if resting < width:
+            smooth_block(selected, work, _whole_groups(width - resting, width))
+        _take_open_steps(selected, work, width)
+        _accept(selected, work, width)
+
+
+@inlined
+def _count_open(work, first, last):
+    count = 0.0
+    for lane in range(first, last):
+        count += _open(work, lane)
+    return int(count)
+
+
+@inlined
+def _open(work, lane):
+    """Return 1 where a lane's step still has to be taken, in a form that vector code has."""
+    counts = 1.0 if entry(work, MARGIN, lane) > 0.0 else 0.0
+    moves = 0.0 if entry(work, STEP, lane) == 0.0 else 1.0
+    return moves - moves * counts
+
+
+@inlined
+def _is_open(work, lane):
+    return _open(work, lane) > 0.0
+
+
+@called
+def _sort(work, width):
+    """Bring the open lanes to the end."""
+    last = width
+    for lane in range(width):
+        if lane < last and _is_open(work, lane):
+            last -= 1
+            while lane < last and _is_open(work, last):
+                last -= 1
+            if lane < last:
+                _swap_lanes(work, lane, last)
+
+
+@inlined
+def _swap_lanes(work, first, second):
+    for row in range(MAX_PARAMETERS):
+        swap(work, row, first, second)
+    for row in range(STATE, STATE + 11):
+        swap(work, row, first, second)
+    for row in range(TORQUE, ROBOT + 1):
+        swap(work, row, first, second)
+    for row in range(SINES, SPEEDS + 4):
+        swap(work, row, first, second)
+
+
+@inlined
+def _whole_groups(lanes, width):
+    return min((lanes + GROUP - 1) // GROUP * GROUP, width)
+
+
+@inlined
+def _take_open_steps(selected, work, width):
+    """Take the convex step of open lanes, group by group; what does not settle there, by the robust method."""
+    for first in range(0, width, GROUP):
+        last = min(first + GROUP, width)
+        if _count_open(work, first, last) > 0:
+            convex_block(selected, work, first, last)
+            for lane in range(first, last):
+                if _is_open(work, lane):
+                    robust_lane(selected, work, lane)
+
+
+@inlined
+def _accept(selected, work, width):
+    """Make the trials the states; past the largest lean a lane takes steps of zero: it stays where it is."""
+    for lane in range(width):
+        h = entry(work, STEP, lane)
+        both = each(
+            _pair, load_state(selected, work, lane), restored(state_like(selected), work, TRIAL, lane)
+        )
+        end = each_with(_later, both, h)
+        stored(work, STATE, lane, end)
+        upright = abs(end[2]) <= LARGEST_LEAN and abs(end[3]) <= LARGEST_LEAN
+        put(work, STEP, lane, h if upright else 0.0)
+
+
+@inlined
+def _pair(a, b):
+    return (a, b)
+
+
+@inlined
+def _later(states, h):
+    return states[0] if h == 0.0 else states[1]
+
+
+@inlined
+def start_lane(selected, work, lane, x, h):
+    """Give a lane the robot of its number: state x (10,), (11,) where the ball pivots, with Euler rates, and step h."""
+    put(work, STEP, lane, h)
+    put(work, ROBOT, lane, float(lane))
+    for i in range(len(x)):
+        put(work, STATE + i, lane, x[i])
+    w = rates_from_angles(selected, attitude((x[2], x[3], x[4])), (x[7], x[8], x[9]))
+    for axis in range(3):
+        put(work, STATE + 7 + axis, lane, w[axis])
+
+
+@inlined
+def write_state(selected, work, lane, out):
+    """Write a lane's state, with Euler-angle rates, to `out`."""
+    for i in range(len(out)):
+        out[i] = entry(work, STATE + i, lane)
+    rates = rates_of_angles(selected, attitude((out[2], out[3], out[4])), (out[7], out[8], out[9]))
+    for axis in range(3):
+        out[7 + axis] = rates[axis]
+
+
+@compiled
+def run_block(
+    selected,
+    parameters,
+    parameter_of,
+    initial,
+    initial_of,
+    torques,
+    torque_of,
+    first,
+    width,
+    h,
+    steps,
+    every,
+    out,
+    ended,
+):
+    """Simulate lanes first .. first + width - 1 of `simulate_lanes`."""
+    work = new_work()
+    samples, n = torques.shape[1], torques.shape[2]
+    for lane in range(width):
+        row = parameters[parameter_of[first + lane]]
+        for i in range(len(row)):
+            work[i * LANES + lane] = row[i]
+        start_lane(selected, work, lane, initial[initial_of[first + lane]], h)
+        ended[first + lane] = samples
+    for sample in range(samples):
+        for lane in range(width):
+            held = torques[torque_of[first + robot_in(work, lane)], sample]
+            for i in range(n):
+                work[(TORQUE + i) * LANES + lane] = held[i]
+        take_steps(selected, work, width, steps)
+        for lane in range(width):
+            robot = first + robot_in(work, lane)
+            if work[STEP * LANES + lane] == 0.0 and ended[robot] == samples:
+                ended[robot] = sample
+            if (sample + 1) % every == 0:
+                write_state(selected, work, lane, out[robot, (sample + 1) // every - 1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """What `simulate_lanes` returns."""
+
+    states: NDArray[np.float64]  #: (lanes, samples // every, 10 or 11), after each recorded sample
+    ended: NDArray[np.int64]  #: (lanes,), whole samples simulated before the lean passed `LARGEST_LEAN`
+
+
+def simulate_lanes(
+    selected: Exact | Thesis | Pivoting,
+    *,
+    parameters: ArrayLike,
+    initial: ArrayLike,
+    torques: ArrayLike,
+    sample_time: float,
+    steps: int,
+    parameter_of: ArrayLike | None = None,
+    initial_of: ArrayLike | None = None,
+    torque_of: ArrayLike | None = None,
+    every: int = 1,
+    threads: int | None = None,
+    lost_lanes: bool = False,
+) -> Batch:
+    """Simulate many robots, each under torques held over each sample.
+
+    Lane i takes row parameter_of[i] of `parameters`, and likewise for the others, so that a population of parameter
+    sets can be run over many windows of a log without copying either; without an index, lane i takes row i.
+
+    Parameters
+    ----------
+    selected : Exact, Thesis or Pivoting
+        From `ballbot.mechanics.parameters.selector`.
+    parameters : array_like (sets, size)
+        Rows from `ballbot.mechanics.parameters.pack`.
+    initial : array_like (starts, 10), or (starts, 11) where the ball pivots
+        [x y theta phi psi and their rates], and the ball's spin [rad/s].
+    torques : array_like (inputs, samples, n)
+        [N m].
+    sample_time : float
+        [s]
+    steps : int
+        Inner steps a sample.
+    every : int
+        Record every so many samples.
+    threads : int, optional
+        All cores by default. The result does not depend on it.
+    lost_lanes : bool
+        Whether a lane may begin with values that are not finite, as one that an earlier call has lost does. It stays
+        lost, and its neighbours do not notice.
+
+    Returns
+    -------
+    Batch
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, an index names no row, or a value is not one that it can be.
+    """
+    n = len(selected.wheels)
+    size = 11 if isinstance(selected, Pivoting) else 10
+    finite = not lost_lanes
+    parameters = real_array(
+        parameters, ("sets", RIGID_SIZE + WHEEL_SIZE * n), "The array of parameters", finite=finite
+    )
+    initial = real_array(initial, ("starts", size), "The array of initial states", finite=finite)
+    torques = real_array(torques, ("inputs", "samples", n), "The array of torques", finite=finite)
+    h = positive_number(sample_time, "The sample time") / whole_number(steps, "The number of steps", least=1)
+    every = whole_number(every, "every", least=1)
+    given = (("parameter_of", parameter_of), ("initial_of", initial_of), ("torque_of", torque_of))
+    lanes = max(len(parameters), len(initial), len(torques))
+    for _, index in given:
+        lanes = lanes if index is None else np.size(index)
+    indices = [
+        index_array(np.arange(lanes) if index is None else index, name, count=len(rows), length=lanes)
+        for (name, index), rows in zip(given, (parameters, initial, torques), strict=True)
+    ]
+    out = np.empty((lanes, torques.shape[1] // every, size))
+    ended = np.empty(lanes, np.int64)
+
+    def run(first: int) -> None:
+        width = min(LANES, lanes - first)
+        arrays = (parameters, indices[0], initial, indices[1], torques, indices[2])
+        run_block(selected, *arrays, first, width, h, steps, every, out, ended)
+
+    over_threads(run, lanes, threads)
+    return Batch(states=out, ended=ended)
+
+
+_ONLY_ROW = np.zeros(1, np.int64)
+
+
+def simulate_one(
+    selected: Exact | Thesis | Pivoting,
+    parameters: NDArray[np.float64],
+    state: NDArray[np.float64],
+    torques: NDArray[np.float64],
+    *,
+    sample_time: float,
+    steps: int,
+) -> NDArray[np.float64]:
+    """Return one robot's state after a sample; all that is given has been checked already.
+
+    Parameters
+    ----------
+    parameters : ndarray (size,)
+    state : ndarray (10,), or (11,) where the ball pivots
+    torques : ndarray (n,)
+        [N m].
+    """
+    out, ended = np.empty((1, 1, len(state))), np.empty(1, np.int64)
+    arrays = (parameters[None], _ONLY_ROW, state[None], _ONLY_ROW, torques[None, None], _ONLY_ROW)
+    run_block(selected, *arrays, 0, 1, sample_time / steps, steps, 1, out, ended)
+    return out[0, 0]
+
+
+def over_threads(run: Callable[[int], None], lanes: int, threads: int | None) -> None:
+    """Call run(first lane) for each block of lanes, over so many threads; all cores where `threads` is None."""
+    blocks = range(0, lanes, LANES)
+    workers = min(threads or os.cpu_count() or 1, len(blocks))
+    if workers <= 1:
+        for first in blocks:
+            run(first)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(run, blocks))
