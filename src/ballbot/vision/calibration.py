@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.vision.seam import Seam, SeamTable, crossed, fit_rotation, matched
+from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
 from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
 from ballbot.vision.tracking import follow, orientation_search
 from ballbot.vision.video import Video
@@ -190,7 +190,6 @@ def calibrated_view(
     samples: Sequence[NDArray[np.uint8]],
     *,
     colour: SeamColour,
-    seam: Seam,
     table: SeamTable,
     found: bool,
     distance: float | None,
@@ -207,8 +206,8 @@ def calibrated_view(
         1/D, assumed where `distance` is not given.
     samples : sequence of ndarray
         Some frames, from `Video.samples`.
-    colour, seam, table
-        The seam's.
+    colour : SeamColour
+    table : SeamTable
     found : bool
         That the outline was found in the picture and not given.
     distance : float, optional
@@ -217,12 +216,12 @@ def calibrated_view(
         Told what share is done.
     """
     view = view_of_outline(points, size=video.size, closeness=closeness)
-    first = _followed(video, view, colour, seam, table, progress)
+    first = _followed(video, view, colour, table, progress)
     if first.tracked < _DOUBTFUL_SHARE and distance is None:
-        likelier = _likeliest(points, samples, colour, seam, table)
+        likelier = _likeliest(points, samples, colour, table)
         if likelier.closeness != view.closeness:
             view = likelier
-            first = _followed(video, view, colour, seam, table, progress)
+            first = _followed(video, view, colour, table, progress)
     if len(first.frames) < _LEAST_FRAMES:
         return None
     return calibrate(
@@ -241,7 +240,6 @@ def _followed(
     video: Video,
     view: View,
     colour: SeamColour,
-    seam: Seam,
     table: SeamTable,
     progress: Callable[[float], None],
 ) -> _Pass:
@@ -261,7 +259,7 @@ def _followed(
 
     pixels = ball_pixels(view, video.size)
     track = follow(
-        pictures(), seam_finder(pixels, colour), orientation_search(seam, table, pixels),
+        pictures(), seam_finder(pixels, colour), orientation_search(table, pixels),
         progress=lambda count: progress(count / wanted),
     )  # fmt: skip
     rows = [row for row in range(len(kept)) if track.tracked[row * every]]
@@ -276,7 +274,6 @@ def _likeliest(
     points: NDArray[np.float64],
     samples: Sequence[NDArray[np.uint8]],
     colour: SeamColour,
-    seam: Seam,
     table: SeamTable,
 ) -> View:
     """Return the view with the closeness under which the seam fits some frames best, each by itself."""
@@ -285,11 +282,11 @@ def _likeliest(
 
     def quality(view: View) -> float:
         pixels = ball_pixels(view, size)
-        finder, judge = seam_finder(pixels, colour), orientation_search(seam, table, pixels)
+        finder, search = seam_finder(pixels, colour), orientation_search(table, pixels)
         total = 0.0
         for frame in frames:
             seen, share = finder.find(frame)
-            total += judge.localise(seen, share, near=None).quality if len(seen.p) else 0.0
+            total += search.localise(seen, share, near=None).quality if len(seen.p) else 0.0
         return total
 
     return max((view_of_outline(points, size=size, closeness=one) for one in _CLOSENESSES), key=quality)

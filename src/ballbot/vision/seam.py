@@ -135,6 +135,7 @@ _SIDE = 512
 class SeamTable:
     """The seam's normals by direction."""
 
+    seam: Seam
     normals: NDArray[np.float32]  #: (side^2, 3), ball frame
     side: int
 
@@ -154,7 +155,7 @@ def seam_table(seam: Seam) -> SeamTable:
     nearest = KDTree(points).query(cell_directions(_SIDE))[1]
     normals = np.cross(points[nearest], tangents[nearest])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return SeamTable(normals=normals.astype(np.float32), side=_SIDE)
+    return SeamTable(seam=seam, normals=normals.astype(np.float32), side=_SIDE)
 
 
 def octahedral(q: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -135,7 +135,7 @@ def measure_spin(
     )
     table = seam_table(seam)
     calibration = calibrated_view(
-        video, points, closeness, samples, colour=colour, seam=seam, table=table, found=setup.circle is None,
+        video, points, closeness, samples, colour=colour, table=table, found=setup.circle is None,
         distance=setup.distance, progress=lambda share: tell(0.1 * share, "calibrating"),
     )  # fmt: skip
     calibrated = calibration is not None
@@ -144,7 +144,7 @@ def measure_spin(
     pixels = ball_pixels(calibration.view, video.size)
     stated: list[float] = []
     track = follow(
-        _pictures(video, stated), seam_finder(pixels, colour), orientation_search(seam, table, pixels),
+        _pictures(video, stated), seam_finder(pixels, colour), orientation_search(table, pixels),
         progress=lambda count: tell(min(1.0, 0.1 + 0.9 * count / max(video.stated_frames, 1)), "tracking"),
     )  # fmt: skip
     if not track.tracked.any():

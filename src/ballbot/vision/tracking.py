@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ballbot.vision.seam import Fit, Seam, SeamPoints, SeamTable, exponential, fit_rotation, logarithm
+from ballbot.vision.seam import Fit, SeamPoints, SeamTable, exponential, fit_rotation, logarithm
 from ballbot.vision.seam_pixels import BallPixels, SeamFinder
 
 #: rotations tried: evenly, 15 degrees to the next
@@ -28,7 +28,7 @@ _POINTS, _REFINED = 160, 24
 #: a point farther from the curve than this is as bad as any [rad]
 _FAR = 0.3
 _SEARCH_REACHES = (0.5, 0.4, 0.3, 0.25, 0.2, 0.16, 0.13, 0.13)
-#: points of the curve by which it is judged whether the seam is seen where it should be
+#: points of the curve by which it is scored how much of the seam is seen where it should be
 _CURVE_POINTS = 400
 #: share of a seam pixel that counts as seen
 _SEEN = 0.15
@@ -49,13 +49,13 @@ class ScoredFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientationSearch:
-    """What orientations are tried and judged with."""
+    """Tries orientations and scores them."""
 
     table: SeamTable
     pixels: BallPixels
     curve: NDArray[np.float64]  #: (k, 3) points of the seam, ball frame
 
-    def judge(self, fit: Fit, seam: NDArray[np.float32]) -> ScoredFit:
+    def score(self, fit: Fit, seam: NDArray[np.float32]) -> ScoredFit:
         """Return a fit with the share of the curve, where a pixel is used, that a frame's pixels (m,) show."""
         pixels, _ = self.pixels.view.project(self.curve @ fit.R.T)
         facing = (self.curve @ fit.R.T) @ self.pixels.toward > self.pixels.rim
@@ -85,7 +85,7 @@ class OrientationSearch:
         r = np.einsum("ki,ki->k", q, self.table.normals_at(q)).reshape(len(grid), -1)
         cost = np.minimum(r * r, np.float32(_FAR**2)).mean(axis=1)
         best = [
-            self.judge(
+            self.score(
                 fit_rotation(self.table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES), seam
             )
             for k in np.argsort(cost, kind="stable")[:_REFINED]
@@ -97,9 +97,9 @@ class OrientationSearch:
         return max(alike, key=lambda one: float(np.trace(one.fit.R.T @ near)))
 
 
-def orientation_search(seam: Seam, table: SeamTable, pixels: BallPixels) -> OrientationSearch:
-    """Return what orientations of a ball with that seam are judged with."""
-    points = seam.points
+def orientation_search(table: SeamTable, pixels: BallPixels) -> OrientationSearch:
+    """Return the search for orientations of a ball with the table's seam."""
+    points = table.seam.points
     return OrientationSearch(
         table=table, pixels=pixels, curve=points[:: max(1, len(points) // _CURVE_POINTS)]
     )
@@ -122,7 +122,7 @@ _REACHES = (0.28, 0.2, 0.14, 0.12, 0.12)
 _TRACKED, _FOUND = 0.55, 0.7
 #: fewer seam pixels are no seam
 _LEAST_PIXELS = 60
-#: while lost, the orientation is sought in one frame of so many
+#: while lost, the orientation is searched for in one frame of so many
 _SEARCHED_EVERY = 4
 #: what a ball turns at most beyond what was predicted [rad]
 _LARGEST_JUMP = 0.35
@@ -147,8 +147,8 @@ class Track:
 class _Follower:
     """The state between frames."""
 
-    def __init__(self, finder: SeamFinder, judge: OrientationSearch) -> None:
-        self._finder, self._judge = finder, judge
+    def __init__(self, finder: SeamFinder, search: OrientationSearch) -> None:
+        self._finder, self._search = finder, search
         self._last: NDArray[np.float64] | None = None
         self._turn = np.zeros(3)  # over the last frame, camera frame [rad]
         self._settled = False  # whether that is known
@@ -158,51 +158,51 @@ class _Follower:
     def next(self, frame: NDArray[np.uint8]) -> tuple[Fit, float, int] | None:
         """Return the orientation, its quality and its stretch; None where it is lost."""
         seen, seam = self._finder.find(frame)
-        judged = None
+        scored = None
         if len(seen.p) >= _LEAST_PIXELS:
-            judged = self._followed(seen, seam) or self._sought(seen, seam)
-        if judged is None:
+            scored = self._followed(seen, seam) or self._searched(seen, seam)
+        if scored is None:
             self._lost += 1
             self._settled = False
             return None
         self._lost = 0
-        return judged.fit, judged.quality, self._stretch
+        return scored.fit, scored.quality, self._stretch
 
     def _followed(self, seen: SeamPoints, seam: NDArray[np.float32]) -> ScoredFit | None:
         if self._last is None or self._lost > 1:
             return None
         turn = self._turn * (1.0 + self._lost)
         predicted = exponential(turn) @ self._last
-        judged = self._judge.judge(fit_rotation(self._judge.table, seen, predicted, reaches=_REACHES), seam)
-        jump = float(np.linalg.norm(logarithm(judged.fit.R @ predicted.T)))
-        if judged.quality < _TRACKED or jump > _LARGEST_JUMP:
+        scored = self._search.score(fit_rotation(self._search.table, seen, predicted, reaches=_REACHES), seam)
+        jump = float(np.linalg.norm(logarithm(scored.fit.R @ predicted.T)))
+        if scored.quality < _TRACKED or jump > _LARGEST_JUMP:
             if self._settled:
                 return None
             # the second frame of a stretch: how fast the ball turns is not known yet
-            judged = self._judge.localise(seen, seam, near=self._last)
-            if judged.quality < _FOUND:
+            scored = self._search.localise(seen, seam, near=self._last)
+            if scored.quality < _FOUND:
                 return None
-        whole = logarithm(judged.fit.R @ self._last.T) / (1.0 + self._lost)
+        whole = logarithm(scored.fit.R @ self._last.T) / (1.0 + self._lost)
         if np.linalg.norm(whole) > 1.0:  # another of the symmetric selves
             return None
-        self._turn, self._last, self._settled = whole, judged.fit.R, True
-        return judged
+        self._turn, self._last, self._settled = whole, scored.fit.R, True
+        return scored
 
-    def _sought(self, seen: SeamPoints, seam: NDArray[np.float32]) -> ScoredFit | None:
+    def _searched(self, seen: SeamPoints, seam: NDArray[np.float32]) -> ScoredFit | None:
         if self._last is not None and self._lost % _SEARCHED_EVERY:
             return None
-        judged = self._judge.localise(seen, seam, near=self._last)
-        if judged.quality < _FOUND:
+        scored = self._search.localise(seen, seam, near=self._last)
+        if scored.quality < _FOUND:
             return None
-        self._last, self._turn, self._settled = judged.fit.R, np.zeros(3), False
+        self._last, self._turn, self._settled = scored.fit.R, np.zeros(3), False
         self._stretch += 1
-        return judged
+        return scored
 
 
 def follow(
     frames: Iterable[NDArray[np.uint8]],
     finder: SeamFinder,
-    judge: OrientationSearch,
+    search: OrientationSearch,
     *,
     progress: Callable[[int], None] | None = None,
 ) -> Track:
@@ -212,11 +212,11 @@ def follow(
     ----------
     frames : iterable of ndarray (height, width, 3) uint8
     finder : SeamFinder
-    judge : Judge
+    search : OrientationSearch
     progress : function, optional
         Told how many frames are done.
     """
-    follower = _Follower(finder, judge)
+    follower = _Follower(finder, search)
     nothing = np.full((3, 3), np.nan)
     R, information, bias, quality, stretch = [], [], [], [], []
     for count, frame in enumerate(frames, start=1):
