@@ -40,7 +40,8 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.file import read_robot, robot_text
-from ballbot.robot.parameters import PARAMETERS, value_of
+from ballbot.robot.parameters import value_of
+from ballbot.robot.robot import PARAMETERS
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import read_scenario, scenario_text

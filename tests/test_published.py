@@ -21,7 +21,7 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.mechanics.symbolic import Corrections, corrections_of
 from ballbot.robot import Robot
-from ballbot.robot.parameters import PARAMETERS
+from ballbot.robot.robot import PARAMETERS
 
 ALTEN = Robot.load("alten")
 PUBLISHED = ("rezero", "kugle", "rob311", "cmu")

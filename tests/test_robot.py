@@ -9,7 +9,8 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.robot import Ball, Friction, Robot
-from ballbot.robot.parameters import BY_NAME, PARAMETERS, value_of
+from ballbot.robot.parameters import value_of
+from ballbot.robot.robot import BY_NAME, PARAMETERS
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from ballbot.errors import InputError
 from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, Wheels
 from ballbot.robot import robot as robot_module
 from ballbot.robot.file import read_robot, robot_text, write_robot
-from ballbot.robot.parameters import PARAMETERS, SOURCES
-from ballbot.robot.units import UNITS, from_si, to_si
+from ballbot.robot.parameters import SOURCES, UNITS, from_si, to_si
+from ballbot.robot.robot import PARAMETERS
 
 PRESET = Path(robot_module.__file__).parent / "presets" / "alten.toml"
 TEXT = PRESET.read_text(encoding="utf-8")
@@ -156,6 +156,14 @@ def test_from_si_reads_back_exactly_or_says_that_it_cannot(value: float, si_unit
         written = from_si(value, unit, si_unit)
         assert written is None or to_si(written, unit, si_unit) == value
     assert from_si(value, si_unit, si_unit) == value
+
+
+def test_file_that_omits_a_parameter_gets_its_default(tmp_path: Path) -> None:
+    gravity = 'gravity = { value = 9.81, unit = "m/s^2", source = "assumed" }'
+    assert gravity in TEXT
+    without = read(TEXT.replace(gravity, ""), tmp_path)
+    assert without == Robot.load("alten")
+    assert without.sources == Robot.load("alten").sources
 
 
 def read(text: str, folder: Path) -> Robot:

@@ -19,10 +19,10 @@ from ballbot.experiments.prediction_band import prediction_band
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
-from ballbot.robot.deviations import draw_robots, propagate, uncertain
 from ballbot.robot.file import read_robot, robot_text, write_robot
-from ballbot.robot.parameters import PARAMETERS, value_of
-from ballbot.robot.robot import InertiaPoint
+from ballbot.robot.parameters import value_of
+from ballbot.robot.robot import PARAMETERS, InertiaPoint
+from ballbot.robot.variations import draw_robots, propagate, uncertain
 
 ALTEN = Robot.load("alten")
 CENTER: InertiaPoint = "center_of_mass"

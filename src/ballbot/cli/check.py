@@ -46,10 +46,11 @@ from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
-from ballbot.robot.deviations import uncertain
 from ballbot.robot.drawing import robot_drawing
-from ballbot.robot.parameters import PARAMETERS, value_of
+from ballbot.robot.parameters import value_of
 from ballbot.robot.plausibility import robot_findings
+from ballbot.robot.robot import PARAMETERS
+from ballbot.robot.variations import uncertain
 
 if TYPE_CHECKING:
     from ballbot.experiments.pole_spread import PoleSpread

@@ -48,8 +48,8 @@ from ballbot.report.page import as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
-from ballbot.robot.deviations import Propagated, propagate
 from ballbot.robot.robot import scaled_friction
+from ballbot.robot.variations import Propagated, propagate
 
 #: of a design with and without a search
 DESIGN_FILES = ("controller.toml", "results.json", "robust.svg")

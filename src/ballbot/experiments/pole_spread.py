@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.deviations import draw_robots, propagate
+from ballbot.robot.variations import draw_robots, propagate
 
 #: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
 DRAWS = 800

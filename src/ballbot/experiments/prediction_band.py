@@ -17,7 +17,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot import Robot
-from ballbot.robot.deviations import draw_robots
+from ballbot.robot.variations import draw_robots
 
 #: longest inner step [s]
 STEP = 1e-3

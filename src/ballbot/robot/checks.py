@@ -19,72 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.robot.parameters import BY_NAME, PARAMETERS, SOURCES, Parameter, value_of
-from ballbot.robot.units import DIMENSIONLESS, UNITS, to_si
-from ballbot.sizes import SHORTEST_SAMPLE
+from ballbot.robot.parameters import (
+    DIMENSIONLESS,
+    SOURCES,
+    UNITS,
+    Parameter,
+    Value,
+    parameters_of,
+    to_si,
+    value_of,
+)
 
 if TYPE_CHECKING:
     from ballbot.robot.robot import Ball, Body, Drive, Robot, Wheels
-
-#: parameters of either sign; all others are zero or above
-_SIGNED = {
-    "body.inertia.xy",
-    "body.inertia.xz",
-    "body.inertia.yz",
-    "wheels.azimuths",
-    "sensors.heading_drift",
-}
-
-#: parameters that may be zero
-_MAY_BE_ZERO = _SIGNED | {
-    "wheels.inertia",
-    "wheels.rollers.row_spacing",
-    "drive.motor_inertia",
-    "drive.gear_inertia",
-    "drive.backlash",
-    "sensors.gyro_noise",
-    "sensors.attitude_noise",
-    "friction.viscous",
-    "friction.coulomb",
-    "friction.stribeck",
-    "friction.rolling",
-}
-
-#: sizes in SI units that no ballbot reaches, so that a larger number was meant in another unit
-_LARGEST = {
-    "gravity": 30.0,
-    "ball.radius": 1.0,
-    "ball.mass": 200.0,
-    "body.mass": 2000.0,
-    "body.center_of_mass": 3.0,
-    "body.inertia.xx": 2e4,
-    "body.inertia.yy": 2e4,
-    "body.inertia.zz": 2e4,
-    "wheels.radius": 1.0,
-    "wheels.inertia": 1.0,
-    "wheels.azimuths": 2.0 * math.pi,
-    "wheels.rollers.rows": 10,
-    "wheels.rollers.per_row": 500,
-    "wheels.rollers.radius": 0.3,
-    "wheels.rollers.row_spacing": 0.5,
-    "drive.motor_inertia": 0.1,
-    "drive.gear_inertia": 0.1,
-    "drive.torque_constant": 10.0,
-    "drive.supply_voltage": 1000.0,
-    "drive.torque_limit": 1000.0,
-    "drive.backlash": 0.3,
-    "sensors.sample_time": 1.0,
-    "sensors.gyro_noise": 1.0,
-    "sensors.attitude_noise": 0.2,
-    "sensors.heading_drift": 1.0,
-    "friction.viscous": 20.0,
-    "friction.coulomb": 200.0,
-    "friction.stribeck": 200.0,
-    "friction.rolling": 1.0,
-}
-
-#: and sizes below which none is
-_SMALLEST = {"sensors.sample_time": SHORTEST_SAMPLE}
 
 #: share by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -105,7 +52,7 @@ def check_robot(robot: Robot) -> None:
         One sentence about the first thing found wrong.
     """
     _check_texts(robot)
-    for parameter in PARAMETERS:
+    for parameter in parameters_of(type(robot)):
         for label, value in _numbers(robot, parameter):
             _check_number(parameter, label, value)
     _check_ball(robot.ball)
@@ -123,6 +70,34 @@ def check_source(name: str, source: str) -> None:
         raise InputError(f"{name} has the unknown source {source!r}; {hint}")
 
 
+def check_deviations(robot: Robot) -> None:
+    """Refuse standard deviations that are none.
+
+    Raises
+    ------
+    InputError
+        Where a name is no parameter's, the parameter is a whole number, or a standard deviation is not a finite number
+        of zero or more, one for each of the parameter's.
+    """
+    known = {one.name: one for one in parameters_of(type(robot))}
+    for name, deviation in robot.standard_deviations.items():
+        if name not in known or known[name].shape == "whole number":
+            raise InputError(f"{name} has a standard deviation but is not a parameter that can have one.")
+        value, numbers = value_of(robot, known[name]), _each(deviation)
+        count = len(_each(value))
+        if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
+            raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
+        for one in numbers:
+            if not isinstance(one, Real) or not math.isfinite(one) or one < 0.0:
+                raise InputError(
+                    f"{name} has the standard deviation {one!r}; it must be finite, zero or more."
+                )
+
+
+def _each(value: Value) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
 def _check_texts(robot: Robot) -> None:
     if not robot.name or not robot.name.isprintable():
         raise InputError(f"name is {robot.name!r}; a robot needs a name on one line.")
@@ -130,15 +105,13 @@ def _check_texts(robot: Robot) -> None:
         raise InputError(
             f'body.inertia.about is {robot.body.inertia_about!r}; write "ball_center" or "center_of_mass".'
         )
+    names = [one.name for one in parameters_of(type(robot))]
     for name, source in robot.sources.items():
-        if name not in BY_NAME:
-            raise InputError(f"sources names {name!r}, which is not a parameter{_did_you_mean(name)}.")
+        if name not in names:
+            near = get_close_matches(name, names, n=1)
+            hint = f"; did you mean {near[0]!r}" if near else ""
+            raise InputError(f"sources names {name!r}, which is not a parameter{hint}.")
         check_source(name, source)
-
-
-def _did_you_mean(name: str) -> str:
-    near = get_close_matches(name, BY_NAME, n=1)
-    return f"; did you mean {near[0]!r}" if near else ""
 
 
 def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]:
@@ -173,17 +146,19 @@ def _check_number(parameter: Parameter, label: str, value: object) -> None:
     said = f"{label} is {_with_unit(number, parameter.unit)}"
     if not math.isfinite(number):
         raise InputError(f"{said}; it must be finite.")
-    if number < 0.0 and parameter.name not in _SIGNED:
+    if number < 0.0 and parameter.least >= 0.0:
         raise InputError(f"{said}; it cannot be negative.")
-    if number == 0.0 and parameter.name not in _MAY_BE_ZERO:
+    if number == 0.0 and not (
+        parameter.least < 0.0 or (parameter.least == 0.0 and parameter.least_is_allowed)
+    ):
         raise InputError(f"{said}; it must be above zero.")
-    smallest = _SMALLEST.get(parameter.name, -math.inf)
-    if number < smallest:
-        raise InputError(f"{said}, less than any ball-balancing robot has; it must be at least {smallest:g}.")
-    largest = _LARGEST.get(parameter.name, math.inf)
-    if abs(number) > largest:
-        meant = _meant(number, parameter.unit, largest)
-        hint = f"did you mean {meant}?" if meant else f"it must be at most {largest:g}."
+    if number < parameter.least:
+        raise InputError(
+            f"{said}, less than any ball-balancing robot has; it must be at least {parameter.least:g}."
+        )
+    if abs(number) > parameter.most:
+        meant = _meant(number, parameter.unit, parameter.most)
+        hint = f"did you mean {meant}?" if meant else f"it must be at most {parameter.most:g}."
         raise InputError(f"{said}, more than any ball-balancing robot has; {hint}")
 
 

@@ -5,7 +5,7 @@
 
 A number without a unit and a source is refused. A standard deviation may stand beside the value, in the same unit:
 `standard_deviation = 0.001`, or a list with one for each wheel. Units other than SI are converted on reading
-(`ballbot.robot.units`). A file written by `write_robot` reads back as the same floats.
+(`ballbot.robot.parameters`). A file written by `write_robot` reads back as the same floats.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from ballbot.files import write_text
 from ballbot.inputs import read_toml
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.parameters import BY_NAME, PARAMETERS, Parameter, Value, value_of
-from ballbot.robot.robot import InertiaPoint, Robot, Values, assemble
-from ballbot.robot.units import DIMENSIONLESS, from_si, to_si
+from ballbot.robot.parameters import DIMENSIONLESS, Parameter, Value, from_si, headings_of, to_si, value_of
+from ballbot.robot.robot import BY_NAME, PARAMETERS, InertiaPoint, Robot, assemble
 
 
 class Entry(BaseModel):
@@ -139,18 +138,6 @@ _HEADER = """\
 # in the same unit. The body's frame has x forward, y left and z up.
 """
 
-#: what a file says above each of its tables
-_HEADINGS = {
-    "ball": "The ball: a sphere, its inertia about its centre.",
-    "body": "The body: all that leans, with motors and wheels.",
-    "body.inertia": 'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
-    "wheels": "The omni-wheels: three or four, numbered as their azimuths are listed.",
-    "wheels.rollers": "The rollers of one wheel.",
-    "drive": "Motor, gearbox and supply of one wheel.",
-    "sensors": "Encoders, IMU and the controller's sample time.",
-    "friction": "Wheel friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.",
-}
-
 
 def read_robot(path: str | Path) -> Robot:
     """Return the robot that a TOML file describes.
@@ -183,7 +170,7 @@ def write_robot(robot: Robot, path: str | Path) -> None:
 def robot_text(robot: Robot) -> str:
     """Return the text that `write_robot` writes."""
     blocks = [f"{_HEADER}\nname = {toml_string(robot.name)}", *_lines(robot, "")]
-    for table, heading in _HEADINGS.items():
+    for table, heading in headings_of(Robot).items():
         blocks += ["", f"# {heading}", f"[{table}]"]
         if table == "body.inertia":
             blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
@@ -193,14 +180,15 @@ def robot_text(robot: Robot) -> str:
 
 def _lines(robot: Robot, table: str) -> Iterator[str]:
     for parameter in PARAMETERS:
-        if parameter.table == table:
+        unchanged = value_of(robot, parameter) == parameter.default
+        if parameter.table == table and not (unchanged and parameter.written == "if changed"):
             values = [value_of(robot, parameter)]
             if parameter.name in robot.standard_deviations:
                 values.append(robot.standard_deviations[parameter.name])
             texts, unit = _written(values, parameter)
             unit_text = "" if unit == DIMENSIONLESS else f"unit = {toml_string(unit)}, "
             deviation = f"standard_deviation = {texts[1]}, " if len(texts) > 1 else ""
-            source = toml_string(robot.sources.get(parameter.name, "assumed"))
+            source = toml_string(robot.sources.get(parameter.name, parameter.source))
             yield f"# {parameter.meaning}"
             yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
 
@@ -221,7 +209,7 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
     """Yield the dotted name and the raw content of every key below the tables; refuse unknown names."""
     for key, content in tree.items():
         name = f"{table}.{key}" if table else key
-        if name in _HEADINGS:
+        if name in headings_of(Robot):
             if not isinstance(content, dict):
                 raise InputError(f"{name} must be a table: write its keys under a line [{name}].")
             yield from _leaves(content, table=name)
@@ -233,7 +221,7 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
 
 def _nearest(key: str, table: str) -> str:
     """Say which key of the table was meant, or which there are ("" is the top of the file)."""
-    names = [*_HEADINGS, *_TEXTS, *BY_NAME]
+    names = [*headings_of(Robot), *_TEXTS, *BY_NAME]
     siblings = [name.rpartition(".")[2] for name in names if name.rpartition(".")[0] == table]
     near = get_close_matches(key, siblings, n=1)
     if near:
@@ -249,6 +237,9 @@ def _robot(leaves: Mapping[str, object]) -> Robot:
     sources: dict[str, str] = {}
     deviations: dict[str, Value] = {}
     for parameter in PARAMETERS:
+        if parameter.name not in leaves and parameter.default is not None:
+            sources[parameter.name] = parameter.source
+            continue
         if parameter.name not in leaves:
             raise InputError(
                 f"{parameter.name} is missing; add {example(parameter)} {_place(parameter.name)}."
@@ -257,7 +248,7 @@ def _robot(leaves: Mapping[str, object]) -> Robot:
         values[parameter.name], sources[parameter.name] = entry.value, entry.source
         if entry.standard_deviation is not None:
             deviations[parameter.name] = entry.standard_deviation
-    robot = assemble(name=name, inertia_about=inertia_about, values=Values(by_name=values), sources=sources)
+    robot = assemble(name=name, inertia_about=inertia_about, values=values, sources=sources)
     return robot.replace(sources=sources, standard_deviations=deviations)
 
 

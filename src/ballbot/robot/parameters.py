@@ -1,16 +1,27 @@
-"""Every parameter of a robot file, in the files' order: its dotted name, symbol, units and meaning.
+"""Robot parameters: what is stated once, beside each field of the robot, and the units that files may use.
 
-This one table is what reading, writing and `ballbot check` walk along, so that they cannot disagree.
+    radius: float = field(metadata=parameter("r_b, outer radius", unit="m", most=1.0))
+
+Robot files, checks, `ballbot check` and the documentation all walk along `parameters_of(Robot)`. A parameter is added
+by adding such a field: one with a default may be missing from a file.
+
+Units. 39.3 cm must be the same float as 0.393 m, so that powers of ten shift the decimal point of what is written; a
+float's product or quotient would be off by a rounding.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from decimal import Decimal
+from functools import cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, TypeVar, get_origin, get_type_hints
 
-if TYPE_CHECKING:
-    from ballbot.robot.robot import Robot
+from ballbot.errors import InputError
+
+T = TypeVar("T")
 
 Shape = Literal["number", "whole number", "list"]
 Value = float | int | tuple[float, ...]
@@ -18,19 +29,26 @@ Value = float | int | tuple[float, ...]
 #: kinds of source; a file may add detail after a colon ("data sheet: Maxon 449470")
 SOURCES = ("measured", "data sheet", "previous work", "calculated", "identified", "assumed")
 
-#: the body's moments and products of inertia, in the order of `Body.inertia`
-INERTIA_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
+DIMENSIONLESS = "1"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One line of a robot file."""
+    """One line of a robot file: a number, or a list with one for each wheel."""
 
-    name: str  #: dotted, as in `Robot`: "ball.radius"
-    meaning: str
-    unit: str  #: SI, as `Robot` holds it
+    meaning: str  #: symbol, then what it is
+    unit: str  #: SI, as the dataclass holds it
     written_in: str  #: the unit that files are written in
-    shape: Shape
+    least: float  #: smallest allowed value, SI units
+    least_is_allowed: bool
+    most: float  #: largest allowed magnitude, SI units: a larger one was meant in another unit
+    source: str  #: the source of a value that states none
+    written: Literal["always", "if changed"]  #: whether a file is written without a value that is the default
+    name: str = ""  #: dotted, as in a file: "ball.radius"
+    field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
+    place: int | None = None  #: of the part within such a field
+    shape: Shape = "number"
+    default: Value | None = None  #: of a file that omits the parameter; None if it may not
 
     @property
     def table(self) -> str:
@@ -43,59 +61,214 @@ class Parameter:
         return self.name.rpartition(".")[2]
 
 
-def _line(
-    name: str, meaning: str, unit: str, *, written_in: str | None = None, shape: Shape = "number"
-) -> Parameter:
-    return Parameter(name=name, meaning=meaning, unit=unit, written_in=written_in or unit, shape=shape)
+def parameter(
+    meaning: str,
+    *,
+    unit: str = DIMENSIONLESS,
+    written_in: str | None = None,
+    least: float | None = None,
+    most: float = math.inf,
+    source: str = "assumed",
+    written: Literal["always", "if changed"] = "always",
+) -> Mapping[str, object]:
+    """Return the metadata of a field that is a robot parameter.
+
+    Parameters
+    ----------
+    meaning : str
+        Symbol and meaning, as a robot file and the documentation show them.
+    unit : str
+        SI unit that the field holds; one of `UNITS`.
+    written_in : str, optional
+        Unit that files are written in; the SI unit if not given.
+    least : float, optional
+        Smallest allowed value; -inf if it may be negative. If not given, the value must be above zero.
+    most : float
+        Largest magnitude of any ball-balancing robot [SI units].
+    source : str
+        Source of a value that states none.
+    written : {"always", "if changed"}
+        Whether files are written without a value that equals the field's default.
+    """
+    stated = Parameter(
+        meaning=meaning,
+        unit=unit,
+        written_in=written_in or unit,
+        least=0.0 if least is None else least,
+        least_is_allowed=least is not None,
+        most=most,
+        source=source,
+        written=written,
+    )
+    return {"parameter": stated}
 
 
-PARAMETERS: tuple[Parameter, ...] = (
-    _line("gravity", "g, the acceleration of free fall", "m/s^2"),
-    _line("ball.radius", "r_b, outer radius", "m"),
-    _line("ball.mass", "m_b, mass of the ball", "kg"),
-    _line("ball.inertia", "j_b, about the ball's centre", "kg m^2"),
-    _line("body.mass", "m_r, with motors and wheels", "kg"),
-    _line("body.center_of_mass", "l, its height above the ball's centre", "m"),
-    _line("body.inertia.xx", "j_rx, about the axis that points forward", "kg m^2"),
-    _line("body.inertia.yy", "j_ry, about the axis that points left", "kg m^2"),
-    _line("body.inertia.zz", "j_rz, about the axis that points up", "kg m^2"),
-    _line("body.inertia.xy", "element of the matrix, minus the integral of x y dm", "kg m^2"),
-    _line("body.inertia.xz", "element of the matrix, minus the integral of x z dm", "kg m^2"),
-    _line("body.inertia.yz", "element of the matrix, minus the integral of y z dm", "kg m^2"),
-    _line("wheels.radius", "r_w, to the middle of a roller's outside", "m"),
-    _line("wheels.inertia", "j_w, one wheel about its axle", "kg m^2"),
-    _line("wheels.tilt", "alpha, from the ball's zenith to the contact point", "rad", written_in="deg"),
-    _line("wheels.azimuths", "beta_i, from forward towards the left", "rad", written_in="deg", shape="list"),
-    _line("wheels.rollers.rows", "rings of rollers on a wheel", "1", shape="whole number"),
-    _line("wheels.rollers.per_row", "rollers in a ring", "1", shape="whole number"),
-    _line("wheels.rollers.radius", "of a roller at its middle", "m", written_in="mm"),
-    _line("wheels.rollers.row_spacing", "between the planes of neighbouring rings", "m", written_in="mm"),
-    _line("drive.gear_ratio", "n, motor turns a wheel turn", "1"),
-    _line("drive.motor_inertia", "j_m, the rotor, on the motor's side", "kg m^2", written_in="g cm^2"),
-    _line("drive.gear_inertia", "j_g, the gearbox, on the motor's side", "kg m^2", written_in="g cm^2"),
-    _line("drive.torque_constant", "k_t, at the motor's shaft", "N m/A", written_in="mN m/A"),
-    _line("drive.speed_constant", "of the motor without load", "rad/s/V", written_in="rpm/V"),
-    _line("drive.supply_voltage", "of the batteries", "V"),
-    _line("drive.torque_limit", "largest torque commanded at a wheel", "N m"),
-    _line("drive.backlash", "play at the wheel, from stop to stop", "rad", written_in="deg"),
-    _line("sensors.sample_time", "of the controller", "s", written_in="ms"),
-    _line("sensors.encoder_counts", "a motor turn, quadrature", "1", shape="whole number"),
-    _line("sensors.gyro_noise", "standard deviation of a sample", "rad/s", written_in="deg/s"),
-    _line("sensors.attitude_noise", "standard deviation of the lean angles", "rad", written_in="deg"),
-    _line("sensors.heading_drift", "rate at which the heading runs away", "rad/s", written_in="deg/min"),
-    _line("friction.viscous", "b_i, torque for each rad/s", "N m s/rad", shape="list"),
-    _line("friction.coulomb", "c_i, dry friction at speed", "N m", shape="list"),
-    _line("friction.stribeck", "s_i, break-away torque above c_i", "N m", shape="list"),
-    _line("friction.stribeck_speed", "v_s, speed at which s_i has fallen to 37 %", "rad/s"),
-    _line("friction.stribeck_exponent", "delta, how sharply it falls", "1"),
-    _line("friction.rolling", "C_rr, ball on floor", "1"),
-)
-
-BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
+def components(heading: str, parts: Mapping[str, Mapping[str, object]]) -> Mapping[str, object]:
+    """Return the metadata of a tuple whose numbers are parameters with names of their own, in a table of their own."""
+    return {"heading": heading, "components": parts}
 
 
-def value_of(robot: Robot, parameter: Parameter) -> Value:
+def table(heading: str) -> Mapping[str, object]:
+    """Return the metadata of a field that is a table of a robot file; the heading stands above it as a comment."""
+    return {"heading": heading}
+
+
+@cache
+def parameters_of(kind: type) -> tuple[Parameter, ...]:
+    """Return the parameters of a dataclass and of the dataclasses in it, in the order of a robot file."""
+    # TOML wants what stands in no table at the top
+    return tuple(sorted(_parameters(kind, ""), key=lambda one: bool(one.table)))
+
+
+@cache
+def headings_of(kind: type) -> dict[str, str]:
+    """Return the heading of each table of a dataclass, by its dotted name and in the order of a robot file."""
+    return dict(_headings(kind, ""))
+
+
+def value_of(record: object, one: Parameter) -> Value:
     """Return a parameter's value in SI units, a tuple where there is one for each wheel."""
-    if parameter.table == "body.inertia":
-        return robot.body.inertia[INERTIA_NAMES.index(parameter.key)]
-    return attrgetter(parameter.name)(robot)
+    value = attrgetter(one.field)(record)
+    return value if one.place is None else value[one.place]
+
+
+def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = "") -> T:
+    """Return a dataclass of values by dotted names; a parameter without a value gets the field's default.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass.
+    values : mapping of str to object
+        Of parameters by their names; of other fields by their dotted field names.
+    place : str
+        What stands before the names of this dataclass's fields, such as "ball.".
+    """
+    hints, arguments = get_type_hints(kind), dict[str, object]()
+    assert isinstance(kind, type)
+    for one in _fields(kind):
+        name = f"{place}{one.name}"
+        if "components" in one.metadata:
+            arguments[one.name] = tuple(values[f"{name}.{key}"] for key in one.metadata["components"])
+        elif is_dataclass(hints[one.name]):
+            arguments[one.name] = build(hints[one.name], values, place=f"{name}.")
+        elif name in values:
+            arguments[one.name] = values[name]
+    return kind(**arguments)
+
+
+def _fields(kind: type) -> tuple[Field[object], ...]:
+    assert is_dataclass(kind)
+    return fields(kind)
+
+
+def _parameters(kind: type, place: str) -> Iterator[Parameter]:
+    hints = get_type_hints(kind)
+    for one in _fields(kind):
+        name, hint = f"{place}{one.name}", hints[one.name]
+        if "components" in one.metadata:
+            for index, (key, metadata) in enumerate(one.metadata["components"].items()):
+                yield replace(metadata["parameter"], name=f"{name}.{key}", field=name, place=index)
+        elif "parameter" in one.metadata:
+            shape: Shape = (
+                "list" if get_origin(hint) is tuple else "whole number" if hint is int else "number"
+            )
+            default = None if one.default is MISSING else one.default
+            yield replace(one.metadata["parameter"], name=name, field=name, shape=shape, default=default)
+        elif is_dataclass(hint) and isinstance(hint, type):
+            yield from _parameters(hint, f"{name}.")
+
+
+def _headings(kind: type, place: str) -> Iterator[tuple[str, str]]:
+    hints = get_type_hints(kind)
+    for one in _fields(kind):
+        hint = hints[one.name]
+        if "heading" in one.metadata:
+            yield f"{place}{one.name}", one.metadata["heading"]
+        if is_dataclass(hint) and isinstance(hint, type):
+            yield from _headings(hint, f"{place}{one.name}.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """A unit in SI: 10^exponent times factor."""
+
+    exponent: int = 0
+    factor: float = 1.0
+
+
+_ONE = Scale()
+_CENTI, _MILLI = Scale(exponent=-2), Scale(exponent=-3)
+_DEGREE = Scale(factor=math.pi / 180.0)
+_TURN_A_MINUTE = Scale(factor=math.pi / 30.0)
+
+#: for each SI unit, the units that are understood in its place
+UNITS: Mapping[str, Mapping[str, Scale]] = {
+    DIMENSIONLESS: {DIMENSIONLESS: _ONE},
+    "m": {"m": _ONE, "cm": _CENTI, "mm": _MILLI},
+    "kg": {"kg": _ONE, "g": _MILLI},
+    "kg m^2": {
+        "kg m^2": _ONE,
+        "kg cm^2": Scale(exponent=-4),
+        "g m^2": _MILLI,
+        "g cm^2": Scale(exponent=-7),
+    },
+    "rad": {"rad": _ONE, "deg": _DEGREE},
+    "rad/s": {
+        "rad/s": _ONE,
+        "deg/s": _DEGREE,
+        "deg/min": Scale(factor=math.pi / 10800.0),
+        "rpm": _TURN_A_MINUTE,
+    },
+    "s": {"s": _ONE, "ms": _MILLI},
+    "V": {"V": _ONE, "mV": _MILLI},
+    "N m": {"N m": _ONE, "mN m": _MILLI},
+    "N m/A": {"N m/A": _ONE, "mN m/A": _MILLI},
+    "rad/s/V": {"rad/s/V": _ONE, "rpm/V": _TURN_A_MINUTE},
+    "N m s/rad": {"N m s/rad": _ONE, "mN m s/rad": _MILLI},
+    "m/s^2": {"m/s^2": _ONE},
+}
+
+
+def to_si(value: float, unit: str, si_unit: str) -> float:
+    """Return a value given in `unit` as a value in `si_unit`.
+
+    Raises
+    ------
+    InputError
+        Where `unit` is not one that `si_unit` can be written in.
+    """
+    scale = _scale(unit, si_unit)
+    return _shifted(value, scale.exponent) * scale.factor
+
+
+def from_si(value: float, unit: str, si_unit: str) -> float | None:
+    """Return the shortest decimal in `unit` that reads back as exactly this SI value, or None.
+
+    A file can then say 45 deg and still give back the very float that it was written from.
+    """
+    scale = _scale(unit, si_unit)
+    raw = _shifted(value / scale.factor, -scale.exponent)
+    for digits in range(1, 18):
+        candidate = float(f"{raw:.{digits}g}")
+        if to_si(candidate, unit, si_unit) == value:
+            return candidate
+    return None
+
+
+def _shifted(value: float, exponent: int) -> float:
+    """Return the float nearest to a float's shortest decimal times 10^exponent."""
+    return float(Decimal(repr(float(value))).scaleb(exponent)) if exponent else value
+
+
+def _scale(unit: str, si_unit: str) -> Scale:
+    known = UNITS[si_unit]
+    spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
+    if spelled not in known:
+        raise InputError(f"the unit {unit!r} is not known here; write {_either(list(known))}")
+    return known[spelled]
+
+
+def _either(names: list[str]) -> str:
+    quoted = [f'"{name}"' for name in names]
+    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"

@@ -17,9 +17,9 @@ import numpy as np
 
 from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
-from ballbot.robot.parameters import BY_NAME, value_of
-from ballbot.robot.robot import Robot
-from ballbot.robot.unit_slips import likeliest_slip, listed, with_unit
+from ballbot.robot.parameters import value_of
+from ballbot.robot.robot import BY_NAME, Robot
+from ballbot.robot.variations import likeliest_slip, listed, with_unit
 
 Range = tuple[float, float]
 

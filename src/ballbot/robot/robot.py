@@ -8,6 +8,7 @@ place that maps names to symbols. `assemble` makes a robot from a flat table of 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -18,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.robot.checks import check_robot
-from ballbot.robot.deviations import check_deviations
-from ballbot.robot.parameters import BY_NAME, INERTIA_NAMES, Value, value_of
+from ballbot.robot.checks import check_deviations, check_robot
+from ballbot.robot.parameters import Value, build, components, parameter, parameters_of, table, value_of
+from ballbot.sizes import SHORTEST_SAMPLE
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
@@ -31,18 +32,42 @@ _PRESETS = Path(__file__).parent / "presets"
 class Ball:
     """The ball: a sphere whose inertia is the same about every axis."""
 
-    radius: float  #: r_b [m]
-    mass: float  #: m_b [kg]
-    inertia: float  #: j_b [kg m^2], about its centre
+    radius: float = field(metadata=parameter("r_b, outer radius", unit="m", most=1.0))
+    mass: float = field(metadata=parameter("m_b, mass of the ball", unit="kg", most=200.0))
+    inertia: float = field(metadata=parameter("j_b, about the ball's centre", unit="kg m^2"))
+
+
+def _moment(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="kg m^2", most=2e4)
+
+
+def _product(axes: str) -> Mapping[str, object]:
+    meaning = f"element of the matrix, minus the integral of {axes} dm"
+    return parameter(meaning, unit="kg m^2", least=-math.inf)
+
+
+_INERTIA = components(
+    'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
+    {
+        "xx": _moment("j_rx, about the axis that points forward"),
+        "yy": _moment("j_ry, about the axis that points left"),
+        "zz": _moment("j_rz, about the axis that points up"),
+        "xy": _product("x y"),
+        "xz": _product("x z"),
+        "yz": _product("y z"),
+    },
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Body:
     """Everything that leans: frame, motors and the locked wheels."""
 
-    mass: float  #: m_r [kg]
-    center_of_mass: float  #: l [m], height above the ball's centre
-    inertia: tuple[float, float, float, float, float, float]  #: j_r [kg m^2]: xx, yy, zz, xy, xz, yz
+    mass: float = field(metadata=parameter("m_r, with motors and wheels", unit="kg", most=2000.0))
+    center_of_mass: float = field(
+        metadata=parameter("l, its height above the ball's centre", unit="m", most=3.0)
+    )
+    inertia: tuple[float, float, float, float, float, float] = field(metadata=_INERTIA)
     inertia_about: InertiaPoint  #: the point that `inertia` is about
 
     def inertia_about_ball_center(self) -> NDArray[np.float64]:
@@ -70,46 +95,96 @@ class Body:
 class Rollers:
     """The rollers of one omni-wheel, as the twin builds them."""
 
-    rows: int
-    per_row: int
-    radius: float  #: [m]
-    row_spacing: float  #: distance between the planes of the two rows [m]
+    rows: int = field(metadata=parameter("rings of rollers on a wheel", most=10))
+    per_row: int = field(metadata=parameter("rollers in a ring", most=500))
+    radius: float = field(
+        metadata=parameter("of a roller at its middle", unit="m", written_in="mm", most=0.3)
+    )
+    row_spacing: float = field(
+        metadata=parameter(
+            "between the planes of neighbouring rings", unit="m", written_in="mm", least=0.0, most=0.5
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Wheels:
     """The omni-wheels: three or four of them, at any azimuth, all of one tilt."""
 
-    radius: float  #: r_w [m]
-    inertia: float  #: j_w [kg m^2], one wheel about its axle
-    tilt: float  #: alpha [rad], from the ball's zenith to the contact point
-    azimuths: tuple[float, ...]  #: beta_i [rad]
-    rollers: Rollers
+    radius: float = field(metadata=parameter("r_w, to the middle of a roller's outside", unit="m", most=1.0))
+    inertia: float = field(
+        metadata=parameter("j_w, one wheel about its axle", unit="kg m^2", least=0.0, most=1.0)
+    )
+    tilt: float = field(
+        metadata=parameter("alpha, from the ball's zenith to the contact point", unit="rad", written_in="deg")
+    )
+    azimuths: tuple[float, ...] = field(
+        metadata=parameter(
+            "beta_i, from forward towards the left",
+            unit="rad",
+            written_in="deg",
+            least=-math.inf,
+            most=2.0 * math.pi,
+        )
+    )
+    rollers: Rollers = field(metadata=table("The rollers of one wheel."))
+
+
+def _rotor(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="kg m^2", written_in="g cm^2", least=0.0, most=0.1)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
     """Motor, gearbox, driver and supply of one wheel."""
 
-    gear_ratio: float  #: n [-]
-    motor_inertia: float  #: j_m [kg m^2], rotor, motor side
-    gear_inertia: float  #: j_g [kg m^2], gearbox, motor side
-    torque_constant: float  #: k_t [N m/A], motor side
-    speed_constant: float  #: [rad/s/V], motor side
-    supply_voltage: float  #: [V]
-    torque_limit: float  #: largest torque commanded at a wheel [N m]
-    backlash: float  #: gearbox play at the wheel [rad], from stop to stop
+    gear_ratio: float = field(metadata=parameter("n, motor turns a wheel turn"))
+    motor_inertia: float = field(metadata=_rotor("j_m, the rotor, on the motor's side"))
+    gear_inertia: float = field(metadata=_rotor("j_g, the gearbox, on the motor's side"))
+    torque_constant: float = field(
+        metadata=parameter("k_t, at the motor's shaft", unit="N m/A", written_in="mN m/A", most=10.0)
+    )
+    speed_constant: float = field(
+        metadata=parameter("of the motor without load", unit="rad/s/V", written_in="rpm/V")
+    )
+    supply_voltage: float = field(metadata=parameter("of the batteries", unit="V", most=1000.0))
+    torque_limit: float = field(
+        metadata=parameter("largest torque commanded at a wheel", unit="N m", most=1000.0)
+    )
+    backlash: float = field(
+        metadata=parameter(
+            "play at the wheel, from stop to stop", unit="rad", written_in="deg", least=0.0, most=0.3
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
     """Encoders and IMU, and the rate at which the controller reads them."""
 
-    sample_time: float  #: [s]
-    encoder_counts: int  #: quadrature counts a motor turn
-    gyro_noise: float  #: standard deviation of a sample [rad/s]
-    attitude_noise: float  #: standard deviation of the AHRS's lean angles [rad]
-    heading_drift: float  #: [rad/s]
+    sample_time: float = field(
+        metadata=parameter("of the controller", unit="s", written_in="ms", least=SHORTEST_SAMPLE, most=1.0)
+    )
+    encoder_counts: int = field(metadata=parameter("a motor turn, quadrature"))
+    gyro_noise: float = field(
+        metadata=parameter(
+            "standard deviation of a sample", unit="rad/s", written_in="deg/s", least=0.0, most=1.0
+        )
+    )
+    attitude_noise: float = field(
+        metadata=parameter(
+            "standard deviation of the lean angles", unit="rad", written_in="deg", least=0.0, most=0.2
+        )
+    )
+    heading_drift: float = field(
+        metadata=parameter(
+            "rate at which the heading runs away",
+            unit="rad/s",
+            written_in="deg/min",
+            least=-math.inf,
+            most=1.0,
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,12 +194,20 @@ class Friction:
     Equations (3.7) and (3.8) of the thesis; the tuples hold a value for each wheel.
     """
 
-    viscous: tuple[float, ...]  #: b [N m s/rad]
-    coulomb: tuple[float, ...]  #: c [N m]
-    stribeck: tuple[float, ...]  #: s [N m], break-away above Coulomb
-    stribeck_speed: float  #: v_s [rad/s]
-    stribeck_exponent: float  #: delta [-]
-    rolling: float  #: C_rr [-]
+    viscous: tuple[float, ...] = field(
+        metadata=parameter("b_i, torque for each rad/s", unit="N m s/rad", least=0.0, most=20.0)
+    )
+    coulomb: tuple[float, ...] = field(
+        metadata=parameter("c_i, dry friction at speed", unit="N m", least=0.0, most=200.0)
+    )
+    stribeck: tuple[float, ...] = field(
+        metadata=parameter("s_i, break-away torque above c_i", unit="N m", least=0.0, most=200.0)
+    )
+    stribeck_speed: float = field(
+        metadata=parameter("v_s, speed at which s_i has fallen to 37 %", unit="rad/s")
+    )
+    stribeck_exponent: float = field(metadata=parameter("delta, how sharply it falls"))
+    rolling: float = field(metadata=parameter("C_rr, ball on floor", least=0.0, most=1.0))
 
     @staticmethod
     def none(wheel_count: int) -> Friction:
@@ -146,13 +229,21 @@ class Robot:
     """
 
     name: str
-    ball: Ball
-    body: Body
-    wheels: Wheels
-    drive: Drive
-    sensors: Sensors
-    friction: Friction
-    gravity: float = 9.81  #: g [m/s^2]
+    ball: Ball = field(metadata=table("The ball: a sphere, its inertia about its centre."))
+    body: Body = field(metadata=table("The body: all that leans, with motors and wheels."))
+    wheels: Wheels = field(
+        metadata=table("The omni-wheels: three or four, numbered as their azimuths are listed.")
+    )
+    drive: Drive = field(metadata=table("Motor, gearbox and supply of one wheel."))
+    sensors: Sensors = field(metadata=table("Encoders, IMU and the controller's sample time."))
+    friction: Friction = field(
+        metadata=table(
+            "Wheel friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr."
+        )
+    )
+    gravity: float = field(
+        default=9.81, metadata=parameter("g, the acceleration of free fall", unit="m/s^2", most=30.0)
+    )
     #: where each value came from, by dotted name ("ball.radius": "measured"), with detail after a colon where
     #: there is more to say ("data sheet: Maxon 449470"); not part of equality
     sources: Mapping[str, str] = field(default_factory=dict[str, str], compare=False)
@@ -240,111 +331,39 @@ class Robot:
         return sorted(path.stem for path in _PRESETS.glob("*.toml"))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Values:
-    """Every parameter's value in SI units by dotted name, each of the shape that its `Parameter` says."""
-
-    by_name: Mapping[str, Value]
-
-    def number(self, name: str) -> float:
-        """Return the value of a parameter that is one number."""
-        value = self.by_name[name]
-        assert not isinstance(value, tuple)
-        return value
-
-    def numbers(self, name: str) -> tuple[float, ...]:
-        """Return the value of a parameter that has a number for each wheel."""
-        value = self.by_name[name]
-        assert isinstance(value, tuple)
-        return value
+#: every parameter of a robot, in the order of robot files, and by its dotted name
+PARAMETERS = parameters_of(Robot)
+BY_NAME = {one.name: one for one in PARAMETERS}
 
 
-def assemble(*, name: str, inertia_about: InertiaPoint, values: Values, sources: Mapping[str, str]) -> Robot:
-    """Return the robot of these values.
+def assemble(
+    *, name: str, inertia_about: InertiaPoint, values: Mapping[str, Value], sources: Mapping[str, str]
+) -> Robot:
+    """Return the robot of these values in SI units by dotted name, each of the shape that its `Parameter` states.
 
     Raises
     ------
     InputError
-        Where they are not those of a robot (see `ballbot.robot.checks`).
+        If they are not those of a robot (see `ballbot.robot.checks`), or one without a default is missing.
     """
-    return Robot(
-        name=name,
-        ball=_ball(values),
-        body=_body(values, inertia_about),
-        wheels=_wheels(values),
-        drive=_drive(values),
-        sensors=_sensors(values),
-        friction=_friction(values),
-        gravity=values.number("gravity"),
-        sources=sources,
-    )
+    for one in PARAMETERS:
+        if one.name not in values and one.default is None:
+            raise InputError(f"{one.name} is missing.")
+    texts = {"name": name, "body.inertia_about": inertia_about, "sources": sources}
+    return build(Robot, {**values, **texts})
 
 
-def _ball(values: Values) -> Ball:
-    return Ball(
-        radius=values.number("ball.radius"),
-        mass=values.number("ball.mass"),
-        inertia=values.number("ball.inertia"),
-    )
+def with_values(robot: Robot, changes: Mapping[str, Value]) -> Robot:
+    """Return the robot with other values of some parameters, by dotted name; without its standard deviations.
 
-
-def _body(values: Values, inertia_about: InertiaPoint) -> Body:
-    xx, yy, zz, xy, xz, yz = (values.number(f"body.inertia.{name}") for name in INERTIA_NAMES)
-    return Body(
-        mass=values.number("body.mass"),
-        center_of_mass=values.number("body.center_of_mass"),
-        inertia=(xx, yy, zz, xy, xz, yz),
-        inertia_about=inertia_about,
-    )
-
-
-def _wheels(values: Values) -> Wheels:
-    return Wheels(
-        radius=values.number("wheels.radius"),
-        inertia=values.number("wheels.inertia"),
-        tilt=values.number("wheels.tilt"),
-        azimuths=values.numbers("wheels.azimuths"),
-        rollers=Rollers(
-            rows=int(values.number("wheels.rollers.rows")),
-            per_row=int(values.number("wheels.rollers.per_row")),
-            radius=values.number("wheels.rollers.radius"),
-            row_spacing=values.number("wheels.rollers.row_spacing"),
-        ),
-    )
-
-
-def _drive(values: Values) -> Drive:
-    return Drive(
-        gear_ratio=values.number("drive.gear_ratio"),
-        motor_inertia=values.number("drive.motor_inertia"),
-        gear_inertia=values.number("drive.gear_inertia"),
-        torque_constant=values.number("drive.torque_constant"),
-        speed_constant=values.number("drive.speed_constant"),
-        supply_voltage=values.number("drive.supply_voltage"),
-        torque_limit=values.number("drive.torque_limit"),
-        backlash=values.number("drive.backlash"),
-    )
-
-
-def _sensors(values: Values) -> Sensors:
-    return Sensors(
-        sample_time=values.number("sensors.sample_time"),
-        encoder_counts=int(values.number("sensors.encoder_counts")),
-        gyro_noise=values.number("sensors.gyro_noise"),
-        attitude_noise=values.number("sensors.attitude_noise"),
-        heading_drift=values.number("sensors.heading_drift"),
-    )
-
-
-def _friction(values: Values) -> Friction:
-    return Friction(
-        viscous=values.numbers("friction.viscous"),
-        coulomb=values.numbers("friction.coulomb"),
-        stribeck=values.numbers("friction.stribeck"),
-        stribeck_speed=values.number("friction.stribeck_speed"),
-        stribeck_exponent=values.number("friction.stribeck_exponent"),
-        rolling=values.number("friction.rolling"),
-    )
+    Raises
+    ------
+    InputError
+        If that is not a robot.
+    """
+    values = {one.name: value_of(robot, one) for one in PARAMETERS} | dict(changes)
+    about = robot.body.inertia_about
+    return assemble(name=robot.name, inertia_about=about, values=values, sources=robot.sources)
 
 
 def scaled_body(body: Body, *, mass: float, height: float) -> Body:

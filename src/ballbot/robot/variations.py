@@ -1,0 +1,273 @@
+"""Robots near this one: as uncertain as its standard deviations say, or meant in other units.
+
+Errors of different parameters count as independent. Linear propagation is the delta method: with the central
+differences d_i of a result over a tenth of each standard deviation s_i, its variance is the sum of (d_i s_i)^2.
+
+A slip of units is one parameter that, had it been meant in another unit, explains what is wrong with a robot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.findings import Finding
+from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Parameter, Value, to_si, value_of
+from ballbot.robot.robot import BY_NAME, PARAMETERS, Robot, with_values
+
+#: differences are taken over this share of a standard deviation
+STEP = 0.1
+#: draws that describe no robot, for each that does, before a robot's standard deviations are refused
+_MOST_REFUSALS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertain:
+    """One number of a robot that is known to a standard deviation above zero."""
+
+    label: str  #: "ball.radius" or "wheels.azimuths[1]"
+    name: str
+    place: int  #: within the parameter's numbers
+    deviation: float  #: SI units
+
+
+def uncertain(robot: Robot) -> list[Uncertain]:
+    """Return the numbers that have a standard deviation, in the files' order."""
+    return list(_uncertain(robot))
+
+
+def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
+    """Return the robot with these amounts [SI units] added to its numbers.
+
+    Raises
+    ------
+    InputError
+        Where that is no robot.
+    """
+    changes: dict[str, Value] = {}
+    for which, amount in amounts.items():
+        value = changes.get(which.name, value_of(robot, BY_NAME[which.name]))
+        numbers = list(_numbers(value))
+        numbers[which.place] += amount
+        changes[which.name] = tuple(numbers) if isinstance(value, tuple) else numbers[0]
+    return with_values(robot, changes)
+
+
+def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
+    """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
+
+    Draws that describe no robot (a negative mass, an inertia that no body has) are drawn again.
+
+    Raises
+    ------
+    InputError
+        Where nearly all draws are such.
+    """
+    random, numbers = np.random.default_rng(seed), uncertain(robot)
+    robots: list[Robot] = []
+    for _ in range(_MOST_REFUSALS * count + _MOST_REFUSALS):
+        if len(robots) == count:
+            break
+        # errors: N(0, deviation)
+        errors = random.standard_normal(len(numbers))
+        try:
+            robots.append(
+                shifted(
+                    robot,
+                    {one: one.deviation * float(error) for one, error in zip(numbers, errors, strict=True)},
+                )
+            )
+        except InputError:
+            continue
+    if len(robots) < count:
+        raise InputError(
+            f"The standard deviations of {robot.name} are so large that hardly any draw is a possible "
+            "robot. Make them smaller, or use `ballbot check` to see which value is at a limit."
+        )
+    return robots
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Propagated:
+    """A result (any shape) and what the parameters' uncertainty does to it."""
+
+    value: NDArray[np.float64]
+    deviation: NDArray[np.float64]  #: standard deviation, of the value's shape
+    parts: dict[
+        str, NDArray[np.float64]
+    ]  #: of each uncertain number alone, by its label; signed, for one deviation
+
+    def largest(self, count: int = 3) -> list[tuple[str, float]]:
+        """Return the numbers that matter most: label and share of the variance, summed over the result."""
+        whole = float((self.deviation**2).sum())
+        if whole == 0.0:
+            return []
+        shares = {label: float((part**2).sum()) / whole for label, part in self.parts.items()}
+        return sorted(shares.items(), key=lambda share: -share[1])[:count]
+
+
+def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -> Propagated:
+    """Carry a robot's standard deviations through to a result, linearly.
+
+    Parameters
+    ----------
+    robot : Robot
+    result_of : callable
+        From a robot to an array of always the same shape, smooth in the robot's numbers.
+
+    Raises
+    ------
+    InputError
+        Where a robot within a tenth of a standard deviation cannot exist.
+    """
+    value = np.asarray(result_of(robot), dtype=np.float64)
+    parts = {}
+    for one in uncertain(robot):
+        step = STEP * one.deviation
+        try:
+            ends = [result_of(shifted(robot, {one: sign * step})) for sign in (1.0, -1.0)]
+        except InputError as error:
+            raise InputError(
+                f"{one.label} cannot vary by a tenth of its standard deviation: {error}"
+            ) from None
+        parts[one.label] = np.asarray((ends[0] - ends[1]) / (2.0 * STEP), dtype=np.float64)
+    variance = sum((part**2 for part in parts.values()), np.zeros_like(value))
+    return Propagated(value=value, deviation=np.sqrt(variance), parts=parts)
+
+
+def _uncertain(robot: Robot) -> Iterator[Uncertain]:
+    for name in BY_NAME:
+        deviation = robot.standard_deviations.get(name, 0.0)
+        for place, one in enumerate(_numbers(deviation)):
+            if one > 0.0:
+                label = f"{name}[{place}]" if isinstance(deviation, tuple) else name
+                yield Uncertain(label=label, name=name, place=place, deviation=float(one))
+
+
+def _numbers(value: Value) -> tuple[float, ...]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+Find = Callable[[Robot], Iterable[Finding]]
+
+#: slip together: who has one of them in another unit has all of them in it
+_INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slip:
+    """One parameter meant in another unit, and what then is left to find."""
+
+    names: tuple[str, ...]  #: the parameters that it changes
+    words: str
+    decimal: bool  #: the decimal point slipped, not the unit
+    left: tuple[Finding, ...]
+
+    def mends(self, finding: Finding) -> bool:
+        """Return whether the finding is gone."""
+        return all((one.code, one.where) != (finding.code, finding.where) for one in self.left)
+
+    @property
+    def rank(self) -> tuple[int, bool, int]:
+        """How many errors it leaves, whether the unit stays, how many findings it leaves; less is likelier."""
+        return sum(one.severity == "error" for one in self.left), self.decimal, len(self.left)
+
+
+def likeliest_slip(robot: Robot, errors: Sequence[Finding], find: Find) -> Slip | None:
+    """Return the slip of units that leaves the fewest errors, if any leaves fewer than there are.
+
+    Parameters
+    ----------
+    robot : Robot
+    errors : sequence of Finding
+        Of that robot; the columns of their places name the parameters to look at.
+    find : callable
+        Returns what is to find in a robot.
+    """
+    names = dict.fromkeys(name for finding in errors for name in finding.where.columns)
+    found = len(list(find(robot)))
+    # a slip that makes something else unusual explains nothing
+    slips = [
+        slip
+        for name in names
+        for slip in _slips(robot, name, find)
+        if len(slip.left) - slip.rank[0] <= found - len(errors)
+    ]
+    best = min(slips, key=lambda slip: slip.rank, default=None)
+    if best is None or best.rank[0] >= len(errors):
+        return None
+    # a decimal point may have slipped in any of several parameters: then none is likelier than another
+    rivals = {slip.names for slip in slips if slip.decimal and slip.rank[0] == best.rank[0]}
+    return None if best.decimal and len(rivals) > 1 else best
+
+
+def _slips(robot: Robot, name: str, find: Find) -> Iterator[Slip]:
+    """Yield what is left to find if a parameter was meant in another unit, or its decimal point slipped."""
+    parameter = BY_NAME[name]
+    value = value_of(robot, parameter)
+    if parameter.shape == "whole number":
+        return
+    together = _INERTIA if name in _INERTIA else (name,)
+    for scale, decimal in _scales(parameter.unit):
+        for meant in _scaled(value, scale):
+            changed = {other: _times(value_of(robot, BY_NAME[other]), scale) for other in together} | {
+                name: meant
+            }
+            try:
+                slipped = with_values(robot, changed)
+            except InputError:
+                continue
+            words = f"{name} {_in_radians(parameter, meant)}{with_unit(parameter, meant)}"
+            yield Slip(names=together, words=words, decimal=decimal, left=tuple(find(slipped)))
+
+
+def _scales(si_unit: str) -> Iterator[tuple[float, bool]]:
+    """Yield what to multiply by if a number was meant in another unit, or given in one and meant in SI.
+
+    Last come slips of the decimal point, which are marked.
+    """
+    for unit in UNITS[si_unit]:
+        if unit != si_unit:
+            factor = to_si(1.0, unit, si_unit)
+            yield from ((factor, False), (1.0 / factor, False))
+    yield from ((0.1, True), (10.0, True))
+
+
+def _scaled(value: Value, scale: float) -> Iterator[Value]:
+    """Yield the value scaled; of a list, one number or all."""
+    if isinstance(value, tuple):
+        for place in range(len(value)):
+            yield tuple(scale * one if i == place else one for i, one in enumerate(value))
+    yield _times(value, scale)
+
+
+def _times(value: Value, scale: float) -> Value:
+    return tuple(scale * one for one in value) if isinstance(value, tuple) else scale * value
+
+
+def with_unit(parameter: Parameter, value: Value) -> str:
+    """Return a value with its unit, angles in degrees."""
+    numbers = value if isinstance(value, tuple) else (value,)
+    unit = "" if parameter.unit == DIMENSIONLESS else f" {parameter.unit}"
+    if parameter.unit == "rad":
+        numbers, unit = tuple(math.degrees(one) for one in numbers), " deg"
+    text = ", ".join(f"{one:.4g}" for one in numbers)
+    return f"{f'[{text}]' if isinstance(value, tuple) else text}{unit}"
+
+
+def _in_radians(parameter: Parameter, value: Value) -> str:
+    """Return "0.785 rad, that is " for an angle."""
+    if parameter.unit != "rad":
+        return ""
+    text = ", ".join(f"{one:.4g}" for one in (value if isinstance(value, tuple) else (value,)))
+    return f"{f'[{text}]' if isinstance(value, tuple) else text} rad, that is "
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return "a, b and c"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
