@@ -19,15 +19,14 @@ from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.compare import start
-from ballbot.experiments.league.course_file import LEAGUE, choose_courses
-from ballbot.experiments.league.play import League, play
-from ballbot.experiments.league.statistics import mean_with_interval
-from ballbot.experiments.metrics import SETTLE, position_error, rms, settled
 from ballbot.fitting.run import worker_pool
 from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin
+from ballbot.workflows.comparison import initial_state_of, mean_with_interval
+from ballbot.workflows.courses import LEAGUE, choose_courses
+from ballbot.workflows.league import League, run_league
+from ballbot.workflows.metrics import SETTLE, position_error, rms, settled
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -137,7 +136,9 @@ def _judged(
     since: float,
 ) -> Run:
     """Return a run in numbers, from that time [s] on."""
-    log = simulate(plant, controller, reference, duration=duration, initial_state=start(seed), seed=seed)
+    log = simulate(
+        plant, controller, reference, duration=duration, initial_state=initial_state_of(seed), seed=seed
+    )
     drag, scales = controller.drag, tuple(controller.friction_scales[:-1].tolist())
     if log.ended is not None:
         return Run(true=np.nan, seen=np.nan, drag=drag, scales=scales)
@@ -291,7 +292,7 @@ def play_courses(known: Robot, *, seeds: Sequence[int], courses: str = LEAGUE) -
     """Put the precise controller through courses, with fixed and with adaptive compensation."""
     fixed = precise_controller(known)
     controllers = {"fixed": fixed, "adaptive": adaptive(fixed)}
-    return play(
+    return run_league(
         known,
         controllers,
         choose_courses(courses, known, "twin"),

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import figure_eight, square
-from ballbot.experiments.compare import Comparison, compare
 from ballbot.identification import Identification, identify
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin
+from ballbot.workflows.comparison import Comparison, compare
 from benchmarks.section import Section
 
 RECORDED = 48.0  # seconds of each log

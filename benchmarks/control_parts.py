@@ -23,12 +23,12 @@ from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.estimation.interface import EstimatorName, named_estimator
-from ballbot.experiments.compare import score, start
-from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import LoadDependence
+from ballbot.workflows.comparison import initial_state_of
+from ballbot.workflows.metrics import cycle_amplitude, score
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -143,7 +143,9 @@ def run(job: tuple[Robot, str, str, int]) -> Run:
         scenario = replace(scenario, load_dependence=LoadDependence(share=1.0))
     twin = Twin(ALTEN, scenario, estimator=named_estimator(part.estimator, ALTEN, sample_time=0.005))
     wanted, duration = REFERENCES[reference]
-    log = simulate(twin, part.make(robot), wanted, duration=duration, initial_state=start(seed), seed=seed)
+    log = simulate(
+        twin, part.make(robot), wanted, duration=duration, initial_state=initial_state_of(seed), seed=seed
+    )
     return judged(log, holds=reference == "hold")
 
 

@@ -18,11 +18,11 @@ from ballbot import Robot, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.compare import score, start
-from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.fitting.run import worker_pool
 from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
+from ballbot.workflows.comparison import initial_state_of
+from ballbot.workflows.metrics import cycle_amplitude, score
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -86,7 +86,7 @@ def run(known: Robot, job: tuple[str, int]) -> Outcome:
         controller,
         task.reference,
         duration=task.duration,
-        initial_state=start(seed),
+        initial_state=initial_state_of(seed),
         seed=seed,
     )
     stood = log.ended is None

@@ -3,7 +3,7 @@
 .venv/bin/python -m benchmarks.evidence choice ablation friction_share
 
 The friction is identified from two logs of the nominal twin, as the demo does; the controllers are the study's
-candidates (`ballbot.experiments.controller_choice.candidates`), and they run on the nominal twin itself, whose friction
+candidates (`ballbot.workflows.controller_choice.candidates`), and they run on the nominal twin itself, whose friction
 no identification has seen, with seeds of their own.
 """
 
@@ -21,17 +21,15 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.compare import start
-from ballbot.experiments.controller_choice import ABLATIONS, candidates, without_part
-from ballbot.experiments.league.statistics import MedianEstimate, median_with_interval
-from ballbot.experiments.metrics import SETTLE, position_error, rms
-from ballbot.experiments.score import Score, score
 from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Timing
+from ballbot.workflows.comparison import MedianEstimate, initial_state_of, median_with_interval
+from ballbot.workflows.controller_choice import ABLATIONS, candidates, without_part
+from ballbot.workflows.metrics import SETTLE, Score, position_error, rms, score
 from benchmarks.compensation import identified
 from benchmarks.section import Section
 
@@ -138,7 +136,7 @@ def run(job: Job) -> Outcome:
         copy.deepcopy(job.controller),
         case.reference,
         duration=case.duration,
-        initial_state=start(job.seed),
+        initial_state=initial_state_of(job.seed),
         seed=job.seed,
     )
     return Outcome(score=score(log), measured=case.measure(log) if log.ended is None else np.nan)

@@ -5,7 +5,7 @@
 
 The study is of the nominal twin. Each faulty twin (`benchmarks.faulty_twins`) runs the square once with the precise
 controller, whose log is judged, and once without compensation, which says what is true of the verdict. The constants
-of `ballbot.experiments.controller_prediction` and `controller_causes` are those of the development set, whose seeds
+of `ballbot.workflows.controller_prediction` and `controller_causes` are those of the development set, whose seeds
 are others. Logs are kept in build/controller_prediction: a campaign that was ended goes on.
 """
 
@@ -17,13 +17,18 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.experiments.controller_causes import SYMPTOMS, Cause, clearness
-from ballbot.experiments.controller_prediction import Prediction, lognormal_interval, predict
-from ballbot.experiments.controller_verdict import WORDS, JudgedQuantity, Verdict, causes_in, judge
-from ballbot.experiments.league.statistics import share_with_interval
-from ballbot.experiments.log_signature import signature_of
-from ballbot.experiments.performance import QUANTITIES, Performance, performance_of
 from ballbot.log import Log
+from ballbot.workflows.comparison import fraction_with_interval
+from ballbot.workflows.controller_causes import SYMPTOMS, Cause, clearness, signature_of
+from ballbot.workflows.controller_prediction import Prediction, lognormal_interval, predict
+from ballbot.workflows.controller_verdict import (
+    QUANTITY_NAMES,
+    QuantityResult,
+    Verdict,
+    causes_in,
+    evaluate_log,
+)
+from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
 from benchmarks.faulty_twins import (
     CONTROLLERS,
     KINDS,
@@ -90,7 +95,7 @@ def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dic
     log, without = logs["precise"], logs["none"]
     return Outcome(
         twin=twin,
-        verdict=judge(prediction, log, robot, controller),
+        verdict=evaluate_log(prediction, log, robot, controller),
         seen=performance_of(log, controller),
         fell=log.ended is not None,
         without=performance_of(without, study.controllers["none"]),
@@ -109,7 +114,7 @@ def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section
     stood = [one for one in found if not one.fell]
     inside = [sum(_quantity(one, name).place == "inside" for one in stood) for name in QUANTITIES]
     rows = [
-        _row(WORDS[name], count, len(stood), _outside(stood, name), _ratios(stood, name))
+        _row(QUANTITY_NAMES[name], count, len(stood), _outside(stood, name), _ratios(stood, name))
         for name, count in zip(QUANTITIES, inside, strict=True)
     ]
     every = sum(one.place == "inside" for each in found for one in each.verdict.quantities)
@@ -191,7 +196,7 @@ def _cause_words(of: str, found: Sequence[Outcome]) -> str:
     )
 
 
-def _quantity(one: Outcome, name: str) -> JudgedQuantity:
+def _quantity(one: Outcome, name: str) -> QuantityResult:
     return next(each for each in one.verdict.quantities if each.name == name)
 
 
@@ -207,7 +212,7 @@ def _used(name: str, value: float) -> float:
 
 
 def _share(count: int, runs: int) -> str:
-    low, high = share_with_interval(count, runs)
+    low, high = fraction_with_interval(count, runs)
     return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 

@@ -26,7 +26,6 @@ from ballbot.control.presets import design_gain
 from ballbot.control.references import square
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.onboard import OnboardState
-from ballbot.experiments.reproduce.recordings import sources_of
 from ballbot.files import read_sealed, write_sealed
 from ballbot.fitting.run import ProgressReporter, Threads, worker_pool
 from ballbot.identification.gauss_newton import at_bound
@@ -40,6 +39,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
+from ballbot.thesis.reproduce.recordings import sources_of
 from benchmarks.section import Section
 from benchmarks.workloads import nominal_robot
 

@@ -19,13 +19,13 @@ from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.compare import score, start
-from ballbot.experiments.score import Score
 from ballbot.fitting.run import worker_pool
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Timing
+from ballbot.workflows.comparison import initial_state_of
+from ballbot.workflows.metrics import Score, score
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -75,7 +75,7 @@ def run(known: Robot, job: Job) -> Score | None:
         controller,
         square(side=0.5, period=32.0),
         duration=32.0,
-        initial_state=start(seed),
+        initial_state=initial_state_of(seed),
         seed=seed,
     )
     return score(log)

@@ -19,11 +19,11 @@ from ballbot.estimation.interface import Estimator, Reading, StateErrors, state_
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.kalman_model import FilterNoise
 from ballbot.estimation.onboard import OnboardState
-from ballbot.experiments.compare import Comparison, compare, start
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
+from ballbot.workflows.comparison import Comparison, compare, initial_state_of
 from benchmarks.section import Section
 
 REFERENCES = ("square", "hold", "figure_eight")
@@ -86,7 +86,9 @@ def side_by_side(
     listeners = {THESIS: thesis, ALONE: alone, FIXED: fixed}
     twin = Twin(robot, replace(scenario, fix=_FIXES), estimator=SideBySide(thesis, [alone, fixed]))
     controller = nominal_controller(robot)
-    log = simulate(twin, controller, reference, duration=duration, seed=seed, initial_state=start(seed))
+    log = simulate(
+        twin, controller, reference, duration=duration, seed=seed, initial_state=initial_state_of(seed)
+    )
     if log.ended:
         raise RuntimeError(f"seed {seed}: {log.ended}")
     truth = log.truth().states

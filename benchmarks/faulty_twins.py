@@ -22,9 +22,6 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.compare import start
-from ballbot.experiments.controller_choice import SQUARE, ControllerChoice, candidates, choose_controller
-from ballbot.experiments.plant_draws import draw_plants
 from ballbot.files import read_sealed, write_sealed
 from ballbot.fitting.run import worker_pool
 from ballbot.identification import Identification, identify
@@ -45,6 +42,9 @@ from ballbot.twin.scenario import (
     Supply,
     Timing,
 )
+from ballbot.workflows.comparison import initial_state_of
+from ballbot.workflows.controller_choice import SQUARE, ControllerChoice, candidates, choose_controller
+from ballbot.workflows.plant_draws import draw_plants
 
 KEPT = Path(__file__).parents[1] / "build" / "controller_prediction"
 ROBOT = Robot.load("alten")
@@ -320,7 +320,7 @@ def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
         controller,
         SQUARE.asked.reference(),
         duration=SQUARE.duration,
-        initial_state=start(twin.seed),
+        initial_state=initial_state_of(twin.seed),
         seed=twin.seed,
     )
     return log.without_truth()

@@ -27,8 +27,6 @@ from ballbot.control.presets import (
 )
 from ballbot.control.references import change_pose, hold
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.limits.loop import top_speed
-from ballbot.experiments.limits.starts import leaning, pushed
 from ballbot.fitting.run import worker_pool
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.simulation.conditions import FALLING_PART
@@ -36,6 +34,8 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Push
+from ballbot.workflows.limits import leaning_state, pushed_state
+from ballbot.workflows.recovery_region import top_speed
 from benchmarks.notch_shown import notch_table
 from benchmarks.predictive import Predictive
 from benchmarks.section import Section
@@ -124,8 +124,10 @@ def on_model(job: tuple[str, float]) -> Reached:
         return simulate(plant, controller, hold(), duration=5.0, initial_state=start).ended is None
 
     height = ROBOT.body.center_of_mass
-    lean = min(edge(lambda s, d=d: stands(leaning(d, s)), LARGEST_LEAN, 9) for d in DIRECTIONS)
-    blow = min(edge(lambda s, d=d: stands(pushed(model, d, s, height)), _HARDEST, 9) for d in DIRECTIONS)
+    lean = min(edge(lambda s, d=d: stands(leaning_state(d, s)), LARGEST_LEAN, 9) for d in DIRECTIONS)
+    blow = min(
+        edge(lambda s, d=d: stands(pushed_state(model, d, s, height)), _HARDEST, 9) for d in DIRECTIONS
+    )
     log = simulate(plant, controller, change_pose(at=0.0, ramp=0.0), duration=10.0)
     settled, past = arrived(log, begins=0.0)
     times = tuple(controller.times) if isinstance(controller, Predictive) else ()
@@ -162,7 +164,7 @@ def _twin_edges(controller: Feedback, settled: tuple[float, ...]) -> Reached:
     lenient = replace(NOMINAL, fallen_lean=LARGEST_LEAN)
 
     def leans(size: float, direction: float) -> bool:
-        return _run(lenient, controller, hold(), 3.0, 1, leaning(direction, size)).ended is None
+        return _run(lenient, controller, hold(), 3.0, 1, leaning_state(direction, size)).ended is None
 
     def struck(size: float, direction: float) -> bool:
         force = (size / _BLOW * math.cos(direction), size / _BLOW * math.sin(direction), 0.0)
@@ -210,8 +212,8 @@ def bound_of_any(limit: float) -> tuple[float, float]:
 
     height = ROBOT.body.center_of_mass
     return (
-        min(most(leaning(d, 1.0)) for d in DIRECTIONS),
-        min(most(pushed(model, d, 1.0, height)) for d in DIRECTIONS),
+        min(most(leaning_state(d, 1.0)) for d in DIRECTIONS),
+        min(most(pushed_state(model, d, 1.0, height)) for d in DIRECTIONS),
     )
 
 

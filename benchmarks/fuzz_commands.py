@@ -135,7 +135,7 @@ _WORK = (
     ("ballbot.cli.compare", "play"),
     ("ballbot.cli.study", "run_study"),
     ("ballbot.cli.record", "record_runs"),
-    ("ballbot.experiments.reproduce", "reproduce"),
+    ("ballbot.thesis.reproduce", "reproduce"),
 )
 #: a run of more samples is not let go
 _LONGEST_RUN = 50

@@ -24,8 +24,6 @@ from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError
-from ballbot.experiments.excite.deviations import deviations_found
-from ballbot.experiments.league.course_file import built_in_sets, read_courses
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
@@ -46,6 +44,8 @@ from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import read_scenario, scenario_text
 from ballbot.vision.video import open_video
+from ballbot.workflows.courses import built_in_sets, read_courses
+from ballbot.workflows.excite import deviations_found
 
 ALTEN = Robot.load("alten")
 

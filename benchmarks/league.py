@@ -8,12 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ballbot import Robot
-from ballbot.experiments.league.course import Course
-from ballbot.experiments.league.course_file import LEAGUE, choose_courses
-from ballbot.experiments.league.entrants import entrants_of
-from ballbot.experiments.league.play import League, play
-from ballbot.experiments.league.standings import METRICS, Standing, standing
 from ballbot.report.comparison import OVERALL_HEADINGS, overall_rows
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import LEAGUE, Course, choose_courses
+from ballbot.workflows.league import METRICS, League, Standing, run_league, standing
 from benchmarks.compensation import identified_robot
 from benchmarks.section import Section
 
@@ -31,8 +29,8 @@ def play_league(
     progress: Callable[[float], None] | None = None,
 ) -> League:
     """Put those who enter through the courses; `robot` has the friction that is compensated."""
-    entrants = entrants_of(ENTRANTS)
-    return play(
+    entrants = parse_candidates(ENTRANTS)
+    return run_league(
         robot,
         {one.name: one.controller(robot) for one in entrants},
         courses,

@@ -14,13 +14,11 @@ import numpy as np
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.presets import nominal_controller
-from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
-from ballbot.experiments.limits.loop import Loop
-from ballbot.experiments.limits.starts import leaning
-from ballbot.experiments.limits.twin_edges import twin_edges
 from ballbot.report.limits import directions_figure, heights_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
+from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits, leaning_state, twin_edges
+from ballbot.workflows.recovery_region import Loop
 from benchmarks.pictures import write_picture
 from benchmarks.section import Section
 
@@ -110,7 +108,7 @@ def _cost(one: Case) -> str:
     """Say what a map of a million runs costs, blind and refined, and whether outcomes change by cutting runs short."""
     region, direction = one.model.sure_plane, one.model.plane_direction
     lean, rate = (grid.ravel() for grid in np.meshgrid(region.across, region.along, indexing="ij"))
-    starts = leaning(direction, lean, rate)
+    starts = leaning_state(direction, lean, rate)
     began, used = perf_counter(), process_time()
     blind = one.loop.survives(starts)
     took, used = perf_counter() - began, process_time() - used

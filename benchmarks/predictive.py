@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign, held
-from ballbot.experiments.limits.loop import top_speed
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction
+from ballbot.workflows.recovery_region import top_speed
 
 NODES = (0, 2, 5, 10, 20, 30, 40, 60, 80, 100, 130, 160, 200, 250, 300)
 LOOKS = (0, 1, 2, 4, 7, *range(10, 300, 10))

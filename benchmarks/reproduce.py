@@ -6,8 +6,9 @@ from difflib import unified_diff
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ballbot.experiments.reproduce import VERDICTS, reproduce
-from ballbot.report.reproduce.markdown import reproduction_markdown
+from ballbot.thesis.reproduce.campaign import reproduce
+from ballbot.thesis.reproduce.item import VERDICTS
+from ballbot.thesis.reproduce.page import reproduction_markdown
 from benchmarks.section import Section
 
 PAGE = Path(__file__).parents[1] / "docs" / "reproduce.md"

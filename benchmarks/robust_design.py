@@ -9,9 +9,6 @@ from time import perf_counter
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
 from ballbot.estimation.interface import EstimatorName, named_estimator
-from ballbot.experiments.metrics import position_error, rms_torque_change, settled
-from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
-from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.log import Log
 from ballbot.report.design import robust_figure
 from ballbot.robot import Robot
@@ -19,6 +16,9 @@ from ballbot.robot.robot import scaled_body
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Timing
+from ballbot.workflows.metrics import position_error, rms_torque_change, settled
+from ballbot.workflows.perturbed_robots import PerturbationRanges
+from ballbot.workflows.robust_design import Effort, RobustDesign, robust_design
 from benchmarks.compensation import identified_robot
 from benchmarks.pictures import write_picture
 from benchmarks.section import Section
@@ -40,7 +40,7 @@ def campaign() -> Section:
     """Search, compare, and return the section of docs/evidence.md."""
     robot = identified_robot(Robot.load("alten"))
     began = perf_counter()
-    found = robust_design(robot, compensation="full", spread=Spread(), effort=EFFORT, seed=0)
+    found = robust_design(robot, compensation="full", spread=PerturbationRanges(), effort=EFFORT, seed=0)
     took = perf_counter() - began
     controllers = {
         name: Controller(robot, one.gain, compensation="full") for name, one in found.rivals.items()

@@ -17,9 +17,9 @@ from ballbot import Log, simulate
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
-from ballbot.experiments.score import score
 from ballbot.fitting.run import worker_pool
 from ballbot.twin import Scenario, Twin
+from ballbot.workflows.metrics import score
 from benchmarks.observations import (
     ROBOT,
     Impulses,

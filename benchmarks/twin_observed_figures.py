@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ballbot import Log
-from ballbot.experiments.metrics import SETTLE, position_error, settled, true_place
-from ballbot.experiments.score import score
 from ballbot.report.comparison import RUN_LABELS, RUN_LINES
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, Line, thinned
+from ballbot.workflows.metrics import SETTLE, position_error, score, settled, true_place
 from benchmarks.observations import Drift, Impulses, Ripple, Spectrum
 
 _ON: Line = {"color": ORANGE, "linestyle": "-", "linewidth": 1.0}

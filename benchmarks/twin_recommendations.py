@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 
 from ballbot import Robot
-from ballbot.experiments.twin_recommendations import HEADINGS, rows, try_recommendations
+from ballbot.workflows.twin_recommendations import HEADINGS, rows, try_recommendations
 from benchmarks.section import Section
 
 SEEDS = range(1, 6)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import ballbot
 from ballbot.control.presets import design_gain
 from ballbot.control.references import square
-from ballbot.experiments.score import score
+from ballbot.workflows.metrics import score
 
 robot = ballbot.Robot.load("alten")
 friction = replace(

@@ -18,8 +18,8 @@ from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.score import score
 from ballbot.twin import Twin
+from ballbot.workflows.metrics import score
 
 mpl.rcParams["svg.hashsalt"] = "ballbot"  # the same picture, the same bytes
 

@@ -10,8 +10,8 @@ from ballbot import Controller, InputError, Log, Model
 from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
-from ballbot.experiments.compare import compare
 from ballbot.robot.file import write_robot
+from ballbot.workflows.comparison import compare
 
 
 def test_comparing_on_the_model():

@@ -5,8 +5,8 @@ import pytest
 from control_examples import FRICTION, alten
 
 from ballbot import InputError, Log
-from ballbot.experiments.hold_cycle import cycle_amplitude
 from ballbot.robot.robot import scaled_friction
+from ballbot.workflows.metrics import cycle_amplitude
 
 pytest.importorskip("mujoco")
 

@@ -15,11 +15,10 @@ from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.presets import design_integral_gain, precise_controller
 from ballbot.control.references import hold
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.limits.loop import Loop
-from ballbot.experiments.limits.region import reach
-from ballbot.experiments.limits.starts import leaning, pushed
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.twin import Scenario, Twin
+from ballbot.workflows.limits import leaning_state, pushed_state
+from ballbot.workflows.recovery_region import Loop, reach
 
 BOUND = LeanLimit(lean=0.1, turn=0.4)
 GAINS = [(robot, design_integral_gain(robot).gain) for robot in (alten(), four_wheeled(friction=False))]
@@ -70,10 +69,10 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
     def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:
         controller = Controller(weak, STIFF, torque_limit=2.0, parts=Parts(lean_bound=bound))
         loop = Loop(robot=weak, controller=controller, grip=np.inf)
-        leans = reach(loop.survives, lambda s: leaning(directions, s), shape=(2,), most=LARGEST_LEAN)
+        leans = reach(loop.survives, lambda s: leaning_state(directions, s), shape=(2,), most=LARGEST_LEAN)
         height = weak.body.center_of_mass
         blows = reach(
-            loop.survives, lambda s: pushed(loop.model, directions, s, height), shape=(2,), most=60.0
+            loop.survives, lambda s: pushed_state(loop.model, directions, s, height), shape=(2,), most=60.0
         )
         return leans.sizes, blows.sizes
 
@@ -85,8 +84,11 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
     falls = values.real > 1.0
     rates, left = values[falls].real, vectors[:, falls].real.T
     for edge, most in (
-        (lean[0], _most(rates, left, linear.B, leaning(0.0, 1.0))),
-        (blow[0], _most(rates, left, linear.B, pushed(Model(weak), 0.0, 1.0, weak.body.center_of_mass))),
+        (lean[0], _most(rates, left, linear.B, leaning_state(0.0, 1.0))),
+        (
+            blow[0],
+            _most(rates, left, linear.B, pushed_state(Model(weak), 0.0, 1.0, weak.body.center_of_mass)),
+        ),
     ):
         assert 0.9 * most < edge < 1.05 * most  # the exact model's own fall is slower at a lean
     assert (lean >= bare_lean).all()

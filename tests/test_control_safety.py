@@ -217,7 +217,7 @@ def test_the_default_lean_is_the_model_s_own_end():
 
 def test_a_user_s_program_that_loses_its_numbers_is_an_error(tmp_path):
     """In a comparison a mistake in the user's file is no fall."""
-    from ballbot.experiments.own_controller import OwnController
+    from ballbot.workflows.candidates import UserController
 
     path = tmp_path / "mine.py"
     path.write_text(
@@ -232,6 +232,6 @@ def test_a_user_s_program_that_loses_its_numbers_is_an_error(tmp_path):
     with pytest.raises(
         InputError, match=r"mine\.py:Mine returned torques \[nan, 0\.0, 0\.0\] at t = 0\.105 s"
     ):
-        simulate(Model(ROBOT), OwnController(str(path), "Mine", ROBOT), hold(), duration=1.0)
+        simulate(Model(ROBOT), UserController(str(path), "Mine", ROBOT), hold(), duration=1.0)
     for name in set(sys.modules) - modules:  # the file is this test's alone
         del sys.modules[name]

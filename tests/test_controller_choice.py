@@ -14,14 +14,13 @@ from scipy import stats
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
-from ballbot.experiments.controller_choice import ABLATIONS, Trial, equal_best, without_part
-from ballbot.experiments.league.statistics import median_with_interval
-from ballbot.experiments.performance import QUANTITIES, Performance
-from ballbot.experiments.plant_draws import PlantDraw, available_plant
-from ballbot.experiments.score import Score
-from ballbot.experiments.study import sampled_at
 from ballbot.log import Log
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.comparison import median_with_interval
+from ballbot.workflows.controller_choice import ABLATIONS, Trial, equal_best, without_part
+from ballbot.workflows.metrics import QUANTITIES, Performance, Score
+from ballbot.workflows.plant_draws import PlantDraw, available_plant
+from ballbot.workflows.study import sampled_at
 
 NOMINAL = nominal_controller(alten(FRICTION))
 _FIELDS = ("rms_position_error", "peak_heading_error", "rms_heading_error", "settling_time", "rms_torque")

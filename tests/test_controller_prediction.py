@@ -18,22 +18,6 @@ from ballbot.control.file import controller_text, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
 from ballbot.estimation.interface import named_estimator
-from ballbot.experiments.controller_causes import POSSIBLE, SYMPTOMS, ranked_causes
-from ballbot.experiments.controller_choice import NamedCourse, choose_controller
-from ballbot.experiments.controller_prediction import (
-    DISCREPANCY,
-    Prediction,
-    PredictionInterval,
-    checksum_of,
-    lognormal_interval,
-    performance_intervals,
-    predict,
-    read_prediction,
-)
-from ballbot.experiments.controller_verdict import Verdict, course_of, foreign_torque, judge
-from ballbot.experiments.log_signature import Signature, signature_of
-from ballbot.experiments.performance import Performance, performance_of
-from ballbot.experiments.plant_draws import PlantDraw
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
@@ -47,6 +31,21 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Timing
+from ballbot.workflows.controller_causes import POSSIBLE, SYMPTOMS, Signature, ranked_causes, signature_of
+from ballbot.workflows.controller_choice import NamedCourse, choose_controller
+from ballbot.workflows.controller_prediction import (
+    DISCREPANCY,
+    Prediction,
+    PredictionInterval,
+    checksum_of,
+    lognormal_interval,
+    performance_intervals,
+    predict,
+    read_prediction,
+)
+from ballbot.workflows.controller_verdict import Verdict, course_of, evaluate_log, foreign_torque
+from ballbot.workflows.metrics import Performance, performance_of
+from ballbot.workflows.plant_draws import PlantDraw
 
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)
@@ -222,7 +221,7 @@ def test_previous_controller_is_the_one_replaced(tmp_path: Path, controller: Con
 
 
 def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: Controller):
-    verdict = judge(prediction, log, KNOWN, controller)
+    verdict = evaluate_log(prediction, log, KNOWN, controller)
     assert verdict.recommendation == "keep"
     assert not verdict.outside
     assert not verdict.causes
@@ -235,7 +234,7 @@ def test_run_better_than_predicted_is_kept_and_said_so(
     seen = performance_of(log, controller).peak_error
     high = replace(prediction.chosen["peak_error"], low=2.0 * seen, median=3.0 * seen, high=4.0 * seen)
     worse = replace(prediction, chosen={**prediction.chosen, "peak_error": high})
-    verdict = judge(worse, log, KNOWN, controller)
+    verdict = evaluate_log(worse, log, KNOWN, controller)
     assert verdict.recommendation == "keep"
     assert "peak error is better" in verdict.reason
 
@@ -249,8 +248,8 @@ def test_larger_error_weakens_and_one_like_none_reverts(
     prediction: Prediction, log: Log, controller: Controller
 ):
     low = prediction.none["peak_error"].low
-    assert judge(prediction, displaced(log, 0.7 * low), KNOWN, controller).recommendation == "weaken"
-    assert judge(prediction, displaced(log, 1.1 * low), KNOWN, controller).recommendation == "revert"
+    assert evaluate_log(prediction, displaced(log, 0.7 * low), KNOWN, controller).recommendation == "weaken"
+    assert evaluate_log(prediction, displaced(log, 1.1 * low), KNOWN, controller).recommendation == "revert"
 
 
 def test_nothing_is_said_of_a_comparison_that_is_not_made(
@@ -258,7 +257,7 @@ def test_nothing_is_said_of_a_comparison_that_is_not_made(
 ):
     large = displaced(log, 0.7 * prediction.none["peak_error"].low)
     for alone in (replace(prediction, none={}), replace(prediction, controller="none")):
-        verdict = judge(alone, large, KNOWN, controller)
+        verdict = evaluate_log(alone, large, KNOWN, controller)
         assert verdict.recommendation == "weaken"
         assert "without compensation" not in verdict.reason
 
@@ -268,7 +267,7 @@ def test_fall_reverts_even_if_its_reason_is_not_logged(
 ):
     part = log.between(0.0, 7.0)
     fallen = part.with_columns({"theta": part["theta"] + 0.4 * np.maximum(part.t - 6.0, 0.0)})
-    verdict = judge(prediction, fallen, KNOWN, controller)
+    verdict = evaluate_log(prediction, fallen, KNOWN, controller)
     assert verdict.recommendation == "revert"
     assert verdict.ended is not None
     assert "fallen" in verdict.ended
@@ -276,7 +275,7 @@ def test_fall_reverts_even_if_its_reason_is_not_logged(
 
 def test_a_part_of_a_course_is_refused(prediction: Prediction, log: Log, controller: Controller):
     with pytest.raises(InputError, match="record the whole course"):
-        judge(prediction, log.between(0.0, 7.0), KNOWN, controller)
+        evaluate_log(prediction, log.between(0.0, 7.0), KNOWN, controller)
 
 
 def test_single_missing_values_do_not_count_and_many_are_refused(
@@ -284,27 +283,27 @@ def test_single_missing_values_do_not_count_and_many_are_refused(
 ):
     x = log["x"].copy()
     x[[300, 1500]] = np.nan
-    verdict = judge(prediction, log.with_columns({"x": x}), KNOWN, controller)
+    verdict = evaluate_log(prediction, log.with_columns({"x": x}), KNOWN, controller)
     assert verdict.recommendation == "keep"
     x[::10] = np.nan
     with pytest.raises(InputError, match="of the log's 2000 rows lack a state"):
-        judge(prediction, log.with_columns({"x": x}), KNOWN, controller)
+        evaluate_log(prediction, log.with_columns({"x": x}), KNOWN, controller)
 
 
 def test_another_course_is_refused(prediction: Prediction, log: Log, controller: Controller):
     other = log.with_columns({"ref_x": log["ref_x"] + 0.3})
     with pytest.raises(InputError, match="is not the course 'square'"):
-        judge(prediction, other, KNOWN, controller)
+        evaluate_log(prediction, other, KNOWN, controller)
 
 
 def test_another_controller_is_refused(prediction: Prediction, log: Log, controller: Controller):
     with pytest.raises(InputError, match="not the one whose performance is predicted"):
-        judge(prediction, log, KNOWN, controller.with_compensation("partial"))
+        evaluate_log(prediction, log, KNOWN, controller.with_compensation("partial"))
 
 
 def test_another_sample_time_is_refused(prediction: Prediction, log: Log, controller: Controller):
     with pytest.raises(InputError, match=r"sample time is 0\.01 s and the controller's 0\.005 s"):
-        judge(prediction, log.select(slice(None, None, 2)), KNOWN, controller)
+        evaluate_log(prediction, log.select(slice(None, None, 2)), KNOWN, controller)
 
 
 @settings(max_examples=10, deadline=None)
@@ -395,7 +394,7 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
         log = simulate(
             Twin(ALTEN, scenario, estimator=state), controller, reference, duration=COURSE.duration, seed=7
         )
-        return judge(found, log.without_truth(), KNOWN, controller)
+        return evaluate_log(found, log.without_truth(), KNOWN, controller)
 
     assert verdict(SCENARIO).recommendation == "keep"
     late = verdict(replace(SCENARIO, timing=Timing(delay=12)))
@@ -483,7 +482,7 @@ def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, 
     files = StudyFolder(
         results=folder / "results.json", robot=folder / "robot.toml", controller=folder / "controller.toml"
     )
-    bad = judge(prediction, displaced(log, 10.0), KNOWN, controller)
+    bad = evaluate_log(prediction, displaced(log, 10.0), KNOWN, controller)
     # torques that do not belong to the states: perhaps another controller's log
     assert f"made with {files.controller}" in next_steps(bad, prediction, files)[0]
     bad = replace(bad, remarks=())
@@ -492,7 +491,7 @@ def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, 
     write_text(files.previous, "")
     assert str(files.previous) in next_steps(bad, prediction, files)[0]
     low = prediction.none["peak_error"].low
-    weak = judge(prediction, displaced(log, 0.7 * low), KNOWN, controller)
+    weak = evaluate_log(prediction, displaced(log, 0.7 * low), KNOWN, controller)
     assert "--compensation-gain 0.8" in " ".join(next_steps(weak, prediction, files))
 
 

@@ -15,21 +15,18 @@ from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
 from ballbot.errors import InputError
-from ballbot.experiments.excite import Effort, Limits, design, deviations_found, task
-from ballbot.experiments.excite.design import criterion
-from ballbot.experiments.excite.information import expected_errors
-from ballbot.experiments.excite.limits import peaks_of
-from ballbot.experiments.excite.multisine import family
-from ballbot.experiments.excite.task import Law, run
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Threads
 from ballbot.identification import identify
 from ballbot.log import STATE_NAMES
+from ballbot.workflows.excitation_design import DesignEffort, criterion, design, multisine_family
+from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run, task
+from ballbot.workflows.excite import deviations_found
 
 #: deviations of the nominal twin's states, about
 DEVIATIONS = np.array([2e-3, 2e-3, 3.5e-3, 3.5e-3, 4.7e-3, 2e-2, 2e-2, 2.3e-2, 2.3e-2, 4e-2])
-LIMITS = Limits(lean=math.radians(8.0), floor=0.8, torque=3.0)
-EFFORT = Effort(generations=3, population=6)
+LIMITS = RunLimits(lean=math.radians(8.0), floor=0.8, torque=3.0)
+EFFORT = DesignEffort(generations=3, population=6)
 
 
 def asked(
@@ -92,7 +89,7 @@ def test_four_wheels():
     robot = four_wheeled(friction=True)
     made = design(
         asked(robot=robot, duration=6.0, limits=replace(LIMITS, floor=2.0)),
-        effort=Effort(generations=1, population=4),
+        effort=DesignEffort(generations=1, population=4),
     )
     assert made.errors.shape == (15,)
     assert np.isfinite(made.errors).all()
@@ -106,7 +103,7 @@ def test_the_reference_begins_and_ends_at_the_origin(designed):
 def test_a_sine_alone_brings_a_frictionless_robot_near_a_limit(axis, place):
     """The caps come from the linear loop; the nonlinear simulation at half of one must give half of a limit."""
     robot, controller = alten(), nominal_controller(alten())
-    choice = family(robot, controller, limits=LIMITS, duration=20.0)
+    choice = multisine_family(robot, controller, limits=LIMITS, duration=20.0)
     frequency, half = choice.frequencies[axis, place], 0.5 * choice.largest[axis, place]
     t = choice.times
     poses = np.zeros((len(t), 3))
@@ -172,22 +169,22 @@ def test_a_robot_at_rest_tells_nothing():
     ("limits", "message"),
     [
         (
-            Limits(lean=0.14, floor=1e-4, torque=3.0),
+            RunLimits(lean=0.14, floor=1e-4, torque=3.0),
             "the robot hardly moves, and no reference makes b1",
         ),
-        (Limits(lean=0.14, floor=0.8, torque=1e-3), "the robot hardly moves"),
+        (RunLimits(lean=0.14, floor=0.8, torque=1e-3), "the robot hardly moves"),
     ],
 )
 def test_impossible_limits_are_refused(limits, message):
     with pytest.raises(InputError, match=message):
-        design(asked(limits=limits, duration=4.0), effort=Effort(generations=1, population=4))
+        design(asked(limits=limits, duration=4.0), effort=DesignEffort(generations=1, population=4))
 
 
 def test_a_controller_that_lets_it_fall_is_refused():
     wrong = Controller(alten(), -nominal_controller(alten()).gain)
     small = replace(FRICTION, coulomb=(1e-3,) * 3, stribeck=(1e-3,) * 3)  # too small to hold it upright
     with pytest.raises(InputError, match="falls on every reference"):
-        design(asked(controller=wrong, robot=alten(small)), effort=Effort(generations=1, population=4))
+        design(asked(controller=wrong, robot=alten(small)), effort=DesignEffort(generations=1, population=4))
 
 
 @pytest.mark.parametrize("name", ["lean", "floor", "torque"])

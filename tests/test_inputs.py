@@ -20,8 +20,6 @@ from ballbot import InputError, inputs
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
-from ballbot.experiments.excite.deviations import deviations_found
-from ballbot.experiments.league.course_file import read_courses
 from ballbot.identification.axis import record as mat_file
 from ballbot.identification.axis.record import parse_mat, read_mat
 from ballbot.identification.parameters import read_bounds
@@ -46,6 +44,8 @@ from ballbot.sizes import (
     rows_between,
 )
 from ballbot.twin.scenario_file import read_scenario
+from ballbot.workflows.courses import read_courses
+from ballbot.workflows.excite import deviations_found
 
 ALTEN = Robot.load("alten")
 

@@ -11,14 +11,13 @@ from league_examples import OWN
 
 from ballbot import Robot
 from ballbot.cli.main import main
-from ballbot.experiments.league import play as playing
-from ballbot.experiments.league.course_file import choose_courses
-from ballbot.experiments.league.entrants import entrants_of
-from ballbot.experiments.league.play import League, play
-from ballbot.experiments.league.standings import league_results, overall, standing
 from ballbot.report.comparison import league_report
 from ballbot.report.page import provenance
 from ballbot.robot.file import write_robot
+from ballbot.workflows import league as league_module
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import choose_courses
+from ballbot.workflows.league import League, league_results, overall, run_league, standing
 from benchmarks.league import section
 
 #: two short courses on the model, so that a league takes seconds
@@ -50,9 +49,9 @@ def folder(tmp_path_factory) -> Path:
 def short_league(folder: Path, *, processes: int) -> League:
     robot = Robot.load(str(folder / "robot.toml"))
     words = ("none", "full", f"softer={folder}/own.py:Softer", f"limp={folder}/own.py:Limp")
-    controllers = {one.name: one.controller(robot) for one in entrants_of(words)}
+    controllers = {one.name: one.controller(robot) for one in parse_candidates(words)}
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    return play(robot, controllers, courses, seeds=[4, 5], processes=processes)
+    return run_league(robot, controllers, courses, seeds=[4, 5], processes=processes)
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +121,8 @@ def test_the_evidence_has_a_row_for_each_course_and_controller(league):
 def test_a_league_in_which_all_fall_has_a_page(folder):
     robot = alten()
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    controllers = {"limp": entrants_of([f"{folder}/own.py:Limp"])[0].controller(robot)}
-    found = play(robot, controllers, courses[:1], seeds=[1], processes=1)
+    controllers = {"limp": parse_candidates([f"{folder}/own.py:Limp"])[0].controller(robot)}
+    found = run_league(robot, controllers, courses[:1], seeds=[1], processes=1)
     page = league_report(found, provenance(command="ballbot compare", files=[], seed="1"))
     assert "1 of 1 runs ended in a fall." in page
 
@@ -137,7 +136,7 @@ def test_a_league_goes_on_where_it_was_killed(folder, tmp_path, monkeypatch, cap
         return main(["compare", *words, *options, *more, "--out", name])
 
     played: list[int] = []
-    whole = playing._play
+    whole = league_module._run
 
     def until_third(robot, game):
         if len(played) == 3:
@@ -145,14 +144,16 @@ def test_a_league_goes_on_where_it_was_killed(folder, tmp_path, monkeypatch, cap
         played.append(game.seed)
         return whole(robot, game)
 
-    monkeypatch.setattr(playing, "_play", until_third)
+    monkeypatch.setattr(league_module, "_run", until_third)
     assert run("league") == 130
     assert "--resume" in capsys.readouterr().err
     assert sorted(path.name for path in Path("league").iterdir()) == ["checkpoint.jsonl"]
     assert run("league") == 2
     assert "was not finished" in capsys.readouterr().err
 
-    monkeypatch.setattr(playing, "_play", lambda robot, game: played.append(game.seed) or whole(robot, game))
+    monkeypatch.setattr(
+        league_module, "_run", lambda robot, game: played.append(game.seed) or whole(robot, game)
+    )
     assert run("league", "--resume") == 0
     assert len(played) == 8  # two controllers, courses and seeds; none twice
     assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
@@ -172,8 +173,8 @@ def test_a_push_on_the_twin_is_a_course(tmp_path):
     )
     (tmp_path / "courses.toml").write_text(course.format("calm") + course.format("push") + push)
     courses = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
-    controllers = {one.name: one.controller(robot) for one in entrants_of(["none"])}
-    found = play(robot, controllers, courses, seeds=[1], processes=1)
+    controllers = {one.name: one.controller(robot) for one in parse_candidates(["none"])}
+    found = run_league(robot, controllers, courses, seeds=[1], processes=1)
     calm, pushed = (found.scores[name, "none"][0] for name in ("calm", "push"))
     assert pushed.peak_position_error > calm.peak_position_error + 0.1  # 8 N s on 20 kg
     assert pushed.settling_time == pytest.approx(1.5, abs=0.01)  # since the push, to the end

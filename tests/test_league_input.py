@@ -14,12 +14,11 @@ from ballbot.cli.main import main
 from ballbot.control.file import write_controller
 from ballbot.control.interface import estimator_of
 from ballbot.control.presets import precise_controller
-from ballbot.experiments.league.course import Unlike
-from ballbot.experiments.league.course_file import choose_courses
-from ballbot.experiments.league.entrants import entrants_of
-from ballbot.experiments.league.play import play
 from ballbot.robot import Robot
 from ballbot.twin import Twin
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import ModelMismatch, choose_courses
+from ballbot.workflows.league import run_league
 
 COURSE = '[mine.one]\nreference = "hold"\nduration = 9.0\n'
 
@@ -73,7 +72,7 @@ def test_the_robots_of_the_set_unlike_are_all_corners():
     courses = choose_courses("unlike", alten(), "model")
     corners = {(one.unlike.mass, one.unlike.height, one.unlike.friction) for one in courses}
     assert corners == set(product((0.8, 1.2), repeat=3))
-    assert choose_courses("light_low_smooth", alten(), "model")[0].unlike == Unlike(
+    assert choose_courses("light_low_smooth", alten(), "model")[0].unlike == ModelMismatch(
         mass=0.8, height=0.8, friction=0.8
     )
 
@@ -99,7 +98,7 @@ def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
     (folder / "bad.py").write_text("import numpy\nno_such_name\n")
     (folder / "worse.py").write_text("def (:\n")
     with pytest.raises(InputError) as told:
-        entrants_of([word.format(folder)])[0].controller(alten())
+        parse_candidates([word.format(folder)])[0].controller(alten())
     assert sentence in str(told.value)
     assert "\n" not in str(told.value)
 
@@ -113,9 +112,9 @@ def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
 )
 def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
     robot = alten()
-    controllers = {"own": entrants_of([f"{folder}/own.py:{own}"])[0].controller(robot)}
+    controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
     with pytest.raises(InputError) as told:
-        play(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], processes=1)
+        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], processes=1)
     assert sentence in str(told.value)
 
 
@@ -176,10 +175,10 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
     (tmp_path / "mine.py").write_text(python)
     (tmp_path / "courses.toml").write_text(courses)
     robot = alten()
-    mine = entrants_of([f"{tmp_path}/mine.py:Mine"])[0]
+    mine = parse_candidates([f"{tmp_path}/mine.py:Mine"])[0]
     assert mine.name == "mine.py:Mine"
     state = np.array([0.1, 0, 0, 0.02, 0, 0, 0, 0, 0, 0])
-    nominal = entrants_of(["none"])[0].controller(robot).update(0.0, state, np.zeros(10))
+    nominal = parse_candidates(["none"])[0].controller(robot).update(0.0, state, np.zeros(10))
     np.testing.assert_allclose(mine.controller(robot).update(0.0, state, np.zeros(10)), nominal)
     (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
     assert course.scenario.timing.delay == 1
@@ -218,7 +217,7 @@ def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
     own.write_text(OWN_WITH_ESTIMATOR)
     words = ["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman", str(file)]
     words += [f"own={own}:Mine", f"other={own}:Mine@onboard"]
-    found = {one.name: estimator_of(one.controller(robot)) for one in entrants_of(words)}
+    found = {one.name: estimator_of(one.controller(robot)) for one in parse_candidates(words)}
     assert found == {
         "precise": "kalman",
         "precise@onboard": "onboard",
@@ -235,7 +234,7 @@ def test_an_own_controller_with_an_unknown_estimator_is_refused(tmp_path):
     own = tmp_path / "mine.py"
     own.write_text(OWN_WITH_ESTIMATOR.replace("kalman", "kalmann"))
     with pytest.raises(InputError, match=r"no estimator 'kalmann'.*onboard, kalman"):
-        entrants_of([f"{own}:Mine"])[0].controller(Robot.load("alten"))
+        parse_candidates([f"{own}:Mine"])[0].controller(Robot.load("alten"))
 
 
 OWN_WITH_ESTIMATOR = """\

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ballbot.experiments.league.statistics import mean_with_interval, paired_difference, share_with_interval
+from ballbot.workflows.comparison import fraction_with_interval, mean_with_interval, paired_difference
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
@@ -32,7 +32,7 @@ def test_intervals_of_skewed_numbers_are_nearly_right():
 @pytest.mark.parametrize("runs", [1, 7, 30])
 def test_the_interval_of_falls_holds_at_least_what_it_says(runs):
     """Summed over all outcomes: no probability is left out more often than once in twenty."""
-    low, high = np.array([share_with_interval(count, runs) for count in range(runs + 1)]).T
+    low, high = np.array([fraction_with_interval(count, runs) for count in range(runs + 1)]).T
     p = np.linspace(0.0, 1.0, 201)[:, None]
     held = stats.binom.pmf(np.arange(runs + 1), runs, p) * ((low <= p) & (p <= high))
     assert held.sum(axis=1).min() >= 0.95 - 1e-9

@@ -13,17 +13,15 @@ from ballbot.cli.limits import origins
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
-from ballbot.experiments.league.entrants import entrants_of
-from ballbot.experiments.limits import starts
-from ballbot.experiments.limits.limits import Edges, RobotLimits
-from ballbot.experiments.limits.loop import Loop
-from ballbot.experiments.limits.path_demand import path_demand
-from ballbot.experiments.limits.reference_margins import check_reference
-from ballbot.experiments.limits.reference_words import verdict
-from ballbot.experiments.limits.region import Reach, Region, map_region, reach
 from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
+from ballbot.workflows import limits
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.limits import Edges, RobotLimits
+from ballbot.workflows.path_demand import path_demand
+from ballbot.workflows.recovery_region import Loop, Reach, Region, map_region, reach
+from ballbot.workflows.reference_check import check_reference, reference_verdict
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
 
@@ -37,7 +35,7 @@ def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.in
 
 def leans(one: Loop, *, most: float = 1.0):
     return reach(
-        one.survives, lambda sizes: starts.leaning(DIRECTIONS, sizes), shape=DIRECTIONS.shape, most=most
+        one.survives, lambda sizes: limits.leaning_state(DIRECTIONS, sizes), shape=DIRECTIONS.shape, most=most
     ).sizes
 
 
@@ -54,7 +52,7 @@ def controllable_lean(torque_limit: float):
     pole, basis = np.real(poles[unstable[0]]), np.real(vectors[:, unstable])
     w = basis @ np.stack([np.cos(turns := np.linspace(0.0, np.pi, 720)), np.sin(turns)])
     most = np.abs(w.T @ linear.B).sum(axis=1) * torque_limit / pole
-    xi = np.abs(w.T @ starts.leaning(DIRECTIONS, 1.0).T)
+    xi = np.abs(w.T @ limits.leaning_state(DIRECTIONS, 1.0).T)
     return (most[:, None] / xi).min(axis=0)
 
 
@@ -83,10 +81,10 @@ def test_runs_that_are_cut_short_end_as_whole_ones_do():
     random = np.random.default_rng(3)
     states = np.concatenate(
         [
-            starts.leaning(
+            limits.leaning_state(
                 random.uniform(0, 6.3, 300), random.uniform(0, 1, 300), random.uniform(-4, 4, 300)
             ),
-            starts.pushed(one.model, random.uniform(0, 6.3, 100), random.uniform(0, 60, 100), 0.4),
+            limits.pushed_state(one.model, random.uniform(0, 6.3, 100), random.uniform(0, 60, 100), 0.4),
         ]
     )
     for grip in (1.0, np.inf):
@@ -99,7 +97,7 @@ def test_runs_that_are_cut_short_end_as_whole_ones_do():
 def test_a_controller_that_remembers_is_run_to_the_end():
     robot = alten(FRICTION)
     one = Loop(robot=robot, controller=precise_controller(robot, compensation="full"))
-    states = starts.leaning(np.linspace(0.0, 6.0, 32), np.linspace(0.0, 0.5, 32))
+    states = limits.leaning_state(np.linspace(0.0, 6.0, 32), np.linspace(0.0, 0.5, 32))
     kept = one.survives(states)
     assert kept[0]
     assert not kept[-1]
@@ -236,9 +234,9 @@ def test_margins_say_what_cannot_be_followed_and_why():
     controller = nominal_controller(robot)
     slow = check_reference(robot, controller, circle(), duration=30.0)
     assert slow.can_be_followed
-    assert verdict(slow, "circle")[0].startswith("The robot can follow circle")
+    assert reference_verdict(slow, "circle")[0].startswith("The robot can follow circle")
     fast = check_reference(robot, controller, circle(period=2.0), duration=6.0)
-    words = " ".join(verdict(fast, "fast"))
+    words = " ".join(reference_verdict(fast, "fast"))
     assert not fast.can_be_followed
     torque = fast.uses[0]
     assert torque.value > torque.limit == 6.0
@@ -247,7 +245,7 @@ def test_margins_say_what_cannot_be_followed_and_why():
     assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
     assert jumps.can_be_followed
     far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
-    assert "falls at t = " in " ".join(verdict(far, "far"))
+    assert "falls at t = " in " ".join(reference_verdict(far, "far"))
 
 
 def test_check_says_whether_a_reference_can_be_followed(tmp_path, capsys):
@@ -325,6 +323,6 @@ def test_every_controller_is_drawn_and_a_coarse_plane_by_all_its_points():
 def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("windy.toml").touch()
-    entrants = entrants_of(["none", "soft=mine.toml@kalman"])
+    entrants = parse_candidates(["none", "soft=mine.toml@kalman"])
     assert origins("alten", entrants, "nominal") == [Path("mine.toml")]
     assert origins("robot.toml", entrants[:1], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]

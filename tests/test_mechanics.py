@@ -11,8 +11,8 @@ from symbolic_oracle import random_robot, random_state
 from ballbot import InputError, Model, Robot
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.mechanics.symbolic import equations
 from ballbot.robot import Friction
+from ballbot.thesis.lagrangian import equations
 
 
 def alten(friction: Friction | None = None) -> Robot:

@@ -43,10 +43,10 @@ NOT_COMPILED = {
         for name in ("Armstrong", "Classical", "Dahl", "FrictionLaw", "Karnopp", "LuGre", "Smoothed")
     },
     "made by the package, from a log or a design": {
-        *(f"ballbot.experiments.excite.{name}" for name in ("Design", "Trial", "excite", "task")),
+        *(f"ballbot.workflows.excite.{name}" for name in ("Design", "Trial", "excite", "task")),
         *(f"ballbot.identification.{name}" for name in ("Identification", "WindowErrors")),
         *(f"ballbot.identification.axis.{name}" for name in ("AxisIdentification", "InverseFit")),
-        "ballbot.mechanics.symbolic.Equations",
+        "ballbot.thesis.lagrangian.Equations",
         *(f"ballbot.validation.{name}" for name in ("ErrorPair", "RecoveredGain", "StateErrors")),
         *(
             f"ballbot.validation.alignment.{name}"

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from league_examples import made_log
 
 from ballbot import InputError
-from ballbot.experiments.metrics import (
+from ballbot.workflows.metrics import (
     BAND,
     HIGH_FREQUENCY,
     energies,
@@ -17,10 +17,10 @@ from ballbot.experiments.metrics import (
     rms,
     rms_torque,
     rms_torque_change,
+    score,
     settled,
     settling_time,
 )
-from ballbot.experiments.score import score
 
 SAMPLE = 0.005
 

@@ -13,9 +13,9 @@ from control_examples import alten
 
 from ballbot import InputError
 from ballbot.cli.main import main
-from ballbot.experiments.league import play as playing
-from ballbot.experiments.own_controller import OwnController
-from ballbot.experiments.run_ahead import RunAhead
+from ballbot.workflows import league as league_module
+from ballbot.workflows.candidates import UserController
+from ballbot.workflows.comparison import OrderedResults
 
 PLAIN = """
 class Mine:
@@ -46,8 +46,8 @@ def write(folder: Path, head: str = "", *, made="pass", reset="pass", updated="p
     return str(path)
 
 
-def controller(folder: Path, head: str = "", *, made="pass", reset="pass", updated="pass") -> OwnController:
-    return OwnController(write(folder, head, made=made, reset=reset, updated=updated), "Mine", alten())
+def controller(folder: Path, head: str = "", *, made="pass", reset="pass", updated="pass") -> UserController:
+    return UserController(write(folder, head, made=made, reset=reset, updated=updated), "Mine", alten())
 
 
 @pytest.mark.parametrize("call", ["import sys; sys.exit(3)", "raise SystemExit('so')", "exit()", "quit(0)"])
@@ -153,7 +153,7 @@ def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_p
     write(Path(), "import gain")
     words = ["compare", "alten", "none", "mine.py:Mine", "--scenarios", "courses.toml", "--seeds", "1"]
     words += ["--processes", "1", "--out", "league"]
-    played, play = [], playing._play
+    played, play = [], league_module._run
 
     def one_game(*game):
         if played:
@@ -161,7 +161,7 @@ def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_p
         played.append(game)
         return play(*game)
 
-    monkeypatch.setattr(playing, "_play", one_game)
+    monkeypatch.setattr(league_module, "_run", one_game)
     assert main(words) == 130
     capsys.readouterr()
     Path("gain.py").write_text("value = 1.0")
@@ -172,7 +172,7 @@ def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_p
 def test_games_that_were_played_outlive_a_killed_worker(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("courses.toml").write_text(COURSE)
-    whole = RunAhead.result
+    whole = OrderedResults.result
 
     def killed_after_one(ahead, place):
         if place == 0:
@@ -182,11 +182,11 @@ def test_games_that_were_played_outlive_a_killed_worker(tmp_path, monkeypatch, c
         ahead._pool, ahead._ahead = ThreadPoolExecutor(1), {place: broken}
         return whole(ahead, place)
 
-    monkeypatch.setattr(RunAhead, "result", killed_after_one)
+    monkeypatch.setattr(OrderedResults, "result", killed_after_one)
     words = ["compare", "alten", "none", "full", "--scenarios", "courses.toml", "--seeds", "1"]
     words += ["--processes", "1", "--out", "league"]
     assert main(words) == 2
     assert "continue with --resume" in capsys.readouterr().err
     assert Path("league/checkpoint.jsonl").exists()
-    monkeypatch.setattr(RunAhead, "result", whole)
+    monkeypatch.setattr(OrderedResults, "result", whole)
     assert main([*words, "--resume"]) == 0

@@ -11,17 +11,15 @@ import numpy as np
 import pytest
 
 from ballbot.control.controller import Controller
-from ballbot.experiments.published import others, thesis, thesis_page
-from ballbot.experiments.published.__main__ import main
-from ballbot.experiments.published.entry import Entry, entry_table
-from ballbot.experiments.published.linear import mixture_model, unstable_poles
-from ballbot.experiments.published.page import published_page
-from ballbot.experiments.published.tracking import track
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.mechanics.symbolic import Corrections, corrections_of
 from ballbot.robot import Robot
 from ballbot.robot.robot import PARAMETERS
+from ballbot.thesis.published import alten, page
+from ballbot.thesis.published.__main__ import main
+from ballbot.thesis.published.page import published_page
+from ballbot.thesis.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
+from ballbot.thesis.symbols import Corrections, corrections_of
 
 ALTEN = Robot.load("alten")
 PUBLISHED = ("rezero", "kugle", "rob311", "cmu")
@@ -38,7 +36,7 @@ def test_every_parameter_of_a_preset_has_a_source(name: str) -> None:
 def test_a_preset_is_a_robot_that_falls_and_can_be_held(name: str, wheels: int) -> None:
     robot = Robot.load(name)
     model = Model(robot).linearize()
-    design = thesis.nominal_lqr(robot, model)
+    design = alten.nominal_lqr(robot, model)
     assert robot.wheel_count == wheels
     assert 3.0 < unstable_poles(model)[1] <= unstable_poles(model)[0] < 7.0
     assert design.poles.real.max() < 0.0
@@ -46,8 +44,8 @@ def test_a_preset_is_a_robot_that_falls_and_can_be_held(name: str, wheels: int) 
 
 def test_cmus_own_planar_equations_are_ours_without_the_wheels_inertia() -> None:
     cmu = Robot.load("cmu")
-    ours = unstable_poles(Model(others.without_wheel_inertia(cmu)).linearize())
-    assert ours == pytest.approx((others.planar_pole(cmu),) * 2, rel=1e-12)
+    ours = unstable_poles(Model(page.without_wheel_inertia(cmu)).linearize())
+    assert ours == pytest.approx((page.planar_pole(cmu),) * 2, rel=1e-12)
 
 
 def test_rob311s_wheel_is_a_tenth_of_a_metre_across() -> None:
@@ -78,8 +76,8 @@ def test_mixtures_end_in_the_two_formulations(formulation: Formulation) -> None:
 
 
 def test_mixtures_know_every_correction() -> None:
-    assert set(thesis.APPROXIMATIONS) == {field.name for field in fields(Corrections)}
-    assert len(thesis.mixtures()) == 2 ** len(thesis.AT_REST)
+    assert set(alten.APPROXIMATIONS) == {field.name for field in fields(Corrections)}
+    assert len(alten.mixtures()) == 2 ** len(alten.AT_REST)
 
 
 @pytest.mark.parametrize(
@@ -88,40 +86,40 @@ def test_mixtures_know_every_correction() -> None:
         ((), 3.62499),
         (("inertia_about_center_of_mass",), 5.268),
         (("reflected_rotors",), 3.603),
-        (thesis.AT_REST, 5.2015),
+        (alten.AT_REST, 5.2015),
     ],
 )
 def test_pole_of_a_mixture(corrected: tuple[str, ...], pole: float) -> None:
     """As measured by the authors of the symbolic derivation, on another linearisation."""
-    model = mixture_model(ALTEN, thesis.corrections_with(corrected))
+    model = mixture_model(ALTEN, alten.corrections_with(corrected))
     assert unstable_poles(model)[0] == pytest.approx(pole, abs=5e-4)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in thesis.APPROXIMATIONS if name not in thesis.AT_REST])
+@pytest.mark.parametrize("name", [name for name in alten.APPROXIMATIONS if name not in alten.AT_REST])
 def test_some_corrections_change_nothing_at_rest_but_something_in_motion(name: str) -> None:
-    without, having = (mixture_model(ALTEN, thesis.corrections_with(names)) for names in ((), (name,)))
+    without, having = (mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), (name,)))
     assert pytest.approx(without.A, abs=1e-12) == having.A
     assert pytest.approx(without.B, abs=1e-12) == having.B
-    assert thesis.change_while_moving(ALTEN, name, states=20) > 1e-3
+    assert alten.change_while_moving(ALTEN, name, states=20) > 1e-3
 
 
 def test_missing_counter_torque_is_the_ratio_of_radii() -> None:
     """Design section 10, item 6: 1.573 times too large a torque about the vertical, where the ball does not turn."""
     thesis_model, counter = (
-        mixture_model(ALTEN, thesis.corrections_with(names)) for names in ((), ("counter_torque",))
+        mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), ("counter_torque",))
     )
     assert thesis_model.B[9] / counter.B[9] == pytest.approx(1.0 + 0.063 / 0.11)
 
 
 def test_shares_of_a_known_game() -> None:
     """Two that only act together share it equally; one that acts alone has its own; one that does not has none."""
-    names = thesis.AT_REST
+    names = alten.AT_REST
 
     def value(mixture: frozenset[str]) -> float:
         return 6.0 * ({names[0], names[1]} <= mixture) + 5.0 * (names[2] in mixture)
 
-    found = thesis.shares({mixture: value(mixture) for mixture in thesis.mixtures()})
+    found = alten.shares({mixture: value(mixture) for mixture in alten.mixtures()})
     assert [found[name] for name in names] == pytest.approx([3.0, 3.0, 5.0, 0.0])
 
 
@@ -130,18 +128,18 @@ def test_shares_add_up_to_the_whole() -> None:
     values = {
         frozenset(chosen): float(rng.normal())
         for size in range(5)
-        for chosen in combinations(thesis.AT_REST, size)
+        for chosen in combinations(alten.AT_REST, size)
     }
-    whole = values[frozenset(thesis.AT_REST)] - values[frozenset()]
-    assert sum(thesis.shares(values).values()) == pytest.approx(whole)
+    whole = values[frozenset(alten.AT_REST)] - values[frozenset()]
+    assert sum(alten.shares(values).values()) == pytest.approx(whole)
 
 
 def test_printed_geometry_of_the_thesis_comes_out() -> None:
-    assert thesis_page.geometry_difference(ALTEN) <= 5e-5  # half of a last digit
+    assert alten.geometry_difference(ALTEN) <= 5e-5  # half of a last digit
 
 
 def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
-    gains = [thesis.nominal_lqr(ALTEN, Model(ALTEN, name).linearize()).gain for name in ("thesis", "exact")]
+    gains = [alten.nominal_lqr(ALTEN, Model(ALTEN, name).linearize()).gain for name in ("thesis", "exact")]
     by_thesis, by_exact = track(Model(ALTEN), [Controller(ALTEN, gain) for gain in gains])
     assert not by_thesis.fell
     assert by_exact.settled_error < 0.5 * by_thesis.settled_error
@@ -154,7 +152,7 @@ NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
 
 def test_a_page_that_cannot_be_written_is_told_in_a_sentence(tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("ballbot.experiments.published.page.published_page", lambda **_: "a page")
+    monkeypatch.setattr("ballbot.thesis.published.page.published_page", lambda **_: "a page")
     (tmp_path / "file").touch()
     assert main(out=tmp_path / "file" / "page.md") == 2
     assert capsys.readouterr().err.startswith("ballbot: ")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballbot.experiments.published import kugle
-from ballbot.experiments.published.linear import SourceModel, unstable_poles
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.thesis.published import kugle
+from ballbot.thesis.published.printed import SourceModel, unstable_poles
 
 KUGLE = Robot.load("kugle")
 

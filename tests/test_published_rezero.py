@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot.experiments.published import rezero
-from ballbot.experiments.published.entry import Entry
-from ballbot.experiments.published.linear import mixture_model
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.symbolic import corrections_of
 from ballbot.robot import Robot
+from ballbot.thesis.published import rezero
+from ballbot.thesis.published.printed import Entry, mixture_model
+from ballbot.thesis.symbols import corrections_of
 
 REZERO = Robot.load("rezero")
 

@@ -31,35 +31,29 @@ from ballbot.simulation.run import simulate
 pytest.importorskip("mujoco")
 pytest.importorskip("cv2")
 
-from ballbot.experiments.reproduce import (
-    Check,
-    Item,
-    Mistake,
-    Reproduction,
-    appendix1,
-    appendix3,
-    chapter2,
-    chapter5,
-    recordings,
-)
-from ballbot.experiments.reproduce.bench import Bench, linear_run
-from ballbot.experiments.reproduce.grid import ModelOnGrid, TwinOnGrid
-from ballbot.experiments.reproduce.measures import above, distance_at
-from ballbot.experiments.reproduce.mistakes import (
-    MISTAKES,
-    algebra,
-    conclusions,
-    equations,
-    mechanics,
-    numbers,
-)
-from ballbot.experiments.reproduce.recordings import CHANGE, Logs, Recording, balance, record_all
-from ballbot.experiments.reproduce.registry import ITEMS
-from ballbot.experiments.reproduce.seeds import median_interval, run_seed
 from ballbot.report.page import provenance
-from ballbot.report.reproduce.drawings import DRAWINGS
-from ballbot.report.reproduce.markdown import friction_line, item_markdown, mistake_markdown
-from ballbot.report.reproduce.page import write_reproduction
+from ballbot.thesis.reproduce import appendices, chapter3, chapter5, recordings
+from ballbot.thesis.reproduce.bench import Bench, linear_run
+from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
+from ballbot.thesis.reproduce.item import Check, Item, Mistake, median_interval, run_seed
+from ballbot.thesis.reproduce.mistakes import MISTAKES, conclusions, equations, mechanics, numbers
+from ballbot.thesis.reproduce.page import (
+    DRAWINGS,
+    friction_line,
+    item_markdown,
+    mistake_markdown,
+    write_reproduction,
+)
+from ballbot.thesis.reproduce.recordings import (
+    CHANGE,
+    Logs,
+    ModelOnGrid,
+    Recording,
+    TwinOnGrid,
+    balance,
+    record_all,
+)
+from ballbot.thesis.reproduce.runs import above, distance_at
 from ballbot.twin import Scenario, Twin
 
 
@@ -151,7 +145,7 @@ def test_what_is_above_a_frequency_is_the_fast_part() -> None:
 
 
 def test_appendix_i_comes_out(bench: Bench) -> None:
-    item = appendix1.figure_i_1(bench)
+    item = appendices.figure_i_1(bench)
     wall, limit = (one.value for one in item.checks)
     # printed: 2.5 cm and 761.5 / 27.6 = 27.59 rad/s
     assert wall == pytest.approx(2.5, abs=0.05)
@@ -160,7 +154,7 @@ def test_appendix_i_comes_out(bench: Bench) -> None:
 
 
 def test_appendix_iii_comes_out_of_a_simulated_swing(bench: Bench) -> None:
-    item = appendix3.figure_iii_1(bench)
+    item = appendices.figure_iii_1(bench)
     assert item.verdict == "agrees"
     # what 4.37 kg m^2 swings at, by hand: sqrt(17.076 * 9.81 * 0.393 / 4.37)
     assert "3.8813 rad/s" in item.ours or "3.8814 rad/s" in item.ours
@@ -175,9 +169,9 @@ def test_mistakes_are_numbered_as_in_the_list() -> None:
 @pytest.mark.parametrize(
     ("make", "number", "place", "value"),
     [
-        (algebra.rotation_about_y, 1, 0, 0.0),  # cos(2 * 45 degrees)
-        (algebra.velocity_over_ground, 2, 0, 1.0 / 0.063),
-        (algebra.derivative_of_angles, 3, 0, 0.0),
+        (equations.rotation_about_y, 1, 0, 0.0),  # cos(2 * 45 degrees)
+        (equations.velocity_over_ground, 2, 0, 1.0 / 0.063),
+        (equations.derivative_of_angles, 3, 0, 0.0),
         (mechanics.rates_of_angles, 4, 0, math.sqrt(2.0)),  # two unit vectors at right angles
         (mechanics.inertia_counted_twice, 5, 0, 17.076 * 0.393**2),
         (mechanics.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),  # docs/published_models.md
@@ -186,7 +180,7 @@ def test_mistakes_are_numbered_as_in_the_list() -> None:
         (mechanics.no_counter_torque, 6, 1, 9.5038 / 5.8293),
         (mechanics.rotors_left_out, 7, 0, 27.6**2 * (2.42e-6 + 1.6e-7) / 1e-3),
         (mechanics.friction_on_absolute_spin, 8, 2, 0.173 / 0.11),
-        (algebra.seam_curve, 10, 2, 0.0),
+        (equations.seam_curve, 10, 2, 0.0),
         (numbers.ball_inertia, 11, 0, 2.0 / 3.0 * 3.0 * 0.11**2),
         (equations.nonholonomic_rates, 16, 2, 0.0),
         (equations.locked_wheels_twice, 17, 0, 1.5),  # 3 wheels of 1 g m^2, sin^2(45 degrees) each
@@ -210,8 +204,8 @@ def test_mistakes_are_shown_by_their_numbers(
 def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
     """(II.34) as printed less (II.34) with d'Alembert's principle first, derived by SymPy at any state."""
     pytest.importorskip("sympy")
-    from ballbot.mechanics.symbolic import corrections_of
-    from ballbot.mechanics.symbolic import equations as derived
+    from ballbot.thesis.lagrangian import equations as derived
+    from ballbot.thesis.symbols import corrections_of
 
     robot, printed = Robot.load("alten"), corrections_of("thesis")
     q, q_dot, _ = random_state(np.random.default_rng(seed), 3)
@@ -290,7 +284,7 @@ def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
     for make in MISTAKES:
         if make.__name__ not in recorded:
             assert mistake_markdown(make(bench)) in page
-    for make in (chapter2.figure_2_1, chapter5.figure_5_2, appendix1.figure_i_1, appendix3.figure_iii_1):
+    for make in (chapter3.figure_2_1, chapter5.figure_5_2, appendices.figure_i_1, appendices.figure_iii_1):
         assert item_markdown(make(bench)) in page
     friction = documented_friction(page)
     assert friction_line(friction) in page
@@ -378,9 +372,9 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
 
 
 def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
-    items = (chapter2.figure_2_1(bench), chapter5.figure_5_2(bench), appendix1.figure_i_1(bench))
+    items = (chapter3.figure_2_1(bench), chapter5.figure_5_2(bench), appendices.figure_i_1(bench))
     items = (*items, replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"))
-    made = Reproduction(bench=bench, items=items, mistakes=(algebra.seam_curve(bench),))
+    made = Reproduction(bench=bench, items=items, mistakes=(equations.seam_curve(bench),))
     index = write_reproduction(
         made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=lambda *_: None
     )

@@ -12,18 +12,19 @@ from ballbot import InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, design_gain, nominal_controller
-from ballbot.experiments.robust_design.cost import (
-    Marks,
-    Units,
+from ballbot.robot.file import write_robot
+from ballbot.workflows.perturbed_robots import (
+    CostUnits,
+    PerturbationRanges,
+    RunMeasures,
+    cost_units,
+    draw_perturbed,
+    measure_runs,
     measurement_noise,
     noise_roughness,
-    run_marks,
-    units_of,
     worst_tenth,
 )
-from ballbot.experiments.robust_design.design import weights_of
-from ballbot.experiments.robust_design.perturbed import Spread, draw_perturbed
-from ballbot.robot.file import write_robot
+from ballbot.workflows.robust_design import weights_of
 
 OPTIONS = ["--robots", "20", "--generations", "3", "--population", "6", "--fresh", "100"]
 
@@ -117,7 +118,7 @@ def test_the_controller_file_says_how_it_was_found(robot_file, written):
 
 def test_robots_are_drawn_as_asked():
     robot = alten(FRICTION)
-    spread = Spread(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
+    spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
     drawn = draw_perturbed(robot, 400, spread=spread, seed=4)
     masses = np.array([one.body.mass for one in drawn.robots]) / robot.body.mass
     heights = np.array([one.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
@@ -143,21 +144,23 @@ def test_a_tilted_floor_costs():
     robot = alten(FRICTION)
     controller = nominal_controller(robot, compensation="full")
     level, tilted = (
-        draw_perturbed(robot, 32, spread=Spread(mass=0, height=0, friction=0, delay=0, tilt=tilt), seed=0)
+        draw_perturbed(
+            robot, 32, spread=PerturbationRanges(mass=0, height=0, friction=0, delay=0, tilt=tilt), seed=0
+        )
         for tilt in (0.0, 4.0)
     )
-    errors = [run_marks(robot, [controller], one, step=5e-3).error.mean() for one in (level, tilted)]
+    errors = [measure_runs(robot, [controller], one, step=5e-3).error.mean() for one in (level, tilted)]
     assert errors[1] > 1.5 * errors[0]
 
 
 def test_costs_by_hand():
-    marks = Marks(
+    marks = RunMeasures(
         error=np.array([[0.02, np.nan]]),
         roughness=np.array([[0.1, 0.5]]),
         ended=np.array([[np.inf, 2.0]]),
     )
     # 2 + 0.5 of the first; the second fell a quarter of the way: 10 (2 - 1/4)
-    np.testing.assert_allclose(Units(error=0.01, roughness=0.2).costs(marks), [[2.5, 17.5]])
+    np.testing.assert_allclose(CostUnits(error=0.01, roughness=0.2).costs(marks), [[2.5, 17.5]])
     assert worst_tenth(np.arange(30.0)) == 28.0  # of 27, 28, 29
     assert worst_tenth(np.array([3.0, 1.0])) == 3.0
 
@@ -198,15 +201,15 @@ def test_bad_input_is_told_in_a_sentence(options, sentence, tmp_path, capsys):
 
 
 def test_a_measure_that_falls_itself_is_told():
-    fallen = Marks(
+    fallen = RunMeasures(
         error=np.full((1, 3), np.nan), roughness=np.ones((1, 3)), ended=np.array([[1.0, 2.0, np.inf]])
     )
     with pytest.raises(InputError, match="falls with 67% of the perturbed robots"):
-        units_of(fallen)
+        cost_units(fallen)
 
 
 def test_a_robot_that_cannot_be_perturbed_so_far_is_told():
     with pytest.raises(InputError, match="number of perturbed robots is -1"):
-        draw_perturbed(alten(), -1, spread=Spread(), seed=0)
+        draw_perturbed(alten(), -1, spread=PerturbationRanges(), seed=0)
     with pytest.raises(InputError, match="whole number"):
-        replace(Spread(), delay=1.5)  # pyright: ignore[reportArgumentType]
+        replace(PerturbationRanges(), delay=1.5)  # pyright: ignore[reportArgumentType]

@@ -4,10 +4,10 @@ import pytest
 
 from ballbot.control.file import ControllerTable
 from ballbot.errors import InputError
-from ballbot.experiments.league.course_file import CourseTable
 from ballbot.log.mapping_schema import MappingTable
 from ballbot.schema import validated
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.courses import CourseTable
 
 DUTY = {
     "kind": "pwm",

@@ -14,7 +14,6 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.experiments.metrics import rms_torque_change
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.file import write_robot
 from ballbot.simulation.conditions import MAX_DELAY, Conditions, rest_on_slope
@@ -25,6 +24,7 @@ from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Payload, Timing
+from ballbot.workflows.metrics import rms_torque_change
 
 SAMPLE = 0.005
 FREE, STUCK = Model(alten()), Model(alten(FRICTION))

@@ -17,22 +17,21 @@ from ballbot.cli import study as study_command
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.experiments.controller_choice import ABLATIONS, CANDIDATES
-from ballbot.experiments.controller_prediction import (
-    DISCREPANCY,
-    Prediction,
-    checksum_of,
-    performance_intervals,
-)
-from ballbot.experiments.held_out import held_out_stretches, without
-from ballbot.experiments.plant_draws import draw_plants, parameter_covariance
-from ballbot.experiments.study import Effort, Study, study
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.page import provenance
 from ballbot.report.study import controller_sentence, study_report
 from ballbot.report.study_files import study_results, write_study
 from ballbot.robot import Robot
+from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES
+from ballbot.workflows.controller_prediction import (
+    DISCREPANCY,
+    Prediction,
+    checksum_of,
+    performance_intervals,
+)
+from ballbot.workflows.plant_draws import draw_plants, parameter_covariance
+from ballbot.workflows.study import Effort, Study, holdout_intervals, study, without_intervals
 
 SMALL = Effort(generations=12, duration=8.0, draws=2, ablation_draws=1)
 
@@ -78,7 +77,7 @@ def folder(small: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @given(st.floats(1.0, 400.0), st.floats(-50.0, 50.0))
 def test_about_a_quarter_of_a_log_is_held_out_in_pieces_that_do_not_touch(duration, first):
     log = Log({"t": first + np.linspace(0.0, duration, 500)})
-    stretches = held_out_stretches(log)
+    stretches = holdout_intervals(log)
     share = sum(end - start for start, end in stretches) / duration
     assert 0.15 < share < 0.4
     edges = [edge for stretch in stretches for edge in stretch]
@@ -90,7 +89,7 @@ def test_about_a_quarter_of_a_log_is_held_out_in_pieces_that_do_not_touch(durati
 
 def test_the_fit_cannot_see_what_is_held_out():
     log = noisy_log()
-    hidden = without(log, [(3.0, 5.0)])
+    hidden = without_intervals(log, [(3.0, 5.0)])
     inside = (log.t >= 3.0) & (log.t < 5.0)
     for name in STATE_NAMES:
         assert np.isnan(hidden[name][inside]).all()

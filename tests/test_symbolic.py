@@ -18,8 +18,9 @@ from symbolic_oracle import cloud_body, linearized_about_upright, random_cloud, 
 from ballbot.errors import InputError
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import Formulation
-from ballbot.mechanics.symbolic import Corrections, Equations, corrections_of, equations
 from ballbot.robot import Robot
+from ballbot.thesis.lagrangian import Equations, equations
+from ballbot.thesis.symbols import Corrections, corrections_of
 
 # Some thousand operations in double precision and a solve whose condition number is below 1e3; 6e-15 was seen
 TOLERANCE = 1e-12
@@ -267,7 +268,7 @@ def test_the_inertia_counted_twice_is_what_slows_the_thesis_robots_fall():
 @pytest.mark.parametrize("formulation", ["exact", "thesis"])
 def test_deriving_takes_seconds(formulation: Formulation):
     program = (
-        "from ballbot.robot import Robot; from ballbot.mechanics.symbolic import equations;"
+        "from ballbot.robot import Robot; from ballbot.thesis.lagrangian import equations;"
         f"equations(Robot.load('alten'), {formulation!r}).acceleration([0.1] * 5, [0.2] * 5, [0.3] * 3)"
     )
     start = time.perf_counter()

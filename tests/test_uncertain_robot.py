@@ -14,8 +14,6 @@ from identification_examples import balancing_log
 from ballbot import InputError, Model, Robot
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain
-from ballbot.experiments.pole_spread import pole_spread
-from ballbot.experiments.prediction_band import prediction_band
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
@@ -23,6 +21,7 @@ from ballbot.robot.file import read_robot, robot_text, write_robot
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import PARAMETERS, InertiaPoint
 from ballbot.robot.variations import draw_robots, propagate, uncertain
+from ballbot.workflows.parameter_uncertainty import pole_spread, prediction_band
 
 ALTEN = Robot.load("alten")
 CENTER: InertiaPoint = "center_of_mass"

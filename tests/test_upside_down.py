@@ -15,7 +15,6 @@ from scipy.linalg import expm
 
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
-from ballbot.experiments.ball_movement import ball_movement
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.identification import Bounds
 from ballbot.identification.upside_down import cut_ball_windows, identify_upside_down
@@ -24,6 +23,7 @@ from ballbot.mechanics.friction_laws import Classical
 from ballbot.robot import Friction
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.workflows.ball_movement import ball_movement
 
 ALTEN = Robot.load("alten")
 BALL = ClampedBall.of_robot(ALTEN)

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from ballbot.control.controller import Controller as Controller
     from ballbot.control.lqr import lqr as lqr
     from ballbot.errors import InputError as InputError
-    from ballbot.experiments.study import study as study
     from ballbot.identification import identify as identify
     from ballbot.log import Log as Log
     from ballbot.mechanics.model import Model as Model
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from ballbot.simulation.batch import simulate_batch as simulate_batch
     from ballbot.simulation.run import simulate as simulate
     from ballbot.validation import validate as validate
+    from ballbot.workflows.study import study as study
 
 __version__ = "0.1.0"
 
@@ -33,7 +33,7 @@ _HOME = {
     "lqr": "ballbot.control.lqr",
     "simulate": "ballbot.simulation.run",
     "simulate_batch": "ballbot.simulation.batch",
-    "study": "ballbot.experiments.study",
+    "study": "ballbot.workflows.study",
     "validate": "ballbot.validation",
 }
 

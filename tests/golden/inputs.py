@@ -99,9 +99,12 @@ def reproduced_items(folder: Path) -> None:
     `ballbot reproduce` has no option for it and takes ten minutes.
     """
     from ballbot import Robot
-    from ballbot.experiments.reproduce import appendix1, appendix3, chapter2, chapter5
-    from ballbot.experiments.reproduce.bench import Bench
-    from ballbot.experiments.reproduce.mistakes import MISTAKES
+    from ballbot.thesis.reproduce import appendices as appendix1
+    from ballbot.thesis.reproduce import appendices as appendix3
+    from ballbot.thesis.reproduce import chapter3 as chapter2
+    from ballbot.thesis.reproduce import chapter5
+    from ballbot.thesis.reproduce.bench import Bench
+    from ballbot.thesis.reproduce.mistakes import MISTAKES
 
     robot = Robot.load("alten")
     bench = Bench(robot=robot, identified=robot, recordings={}, seed=0, folder=folder)

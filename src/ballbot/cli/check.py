@@ -24,8 +24,6 @@ from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import is_reference_file, reference_from
 from ballbot.errors import InputError
-from ballbot.experiments.limits.reference_margins import ReferenceMargins, check_reference
-from ballbot.experiments.limits.reference_words import HEADINGS, margin_results, rows, verdict
 from ballbot.files import check_file, write_text
 from ballbot.findings import Finding, by_severity, check_codes, finding_results, nowhere, stop_on_errors
 from ballbot.identification.inertia import (
@@ -51,12 +49,19 @@ from ballbot.robot.parameters import value_of
 from ballbot.robot.plausibility import robot_findings
 from ballbot.robot.robot import PARAMETERS
 from ballbot.robot.variations import uncertain
+from ballbot.workflows.reference_check import (
+    MARGIN_HEADINGS,
+    ReferenceMargins,
+    check_reference,
+    margin_results,
+    margin_rows,
+    reference_verdict,
+)
 
 if TYPE_CHECKING:
-    from ballbot.experiments.pole_spread import PoleSpread
-    from ballbot.experiments.prediction_band import PredictionBand
     from ballbot.log.checked import CheckedLogs
     from ballbot.mechanics.model import LinearModel
+    from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
 
 #: file names of logs; every other is a video's
 _LOG_SUFFIXES = (".csv", ".parquet")
@@ -95,10 +100,10 @@ class CheckedSwing:
         """Return what is printed."""
         headings = ("quantity", "value, 95 %", "unit")
         title = f"Swing from {self.fit.swing.source}"
-        rows = swing_rows(self.fit, self.found)
+        margin_rows = swing_rows(self.fit, self.found)
         return [
             Text(""),
-            table(title, headings, rows, framed=framed),
+            table(title, headings, margin_rows, framed=framed),
             *(finding_line(one, accepted=one.severity == "error") for one in self.findings),
             *(Text(one) for one in swing_sentences(self.fit, self.found, self.robot)),
         ]
@@ -151,8 +156,8 @@ class CheckedReference:
 
     def parts(self, *, framed: bool) -> list[RenderableType]:
         """Return the parts of what is printed."""
-        words = [Text(line) for line in verdict(self.margins, self.name)]
-        found = table("Largest use of each limit", HEADINGS, rows(self.margins), framed=framed)
+        words = [Text(line) for line in reference_verdict(self.margins, self.name)]
+        found = table("Largest use of each limit", MARGIN_HEADINGS, margin_rows(self.margins), framed=framed)
         return [Text(f"\nFollowing {self.name}", style="bold"), *words, found]
 
     def to_dict(self) -> dict[str, object]:
@@ -344,10 +349,10 @@ def _examine(
     following: CheckedReference | None,
 ) -> _Checked:
     # the compiled model is imported only once the robot has passed its checks
-    from ballbot.experiments.pole_spread import pole_spread
     from ballbot.mechanics.geometry import transforms
     from ballbot.mechanics.model import Model
     from ballbot.report.design import linearization_results
+    from ballbot.workflows.parameter_uncertainty import pole_spread
 
     found, model = transforms(robot), Model(robot)
     linear = model.linearize()
@@ -378,7 +383,7 @@ def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> Che
 
 
 def _band(robot: Robot, log: CheckedLogs) -> PredictionBand:
-    from ballbot.experiments.prediction_band import prediction_band
+    from ballbot.workflows.parameter_uncertainty import prediction_band
 
     (one,) = log.logs.values()
     return prediction_band(robot, one)
@@ -410,12 +415,12 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
+    margin_rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
     parts: list[RenderableType] = [
         Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}."),
         *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
-        table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
+        table("Derived quantities", ("quantity", "value", "unit", "meaning"), margin_rows, framed=framed),
         Text("\nTransformation matrices", style="bold"),
     ]
     for name, meaning in _MATRICES.items():
@@ -473,11 +478,11 @@ def _uncertainty_line(spread: PoleSpread | None) -> str:
 
 
 def _band_table(band: PredictionBand, *, framed: bool) -> Table:
-    rows = [
+    margin_rows = [
         [state, f"{spread:.2g}", f"{band.error_at_end[state]:.2g}"] for state, spread in band.at_end.items()
     ]
     title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
-    return table(title, ("state", "spread by the standard deviations", "error"), rows, framed=framed)
+    return table(title, ("state", "spread by the standard deviations", "error"), margin_rows, framed=framed)
 
 
 def _save_figure(robot: Robot, path: Path) -> None:

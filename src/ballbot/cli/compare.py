@@ -15,12 +15,6 @@ from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
-from ballbot.experiments.league.course import Course
-from ballbot.experiments.league.course_file import PlantName, choose_courses
-from ballbot.experiments.league.entrants import Entrant, entrants_of
-from ballbot.experiments.league.play import League, play
-from ballbot.experiments.league.standings import league_results
-from ballbot.experiments.own_controller import OwnController
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity_of
 from ballbot.printable import shell_line
@@ -34,6 +28,9 @@ from ballbot.report.comparison import (
 from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
+from ballbot.workflows.candidates import Candidate, UserController, parse_candidates
+from ballbot.workflows.courses import Course, PlantName, choose_courses
+from ballbot.workflows.league import League, league_results, run_league
 
 _WRITTEN = ("report.html", "results.json")
 
@@ -84,7 +81,7 @@ def compare(
     if processes is not None and processes < 1:
         raise InputError(f"--processes is {processes}; it must be at least 1.")
     described = Robot.load(robot)
-    entrants, courses = entrants_of(controllers), choose_courses(scenarios, described, plant)
+    entrants, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in entrants}
     words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
@@ -103,7 +100,7 @@ def compare(
         long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
         progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
     ):
-        league = play(
+        league = run_league(
             described,
             made,
             courses,
@@ -125,13 +122,13 @@ def _own_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
     return {
         Path(os.path.relpath(path)): checksum
         for one in controllers
-        if isinstance(one, OwnController)
+        if isinstance(one, UserController)
         for path, checksum in one.checksums.items()
     }
 
 
 def _files(
-    robot: str, entrants: tuple[Entrant, ...], courses: tuple[Course, ...], scenarios: str
+    robot: str, entrants: tuple[Candidate, ...], courses: tuple[Course, ...], scenarios: str
 ) -> list[Path]:
     """Return the files that the result is made from, each once."""
     paths = [] if robot in Robot.presets() else [Path(robot)]
@@ -142,7 +139,7 @@ def _files(
 
 
 def _identity(
-    robot: Robot, entrants: tuple[Entrant, ...], courses: tuple[Course, ...], seeds: list[int]
+    robot: Robot, entrants: tuple[Candidate, ...], courses: tuple[Course, ...], seeds: list[int]
 ) -> dict[str, str]:
     """Return what the games' scores depend on, each by a plain name."""
     files = [one.file.read_bytes() for one in entrants if one.file]

@@ -37,8 +37,6 @@ from ballbot.control.presets import (
 )
 from ballbot.control.presets import adaptive as with_adaptations
 from ballbot.errors import InputError
-from ballbot.experiments.robust_design.design import Effort, RobustDesign, robust_design
-from ballbot.experiments.robust_design.perturbed import Spread
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
 from ballbot.mechanics.model import Model
@@ -50,6 +48,8 @@ from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.robot import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
+from ballbot.workflows.perturbed_robots import PerturbationRanges
+from ballbot.workflows.robust_design import Effort, RobustDesign, robust_design
 
 #: of a design with and without a search
 DESIGN_FILES = ("controller.toml", "results.json", "robust.svg")
@@ -151,7 +151,7 @@ def design_robustly(
     console.print(str(folder.path / "controller.toml"), soft_wrap=True)
 
 
-def spread_of(text: str) -> Spread:
+def spread_of(text: str) -> PerturbationRanges:
     """Return the spread that a text such as mass=0.2,tilt=1 asks for.
 
     Raises
@@ -159,7 +159,7 @@ def spread_of(text: str) -> Spread:
     InputError
         Where a name or a number is none.
     """
-    names = [one.name for one in fields(Spread)]
+    names = [one.name for one in fields(PerturbationRanges)]
     given: dict[str, float | int] = {}
     for part in filter(None, text.split(",")):
         name, _, number = part.partition("=")
@@ -172,7 +172,7 @@ def spread_of(text: str) -> Spread:
         except ValueError:
             kind = "a whole number" if name == "delay" else "a number"
             raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
-    return replace(Spread(), **given)
+    return replace(PerturbationRanges(), **given)
 
 
 def _robust_argv(

@@ -19,8 +19,6 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import write_reference
-from ballbot.experiments.excite import Effort, Excitation, Law, Limits, Peaks, Trial, deviations_found
-from ballbot.experiments.excite import excite as find
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import Bounds, read_bounds
@@ -33,6 +31,10 @@ from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import scenario_text
+from ballbot.workflows.excitation_design import DesignEffort
+from ballbot.workflows.excitation_task import Law, RunLimits, RunPeaks
+from ballbot.workflows.excite import Excitation, Trial, deviations_found
+from ballbot.workflows.excite import excite as find
 
 #: how a limit is shown: its unit, and by what its SI number is multiplied
 _SHOWN = {"lean": ("degrees", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
@@ -103,7 +105,7 @@ def _errors_in_units(trial: Trial) -> NDArray[np.float64]:
     return np.concatenate([np.atleast_1d(one) for one in trial.found.standard_errors.values()])
 
 
-def _peak(name: str, peaks: Peaks) -> str:
+def _peak(name: str, peaks: RunPeaks) -> str:
     return _shown(name, peaks.to_dict()[name])
 
 
@@ -195,7 +197,7 @@ def excite(
     asked = _Asked(
         robot=robot,
         duration=duration,
-        limits=Limits(
+        limits=RunLimits(
             lean=math.radians(lean),
             floor=floor,
             torque=0.5 * described.drive.torque_limit if torque is None else torque,
@@ -208,7 +210,7 @@ def excite(
         law=law,
         bounds=bounds,
         window=window,
-        effort=Effort(generations=generations, population=population),
+        effort=DesignEffort(generations=generations, population=population),
         seed=seed,
         out=out,
     )
@@ -241,7 +243,7 @@ class _Asked:
 
     robot: str
     duration: float
-    limits: Limits
+    limits: RunLimits
     lean: float  #: as given [degrees]
     controller: Path | None
     found: Path | None
@@ -250,7 +252,7 @@ class _Asked:
     law: Law
     bounds: Path | None
     window: float
-    effort: Effort
+    effort: DesignEffort
     seed: int
     out: Path
 

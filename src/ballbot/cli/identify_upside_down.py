@@ -12,7 +12,6 @@ from rich.table import Table
 from ballbot.cli.context import long_run, read_logs
 from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
-from ballbot.experiments.ball_movement import ball_movement
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity, finding_results
 from ballbot.fitting.checkpoint import identity
@@ -30,6 +29,7 @@ from ballbot.report.tables import digits
 from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
+from ballbot.workflows.ball_movement import ball_movement
 
 _WRITTEN = ("robot.toml", "results.json", "prediction.svg", "movement.svg")
 _UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}

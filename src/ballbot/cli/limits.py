@@ -13,9 +13,6 @@ from rich.console import Console
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.experiments.league.entrants import Entrant, entrants_of
-from ballbot.experiments.limits.limits import RobotLimits, TwinEdge, find_limits
-from ballbot.experiments.limits.loop import Loop
 from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
 from ballbot.printable import shell_line
@@ -24,6 +21,9 @@ from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
+from ballbot.workflows.candidates import Candidate, parse_candidates
+from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits
+from ballbot.workflows.recovery_region import Loop
 
 if TYPE_CHECKING:  # MuJoCo is an extra
     from ballbot.twin import Scenario
@@ -83,7 +83,7 @@ def limits(
     out
         The folder to write into.
     """
-    described, entrants = Robot.load(robot), entrants_of(controllers)
+    described, entrants = Robot.load(robot), parse_candidates(controllers)
     chosen = {one.name: _law(one.name, one.controller(described)) for one in entrants}
     _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
     truth = _truth(scenario, described) if twin else None
@@ -132,7 +132,7 @@ def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> Non
     check_seed(seed)
 
 
-def origins(robot: str, entrants: Sequence[Entrant], scenario: str) -> list[Path]:
+def origins(robot: str, entrants: Sequence[Candidate], scenario: str) -> list[Path]:
     """Return the files that the result is made from."""
     paths = [] if robot in Robot.presets() else [Path(robot)]
     paths += [one.file for one in entrants if one.file]
@@ -154,7 +154,7 @@ def _truth(scenario: str, robot: Robot) -> Scenario:
 
 
 def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinEdge]:
-    from ballbot.experiments.limits.twin_edges import twin_edges
+    from ballbot.workflows.limits import twin_edges
 
     return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, seed=seed)
 

@@ -15,13 +15,20 @@ from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
-from ballbot.experiments.recording import Job, LogFormat, Outcome, record_run, record_runs, recorded
 from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment
+from ballbot.workflows.record import (
+    LogFormat,
+    RecordJob,
+    RecordOutcome,
+    finished_outcome,
+    record_run,
+    record_runs,
+)
 
 
 def record(
@@ -93,7 +100,7 @@ def record(
         if controller
         else nominal_controller(described, compensation=compensation)
     )
-    job = Job(
+    job = RecordJob(
         robot=described,
         scenario=Scenario.load(scenario, described),
         controller=chosen if estimator is None else chosen.with_estimator(estimator),
@@ -115,8 +122,8 @@ def record(
         _many(job, all_seeds, out, console)
 
 
-def _one(job: Job, seed: int, out: Path, console: Console, *, resume: bool) -> None:
-    outcome = recorded(job, seed, out) if resume else None
+def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool) -> None:
+    outcome = finished_outcome(job, seed, out) if resume else None
     if outcome is None:
         with progress_bar(console, f"recording {job.duration:g} s") as bar:
             outcome = record_run(job, seed, out, progress=bar.show)
@@ -129,7 +136,7 @@ def _one(job: Job, seed: int, out: Path, console: Console, *, resume: bool) -> N
         console.print(f"The run ended early: {outcome.ended}.", soft_wrap=True)
 
 
-def _many(job: Job, seeds: list[int], out: Path, console: Console) -> None:
+def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None:
     with progress_bar(console, f"recording {len(seeds)} runs of {job.duration:g} s") as bar:
         outcomes = record_runs(job, seeds, out, progress=lambda done: bar.show(done / len(seeds)))
     console.print(_summary(outcomes, out), soft_wrap=True)
@@ -138,7 +145,7 @@ def _many(job: Job, seeds: list[int], out: Path, console: Console) -> None:
             console.print(f"{outcome.folder}: ended early, {outcome.ended}.", soft_wrap=True)
 
 
-def _summary(outcomes: list[Outcome], out: Path) -> str:
+def _summary(outcomes: list[RecordOutcome], out: Path) -> str:
     before = sum(outcome.was_there for outcome in outcomes)
     early = sum(outcome.ended is not None for outcome in outcomes)
     kept = f", {before} of them kept from before" if before else ""

@@ -31,8 +31,8 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
     """
     check_seed(seed)
     # imported late: the twin and the vision are extras
-    from ballbot.experiments.reproduce import reproduce as remake
-    from ballbot.report.reproduce.page import REPRODUCTION_FILES, write_reproduction
+    from ballbot.thesis.reproduce.campaign import reproduce as remake
+    from ballbot.thesis.reproduce.page import REPRODUCTION_FILES, write_reproduction
 
     console = standard_output()
     words = ["ballbot", "reproduce", "--out", str(out), "--seed", str(seed)]

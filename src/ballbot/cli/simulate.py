@@ -13,8 +13,6 @@ from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
-from ballbot.experiments.metrics import SETTLE, settled
-from ballbot.experiments.score import score
 from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
 from ballbot.log import Log
@@ -28,6 +26,7 @@ from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
+from ballbot.workflows.metrics import SETTLE, score, settled
 
 _WRITTEN = ("log.csv", "log.parquet", "results.json")
 

@@ -10,10 +10,6 @@ from rich.text import Text
 from ballbot.cli.context import long_run, names_listed, read_balancing_logs
 from ballbot.cli.findings import Accept, accept_argv, check_input
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.experiments.league.course_file import PlantName
-from ballbot.experiments.plant_draws import available_plant
-from ballbot.experiments.study import Effort
-from ballbot.experiments.study import study as run_study
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
@@ -26,6 +22,10 @@ from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_text
+from ballbot.workflows.courses import PlantName
+from ballbot.workflows.plant_draws import available_plant
+from ballbot.workflows.study import Effort
+from ballbot.workflows.study import study as run_study
 
 
 def study(

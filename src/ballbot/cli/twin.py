@@ -100,7 +100,7 @@ def recommendations(
     out
         The folder to write into.
     """
-    from ballbot.experiments.twin_recommendations import HEADINGS, rows, try_recommendations
+    from ballbot.workflows.twin_recommendations import HEADINGS, rows, try_recommendations
 
     console = standard_output()
     inputs = [] if robot in Robot.presets() else [Path(robot)]

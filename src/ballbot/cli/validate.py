@@ -20,9 +20,6 @@ from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.experiments.controller_causes import EXPLAINED_CODES
-from ballbot.experiments.controller_prediction import Prediction, read_prediction
-from ballbot.experiments.controller_verdict import Verdict, check_controller, judge
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import check_seed
@@ -45,6 +42,9 @@ from ballbot.report.validation import validation_report, validation_results
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings, join_validations, validate_pair
+from ballbot.workflows.controller_causes import EXPLAINED_CODES
+from ballbot.workflows.controller_prediction import Prediction, read_prediction
+from ballbot.workflows.controller_verdict import Verdict, check_controller, evaluate_log
 
 _WRITTEN = ("report.html", "results.json")
 #: endings of a log's name, by which a second log is known from a robot's file
@@ -97,7 +97,7 @@ def validate_prediction(
     )
     codes = [finding.code for finding in found if finding.severity == "error"]
     try:
-        verdict = judge(prediction, log, robot, driver, codes=codes)
+        verdict = evaluate_log(prediction, log, robot, driver, codes=codes)
     except InputError as error:
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, files)

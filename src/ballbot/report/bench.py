@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.experiments.ball_movement import BallMovement
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
 from ballbot.report.style import MEASURED, REFERENCE, SHADE, WITH_FRICTION, WITHOUT_FRICTION, thinned
 from ballbot.robot import Friction
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
+from ballbot.workflows.ball_movement import BallMovement
 
 #: windows shown of the log, from its middle
 _WINDOWS_SHOWN = 8

@@ -17,20 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from ballbot.experiments.league.course import Course
-from ballbot.experiments.league.play import League
-from ballbot.experiments.league.standings import (
-    METRIC_BY_KEY,
-    METRICS,
-    RATIOS,
-    Metric,
-    Overall,
-    Standing,
-    overall,
-    standing,
-)
-from ballbot.experiments.league.statistics import Estimate
-from ballbot.experiments.metrics import BAND, SETTLE, position_error, settled, true_place
 from ballbot.log import Log
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import (
@@ -47,6 +33,20 @@ from ballbot.report.style import (
     thinned,
 )
 from ballbot.report.tables import digits
+from ballbot.workflows.comparison import Estimate
+from ballbot.workflows.courses import Course
+from ballbot.workflows.league import (
+    METRIC_BY_KEY,
+    METRICS,
+    RATIOS,
+    League,
+    Metric,
+    Overall,
+    Standing,
+    overall,
+    standing,
+)
+from ballbot.workflows.metrics import BAND, SETTLE, position_error, settled, true_place
 
 RUN_LINES: Mapping[str, Line] = {
     "none": {"color": ORANGE, "linestyle": "--", "linewidth": 1.2},

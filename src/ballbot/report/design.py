@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ballbot.experiments.robust_design.cost import TAIL
-from ballbot.experiments.robust_design.design import RobustDesign
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.report.style import BLUE, GREEN, ORANGE, SHADE, Line
+from ballbot.workflows.perturbed_robots import TAIL
+from ballbot.workflows.robust_design import RobustDesign
 
 if TYPE_CHECKING:
     from ballbot.mechanics.model import LinearModel, Model

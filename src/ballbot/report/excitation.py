@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
-from ballbot.experiments.excite import Excitation, Limits
-from ballbot.experiments.excite.task import run
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, thinned
+from ballbot.workflows.excitation_task import RunLimits, run
+from ballbot.workflows.excite import Excitation
 
 #: a square's bars and the design's
 _COLORS = (ORANGE, BLUE)
@@ -44,7 +44,7 @@ def followed_run(result: Excitation) -> Followed:
     )
 
 
-def run_figure(shown: Followed, limits: Limits) -> Figure:
+def run_figure(shown: Followed, limits: RunLimits) -> Figure:
     """Draw the path over the floor, and reference, lean and torques over time, with the limits."""
     figure = Figure(figsize=(7.4, 4.2), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.5))
@@ -102,7 +102,7 @@ def errors_figure(result: Excitation) -> Figure:
     return figure
 
 
-def _draw_path(axes: Axes, shown: Followed, limits: Limits) -> None:
+def _draw_path(axes: Axes, shown: Followed, limits: RunLimits) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 100)
     axes.plot(
         limits.floor * np.cos(turn), limits.floor * np.sin(turn), color=INK, linewidth=0.8, linestyle="--"

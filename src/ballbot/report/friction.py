@@ -18,11 +18,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.experiments.study import StudiedLog
 from ballbot.identification.laws import Candidate, ModelSelection
 from ballbot.identification.result import Identification
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
+from ballbot.workflows.study import StudiedLog
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,9 +12,9 @@ from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
-from ballbot.experiments.limits.limits import Edges, Kind, RobotLimits, TwinEdge
-from ballbot.experiments.limits.region import Region
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, label_of
+from ballbot.workflows.limits import Edges, Kind, RobotLimits, TwinEdge
+from ballbot.workflows.recovery_region import Region
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
 _LOOKS = (

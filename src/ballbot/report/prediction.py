@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.experiments.controller_causes import MEANING, Cause
-from ballbot.experiments.controller_prediction import Prediction, PredictionInterval
-from ballbot.experiments.controller_verdict import BETTER, WORDS, JudgedQuantity, Verdict
 from ballbot.findings import Finding
 from ballbot.printable import shell_line
 from ballbot.report.page import Provenance, render
+from ballbot.workflows.controller_causes import CAUSE_MEANINGS, Cause
+from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
+from ballbot.workflows.controller_verdict import BETTER, QUANTITY_NAMES, QuantityResult, Verdict
 
 #: of each quantity: by what it is multiplied to be shown, its unit and decimals
 _SHOWN = {
@@ -52,7 +52,7 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
             for one in verdict.quantities
         },
         "none": {name: asdict(one) for name, one in verdict.none.items()},
-        "causes": [asdict(cause) | {"meaning": MEANING[cause.name]} for cause in verdict.causes],
+        "causes": [asdict(cause) | {"meaning": CAUSE_MEANINGS[cause.name]} for cause in verdict.causes],
         "remarks": verdict.remarks,
         "next_steps": steps,
         "course": asdict(prediction.course),
@@ -74,7 +74,9 @@ def prediction_report(
         "title": title,
         "verdict": headline(verdict),
         "rows": quantity_rows(verdict),
-        "causes": [(cause.name, MEANING[cause.name], *_cause_words(cause)) for cause in verdict.causes],
+        "causes": [
+            (cause.name, CAUSE_MEANINGS[cause.name], *_cause_words(cause)) for cause in verdict.causes
+        ],
         "anything_outside": bool(verdict.outside) or verdict.ended is not None,
         "remarks": verdict.remarks,
         "steps": steps,
@@ -94,7 +96,7 @@ def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
     """Return rows: quantity and unit, measured, predicted, its 95 % interval, where it lies, predicted without."""
     return [
         (
-            f"{WORDS[one.name]} ({_SHOWN[one.name][1]})",
+            f"{QUANTITY_NAMES[one.name]} ({_SHOWN[one.name][1]})",
             _number(one.name, one.value),
             _number(one.name, one.predicted.median),
             _interval(one.name, one.predicted),
@@ -109,7 +111,7 @@ def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
     """Return rows: quantity and unit, predicted, its 95 % interval, predicted without compensation."""
     return [
         (
-            f"{WORDS[name]} ({_SHOWN[name][1]})",
+            f"{QUANTITY_NAMES[name]} ({_SHOWN[name][1]})",
             _number(name, one.median),
             _interval(name, one),
             _interval(name, prediction.none[name]) if prediction.none else "falls",
@@ -125,7 +127,7 @@ def cause_lines(verdict: Verdict) -> list[str]:
     if not verdict.causes:
         return ["The cause cannot be determined: nothing else in the log differs from the predicted run."]
     return [
-        f"{place}. {cause.name} ({MEANING[cause.name]}), {confidence}: {evidence}"
+        f"{place}. {cause.name} ({CAUSE_MEANINGS[cause.name]}), {confidence}: {evidence}"
         for place, cause in enumerate(verdict.causes, start=1)
         for confidence, evidence in [_cause_words(cause)]
     ]
@@ -189,7 +191,7 @@ def _cause_words(cause: Cause) -> tuple[str, str]:
     return cause.confidence, f"{cause.evidence}{size}"
 
 
-def _place(one: JudgedQuantity) -> str:
+def _place(one: QuantityResult) -> str:
     if one.place == "inside":
         return "inside"
     if not np.isfinite(one.value):

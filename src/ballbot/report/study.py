@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_integral_gain
-from ballbot.experiments.controller_choice import ControllerChoice
-from ballbot.experiments.metrics import SETTLE
-from ballbot.experiments.study import Study
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.comparison import paths_figure, poles_figure, position_error_figure
@@ -37,6 +34,9 @@ from ballbot.report.validation_figures import correlation_figure
 from ballbot.robot import Friction, Robot
 from ballbot.robot.figure import robot_figure
 from ballbot.validation.findings import better_in, weak_states
+from ballbot.workflows.controller_choice import ControllerChoice
+from ballbot.workflows.metrics import SETTLE
+from ballbot.workflows.study import Study
 
 
 def summary(study: Study) -> list[tuple[str, str]]:

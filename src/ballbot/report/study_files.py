@@ -14,14 +14,14 @@ import numpy as np
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.errors import InputError
-from ballbot.experiments.controller_choice import Trial
-from ballbot.experiments.study import Study
 from ballbot.files import write_text
 from ballbot.inputs import LARGEST_SETTINGS, read_text
 from ballbot.report.page import Provenance, as_json
 from ballbot.report.study import study_report
 from ballbot.report.validation import validation_results
 from ballbot.robot.file import write_robot
+from ballbot.workflows.controller_choice import Trial
+from ballbot.workflows.study import Study
 
 
 def study_results(study: Study, made: Provenance) -> dict[str, object]:

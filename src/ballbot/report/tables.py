@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.experiments.controller_choice import ControllerChoice
-from ballbot.experiments.league.statistics import MedianEstimate
 from ballbot.identification.result import Identification
 from ballbot.log import STATE_NAMES
 from ballbot.validation import ErrorPair
+from ballbot.workflows.comparison import MedianEstimate
+from ballbot.workflows.controller_choice import ControllerChoice
 
 #: what a friction parameter is, by its symbol: name in words and unit
 _MEANINGS = {

@@ -1,1 +1,0 @@
-"""The league: every controller on the same courses with the same seeds, and what the differences are worth."""

@@ -1,0 +1,456 @@
+"""The equations of motion, derived by SymPy along the thesis's Appendix II, equation by equation.
+
+Each function is one of the appendix's steps and cites its equations. If `Corrections` says so, the step goes the
+physically exact way instead, and says what it changes. The derivation is slow and plain on purpose: the compiled
+equations are tested against it. `equations` evaluates it in numbers for one robot.
+
+Needs SymPy: `pip install ballbot[symbolic]`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import mpmath
+import numpy as np
+import sympy as sp
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.mechanics.parameters import Formulation
+from ballbot.robot import Robot
+from ballbot.thesis.symbols import (
+    Corrections,
+    Symbols,
+    corrections_of,
+    parameter_numbers,
+    parameter_symbols,
+    symbols,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SymbolicTransforms:
+    """Appendix II's transformation matrices in symbols; shapes and frames as in `mechanics.geometry`."""
+
+    T_tbw: sp.Matrix
+    T_trw: sp.Matrix
+    T_tbg: sp.Matrix
+    T_fgb: sp.Matrix
+    T_owb: sp.Matrix
+    T_owr: sp.Matrix
+    T_obg: sp.Matrix  #: (II.19) (3, 3) the ball's turning from its velocity over ground, world
+    axles: sp.Matrix  #: (3, n) a_i as columns; the appendix has no name for them
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Velocities of the bodies, linear in q_dot; (II.16), (II.18), (II.19), (II.23), (II.24)."""
+
+    v_g: sp.Matrix  #: (3, 1) the ball's centre, world frame
+    Omega_ball: sp.Matrix  #: (3, 1) world frame
+    v_body: sp.Matrix  #: (3, 1) the body's centre of mass, world frame
+    Omega_body: sp.Matrix  #: (3, 1) (II.24) the body's angular velocity, world frame
+    turned_back: sp.Matrix  #: (3, 1) R^-1 Omega_body, the same in the body's frame
+    wheel_spin: sp.Matrix  #: (n, 1) (II.16), absolute
+    encoder_speed: sp.Matrix  #: (n, 1) relative to the body
+
+
+@dataclass(frozen=True, kw_only=True)
+class Derivation:
+    """Where Appendix II ends: M(q) q_ddot + bias(q, q_dot) = Q(q, q_dot, u); energies and wheel speeds."""
+
+    symbols: Symbols
+    kinetic_energy: sp.Expr  #: T [J]
+    potential_energy: sp.Expr  #: V [J]
+    wheel_speed: sp.Matrix  #: (n, 1) what motor and friction act on [rad/s]
+    mass_matrix: sp.Matrix  #: M (5, 5), in q_dot (Euler angles' rates)
+    bias: sp.Matrix  #: (5, 1) Coriolis, centrifugal and gravity
+    generalized_force: sp.Matrix  #: Q (5, 1), by torques and viscous friction
+
+
+def derive(wheel_count: int, corrections: Corrections) -> Derivation:
+    """Derive the equations of motion of a robot with that many wheels, all parameters as symbols.
+
+    Takes about a second. The set-valued friction is not in it; viscous friction b is, subtracted from the
+    torque as section 3.4 of the thesis does.
+    """
+    s = symbols(wheel_count)
+    R = body_rotation(s)
+    T = transforms(s)
+    motion = velocities(s, R, T, corrections)
+    kinetic = (
+        kinetic_energy_ball(s, motion)
+        + kinetic_energy_body(s, motion, T, corrections)
+        + kinetic_energy_wheels(s, motion, corrections)
+    )
+    potential = potential_energy(s, R)
+    mass_matrix, bias = lagrange(s, kinetic - potential)
+    if corrections.nonholonomic_wheels:
+        bias -= nonholonomic_terms(s, motion, corrections)
+    wheel_speed = motion.encoder_speed if corrections.counter_torque else motion.wheel_spin
+    torque = sp.Matrix(s.u) - sp.diag(*s.b) * wheel_speed
+    return Derivation(
+        symbols=s,
+        kinetic_energy=kinetic,
+        potential_energy=potential,
+        wheel_speed=wheel_speed,
+        mass_matrix=mass_matrix,
+        bias=bias,
+        generalized_force=generalized_force(s, R, T, motion, torque, corrections),
+    )
+
+
+# --- positions and rotations: (II.1) to (II.9) ----------------------------------------------------
+
+
+def positions(s: Symbols, R: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix, sp.Matrix]:
+    """Return (II.2) r_1, the ball, (II.3) r_2, the body's centre of mass, and (II.4) Phi_12."""
+    x, y, theta, phi, psi = s.q
+    r_1 = sp.Matrix([x, y, 0])
+    r_2 = r_1 + R * sp.Matrix([0, 0, s.l])
+    return r_1, r_2, sp.Matrix([theta, phi, psi])
+
+
+def rotation_x(angle: sp.Expr) -> sp.Matrix:
+    """Return (II.5)."""
+    c, s = sp.cos(angle), sp.sin(angle)
+    return sp.Matrix([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def rotation_y(angle: sp.Expr) -> sp.Matrix:
+    """Return (II.6), mended: as printed, with -sin twice, it is no rotation."""
+    c, s = sp.cos(angle), sp.sin(angle)
+    return sp.Matrix([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def rotation_z(angle: sp.Expr) -> sp.Matrix:
+    """Return (II.7)."""
+    c, s = sp.cos(angle), sp.sin(angle)
+    return sp.Matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def body_rotation(s: Symbols) -> sp.Matrix:
+    """Return (II.8), (II.9) R_body, which takes body to world."""
+    _, _, theta, phi, psi = s.q
+    return rotation_x(theta) * rotation_y(phi) * rotation_z(psi)
+
+
+# --- transformation matrices: (II.10) to (II.15) --------------------------------------------------
+
+
+def transforms(s: Symbols) -> SymbolicTransforms:
+    """Return (II.10) to (II.15): levers crossed with forces, and the same backwards for speeds."""
+    contact = [_direction(beta, s.alpha) for beta in s.beta]
+    push = [sp.Matrix([sp.cos(beta + sp.pi / 2), sp.sin(beta + sp.pi / 2), 0]) for beta in s.beta]
+    r_pw = [n * s.r_b for n in contact]
+    r_cw = [n * (s.r_b + s.r_w) for n in contact]
+    back = [-u for u in push]
+    r_pg = [sp.Matrix([0, 0, -s.r_b])] * 2
+    u_pg = [sp.Matrix([-1, 0, 0]), sp.Matrix([0, -1, 0])]
+
+    T_tbg = _torque_from_forces(r_pg, u_pg)
+    # (II.15) mended: the velocity over ground is not divided by r_w
+    T_vgb = _speed_from_rotation(r_pg, u_pg).col_join(sp.zeros(1, 3))
+    return SymbolicTransforms(
+        T_tbw=_torque_from_forces(r_pw, push) / s.r_w,
+        T_trw=_torque_from_forces(r_cw, back) / s.r_w,
+        T_tbg=T_tbg,
+        T_fgb=T_tbg.pinv(),
+        T_owb=_speed_from_rotation(r_pw, push) / s.r_w,
+        T_owr=_speed_from_rotation(r_cw, back) / s.r_w,
+        T_obg=T_vgb.pinv(),
+        axles=_torque_from_forces(contact, push),
+    )
+
+
+def _direction(beta: sp.Expr, alpha: sp.Expr) -> sp.Matrix:
+    return sp.Matrix([sp.cos(beta) * sp.sin(alpha), sp.sin(beta) * sp.sin(alpha), sp.cos(alpha)])
+
+
+def _torque_from_forces(levers: Sequence[sp.Matrix], directions: Sequence[sp.Matrix]) -> sp.Matrix:
+    """Return d(sum_i r_i x u_i F_i)/dF (3, n)."""
+    F = sp.symbols(f"F:{len(levers)}")
+    torque = sp.zeros(3, 1)
+    for r, u, force in zip(levers, directions, F, strict=True):
+        torque += r.cross(u * force)
+    return torque.jacobian(F)
+
+
+def _speed_from_rotation(levers: Sequence[sp.Matrix], directions: Sequence[sp.Matrix]) -> sp.Matrix:
+    """Return d((Omega x r_i) . u_i)/dOmega (n, 3)."""
+    Omega = sp.Matrix(sp.symbols("Omega:3"))
+    speeds = [_dot(Omega.cross(r), u) for r, u in zip(levers, directions, strict=True)]
+    return sp.Matrix(speeds).jacobian(Omega)
+
+
+# --- velocities: (II.16), (II.18), (II.19), (II.23), (II.24) --------------------------------------
+
+
+def velocities(s: Symbols, R: sp.Matrix, T: SymbolicTransforms, corrections: Corrections) -> Motion:
+    """Return the velocities of ball, body and wheels."""
+    r_1, r_2, _ = positions(s, R)
+    v_g = _time_derivative(s, r_1)
+    Omega_ball = T.T_obg * v_g
+    Omega_body, turned_back = body_angular_velocity(s, R, corrections)
+    wheel_spin = T.T_owr * turned_back + T.T_owb * (R.T * Omega_ball)  # (II.16)
+    return Motion(
+        v_g=v_g,
+        Omega_ball=Omega_ball,
+        v_body=_time_derivative(s, r_2),
+        Omega_body=Omega_body,
+        turned_back=turned_back,
+        wheel_spin=wheel_spin,
+        # the wheel counts its spin against a_i (it turns against the ball), so the body's share is added
+        encoder_speed=wheel_spin + T.axles.T * turned_back,
+    )
+
+
+def body_angular_velocity(s: Symbols, R: sp.Matrix, corrections: Corrections) -> tuple[sp.Matrix, sp.Matrix]:
+    """Return (II.24) Omega_body and R^-1 Omega_body.
+
+    As printed, Omega_body = Phi_dot. Corrected: each Euler angle turns about an axis that the later rotations
+    carry along, so that in the body's frame w = B(Phi) Phi_dot, and Omega_body = R w.
+    """
+    _, _, theta_dot, phi_dot, psi_dot = s.q_dot
+    Phi_dot = sp.Matrix([theta_dot, phi_dot, psi_dot])
+    if not corrections.body_rates:
+        return Phi_dot, R.T * Phi_dot
+    _, _, _, phi, psi = s.q
+    to_body = rotation_z(psi).T
+    w = to_body * (rotation_y(phi).T * sp.Matrix([theta_dot, 0, 0]) + sp.Matrix([0, phi_dot, 0]))
+    w += sp.Matrix([0, 0, psi_dot])
+    return R * w, w
+
+
+def _time_derivative(s: Symbols, vector: sp.Matrix) -> sp.Matrix:
+    return vector.jacobian(s.q) * sp.Matrix(s.q_dot)
+
+
+def _dot(a: sp.Matrix, b: sp.Matrix) -> sp.Expr:
+    return sp.Add(*(sp.Mul(a[i], b[i]) for i in range(len(a))))
+
+
+# --- energies: (II.17) to (II.28) -----------------------------------------------------------------
+
+
+def kinetic_energy_ball(s: Symbols, motion: Motion) -> sp.Expr:
+    """Return (II.20) T_ball; its inertia (II.17) is the same about every axis."""
+    return s.m_b * _dot(motion.v_g, motion.v_g) / 2 + s.j_b * _dot(motion.Omega_ball, motion.Omega_ball) / 2
+
+
+def kinetic_energy_body(
+    s: Symbols, motion: Motion, T: SymbolicTransforms, corrections: Corrections
+) -> sp.Expr:
+    """Return (II.25) T_body, as a quadratic form, so that products of inertia count too.
+
+    As printed, Omega_body meets the inertia (II.22) without a word on frames. Corrected: both in the body's
+    frame; the inertia about the centre of mass, as v_body asks; and without the locked wheels' spin, which
+    (II.27) brings.
+    """
+    w = motion.turned_back if corrections.body_rates else motion.Omega_body
+    J = s.J_com if corrections.inertia_about_center_of_mass else s.J_given
+    energy = s.m_r * _dot(motion.v_body, motion.v_body) / 2 + _dot(w, J.matrix() * w) / 2
+    if corrections.locked_wheels_once:
+        locked_spin = T.axles.T * motion.turned_back
+        energy -= s.j_w * _dot(locked_spin, locked_spin) / 2
+    return energy
+
+
+def kinetic_energy_wheels(s: Symbols, motion: Motion, corrections: Corrections) -> sp.Expr:
+    """Return (II.27) T_wheels; corrected: with rotor and gear, n times as fast relative to the body."""
+    energy = s.j_w * _dot(motion.wheel_spin, motion.wheel_spin) / 2
+    if corrections.reflected_rotors:
+        rotor_speed = motion.encoder_speed * s.n
+        energy += (s.j_m + s.j_g) * _dot(rotor_speed, rotor_speed) / 2
+    return energy
+
+
+def potential_energy(s: Symbols, R: sp.Matrix) -> sp.Expr:
+    """Return (II.21) V_ball + (II.26) V_body; zero with the body's centre of mass as high as the ball's."""
+    r_1, r_2, _ = positions(s, R)
+    up = sp.Matrix([0, 0, 1])
+    return s.m_b * s.g * _dot(r_1, up) + s.m_r * s.g * _dot(r_2, up)
+
+
+# --- forces and Lagrange's equation: (II.29) to (II.34) -------------------------------------------
+
+
+def generalized_force(
+    s: Symbols,
+    R: sp.Matrix,
+    T: SymbolicTransforms,
+    motion: Motion,
+    torque: sp.Matrix,
+    corrections: Corrections,
+) -> sp.Matrix:
+    """Return (II.33) Q (5, 1) of torques (n, 1) between motors and wheels.
+
+    (II.30) prints dr_1/dq for Phi_12q; what it must be is how the body's rotation moves with q,
+    dOmega_body/dq_dot, which is the derivative of Phi_12 where Omega_body is as (II.24) prints it.
+    """
+    r_1, _, _ = positions(s, R)
+    r_1q = r_1.extract([0, 1], [0]).jacobian(s.q).T  # (II.29); the ground pushes along x and y
+    Phi_12q = motion.Omega_body.jacobian(s.q_dot).T
+    F_g = T.T_fgb * R * T.T_tbw * torque  # (II.31)
+    on_body = T.T_trw + T.axles if corrections.counter_torque else T.T_trw
+    T_b = R * on_body * torque  # (II.32)
+    return r_1q * F_g + Phi_12q * T_b
+
+
+def lagrange(s: Symbols, L: sp.Expr) -> tuple[sp.Matrix, sp.Matrix]:
+    """Return M (5, 5) and bias (5, 1) of (II.34): d/dt(dL/dq_dot) - dL/dq = M q_ddot + bias."""
+    momentum = sp.Matrix([sp.diff(L, rate) for rate in s.q_dot])
+    force = sp.Matrix([sp.diff(L, coordinate) for coordinate in s.q])
+    return momentum.jacobian(s.q_dot), momentum.jacobian(s.q) * sp.Matrix(s.q_dot) - force
+
+
+def nonholonomic_terms(s: Symbols, motion: Motion, corrections: Corrections) -> sp.Matrix:
+    """Return what (II.34) counts too much (5, 1) because the wheels' angles are no functions of q.
+
+    With relative rates W(q) q_dot and the momenta p that belong to them, Lagrange's equation with the rates put
+    in holds p . (d/dt (W dq) - delta(W q_dot)), zero only if W dq is the differential of a function. Body and
+    ball give none: the one has angles in q, the other is alike in all directions.
+    """
+    q_dot = sp.Matrix(s.q_dot)
+    momenta = s.j_w * motion.wheel_spin
+    if corrections.reflected_rotors:
+        momenta += s.n**2 * (s.j_m + s.j_g) * motion.encoder_speed
+    W = motion.encoder_speed.jacobian(s.q_dot)
+    W_dot = sp.zeros(*W.shape)
+    for coordinate, rate in zip(s.q, s.q_dot, strict=True):
+        W_dot += W.diff(coordinate) * rate
+    return (W_dot - (W * q_dot).jacobian(s.q)).T * momenta
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Functions:
+    """A derivation's expressions as functions of (q, q_dot, u, parameters)."""
+
+    dynamics: Callable  #: -> M, bias, Q
+    energies: Callable  #: -> T, V
+    wheel_speed: Callable
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Equations:
+    """A robot's equations of motion M(q) q_ddot + bias(q, q_dot) = Q(q, q_dot, u), one state at a time.
+
+    q = (x, y, theta, phi, psi) [m, rad], q_dot its rates, u (n,) the wheel torques [N m]. Smooth part only:
+    rigid bodies and viscous friction b, without the set-valued friction. No q_ddot at phi = +-pi/2.
+    """
+
+    robot: Robot
+    corrections: Corrections
+
+    def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
+        """Return M (5, 5)."""
+        return self._dynamics(q, np.zeros(5), np.zeros(self.robot.wheel_count))[0]
+
+    def bias(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
+        """Return the Coriolis, centrifugal and gravity terms (5,) on the left of Lagrange's equation."""
+        return self._dynamics(q, q_dot, np.zeros(self.robot.wheel_count))[1]
+
+    def generalized_force(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
+        """Return Q (5,) [N, N m] of the torques less viscous friction."""
+        return self._dynamics(q, q_dot, u)[2]
+
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
+        """Return q_ddot (5,) in float64."""
+        M, bias, Q = self._dynamics(q, q_dot, u)
+        return np.asarray(np.linalg.solve(M, Q - bias), dtype=np.float64)
+
+    def precise_acceleration(
+        self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike, *, digits: int = 40
+    ) -> NDArray[np.float64]:
+        """Return q_ddot (5,), computed with that many decimal digits and rounded once, at the end."""
+        dynamics = _precise_dynamics(self.robot.wheel_count, self.corrections)
+        with mpmath.workdps(digits):
+            numbers = [[mpmath.mpf(float(v)) for v in np.asarray(a, float)] for a in (q, q_dot, u)]
+            M, bias, Q = dynamics(*numbers, [mpmath.mpf(v) for v in _numbers(self.robot)])
+            return np.array([float(v) for v in mpmath.lu_solve(M, Q - bias)])
+
+    def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
+        """Return the speed (n,) [rad/s] that torque and friction act on.
+
+        "exact": what an encoder sees, relative to the body; "thesis": (II.16), absolute.
+        """
+        speed = self._functions.wheel_speed(*self._arguments(q, q_dot))
+        return np.asarray(speed, dtype=float).ravel()
+
+    def kinetic_energy(self, q: ArrayLike, q_dot: ArrayLike) -> float:
+        """Return T [J]."""
+        return float(self._functions.energies(*self._arguments(q, q_dot))[0])
+
+    def potential_energy(self, q: ArrayLike) -> float:
+        """Return V [J], zero with the body's centre of mass as high as the ball's centre."""
+        return float(self._functions.energies(*self._arguments(q, np.zeros(5)))[1])
+
+    def energy(self, q: ArrayLike, q_dot: ArrayLike) -> float:
+        """Return T + V [J]."""
+        return self.kinetic_energy(q, q_dot) + self.potential_energy(q)
+
+    @property
+    def _functions(self) -> _Functions:
+        return _functions(self.robot.wheel_count, self.corrections)
+
+    def _arguments(self, q: ArrayLike, q_dot: ArrayLike) -> tuple[ArrayLike, ArrayLike, NDArray, list[float]]:
+        return q, q_dot, np.zeros(self.robot.wheel_count), _numbers(self.robot)
+
+    def _dynamics(
+        self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        M, bias, Q = self._functions.dynamics(q, q_dot, u, _numbers(self.robot))
+        return np.asarray(M, dtype=float), np.asarray(bias, float).ravel(), np.asarray(Q, float).ravel()
+
+
+def equations(robot: Robot, formulation: Formulation | Corrections = "exact") -> Equations:
+    """Return the robot's equations of motion as derived by SymPy.
+
+    The first use for a number of wheels and a formulation derives them (some two seconds) and is remembered,
+    whatever the robot's parameters.
+
+    Parameters
+    ----------
+    robot
+        With three or four wheels, at any azimuth and tilt.
+    formulation
+        "exact", "thesis", or any mixture of the corrections between the two.
+    """
+    corrections = formulation if isinstance(formulation, Corrections) else corrections_of(formulation)
+    return Equations(robot=robot, corrections=corrections)
+
+
+@lru_cache(maxsize=32)
+def _derivation(wheel_count: int, corrections: Corrections) -> Derivation:
+    return derive(wheel_count, corrections)
+
+
+@lru_cache(maxsize=32)
+def _functions(wheel_count: int, corrections: Corrections) -> _Functions:
+    d = _derivation(wheel_count, corrections)
+    arguments = _lambda_arguments(d)
+    return _Functions(
+        dynamics=sp.lambdify(arguments, (d.mass_matrix, d.bias, d.generalized_force), "numpy", cse=True),
+        energies=sp.lambdify(arguments, (d.kinetic_energy, d.potential_energy), "numpy", cse=True),
+        wheel_speed=sp.lambdify(arguments, d.wheel_speed, "numpy", cse=True),
+    )
+
+
+@lru_cache(maxsize=4)
+def _precise_dynamics(wheel_count: int, corrections: Corrections) -> Callable:
+    d = _derivation(wheel_count, corrections)
+    outputs = (d.mass_matrix, d.bias, d.generalized_force)
+    return sp.lambdify(_lambda_arguments(d), outputs, "mpmath", cse=True)
+
+
+def _lambda_arguments(d: Derivation) -> list[list[sp.Symbol]]:
+    s = d.symbols
+    return [list(s.q), list(s.q_dot), list(s.u), parameter_symbols(s)]
+
+
+def _numbers(robot: Robot) -> list[float]:
+    s = symbols(robot.wheel_count)
+    numbers = parameter_numbers(s, robot)
+    return [numbers[symbol] for symbol in parameter_symbols(s)]

@@ -1,0 +1,37 @@
+"""The command that regenerates docs/published_models.md."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from cyclopts import run
+from rich.progress import Progress
+
+from ballbot.errors import InputError
+from ballbot.thesis.published.page import write_published_page
+
+
+def main(*, out: Path = Path("docs/published_models.md")) -> int:
+    """Compute the page on published models.
+
+    Example: python -m ballbot.thesis.published --out docs/published_models.md
+
+    Parameters
+    ----------
+    out
+        The Markdown file to write.
+    """
+    try:
+        with Progress(transient=True) as bar:
+            task = bar.add_task("published models", total=1.0)
+            write_published_page(out, progress=lambda share: bar.update(task, completed=share))
+    except InputError as error:
+        print(f"ballbot: {error}", file=sys.stderr)
+        return 2
+    print(out)
+    return 0
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,157 @@
+"""What the sources have in common: printed numbers beside ours, linear models, and how gains track a square.
+
+A linear model about upright is of any mixture of the thesis's approximations, or in a source's own state. The square
+of steps shows the error that a gain leaves on a model, and how far the robot leans for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import square
+from ballbot.mechanics.model import LinearModel, Model
+from ballbot.robot import Robot
+from ballbot.simulation.batch import simulate_batch
+
+if TYPE_CHECKING:
+    from ballbot.thesis.symbols import Corrections
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A number that a source prints, with what our equations give for it."""
+
+    name: str
+    printed: str  #: digit by digit as in the source, so that its precision is known
+    reproduced: float  #: with the source's own convention or mistake
+    right: float  #: by the exact equations
+
+    @property
+    def rounding(self) -> float:
+        """Half a unit of the last printed digit."""
+        return 0.5 * 10.0 ** -len(self.printed.partition(".")[2])
+
+    @property
+    def difference(self) -> float:
+        """What is reproduced less what is printed, relative to the latter."""
+        return self.reproduced / float(self.printed) - 1.0
+
+    @property
+    def comes_out(self) -> bool:
+        """Whether the reproduced number rounds to the printed one."""
+        return abs(self.reproduced - float(self.printed)) <= self.rounding * (1.0 + 1e-9)
+
+
+def entry_table(entries: Sequence[Entry]) -> str:
+    """Return a Markdown table of printed, reproduced and right numbers."""
+    rows = [
+        [
+            entry.name,
+            entry.printed,
+            f"{entry.reproduced:.5g}",
+            "to its last digit" if entry.comes_out else f"off by {100.0 * entry.difference:+.2f} %",
+            f"{entry.right:.5g}",
+        ]
+        for entry in entries
+    ]
+    return markdown_table(["", "printed", "reproduced", "comes out", "right"], rows)
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; the columns after the first are set flush right."""
+    marks = [":--", *("--:" for _ in headings[1:])]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [list(headings), marks, *rows])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SourceModel:
+    """x_dot = A x + B u in the state and order that a source has; such as `ballbot.lqr` takes."""
+
+    A: NDArray[np.float64]  #: (m, m)
+    B: NDArray[np.float64]  #: (m, n)
+
+
+def mixture_model(robot: Robot, corrections: Corrections) -> LinearModel:
+    """Return the linear model about upright of the equations with these corrections, without friction.
+
+    As `Model.linearize`, which has the two named formulations; M and the torques' generalised force at rest come
+    from the symbolic Lagrangian, and gravity tips with m_r g l whatever is corrected.
+    """
+    from ballbot.thesis.lagrangian import equations  # SymPy is an extra; the tables do not need it
+
+    derived, upright = equations(robot, corrections), np.zeros(5)
+    M = derived.mass_matrix(upright)
+    Q = np.stack([derived.generalized_force(upright, upright, u) for u in np.eye(robot.wheel_count)], axis=1)
+    tipping = robot.body.mass * robot.gravity * robot.body.center_of_mass
+    A, B = np.zeros((10, 10)), np.zeros((10, robot.wheel_count))
+    A[:5, 5:] = np.eye(5)
+    A[5:, :5] = np.linalg.solve(M, np.diag([0.0, 0.0, tipping, tipping, 0.0]))
+    B[5:] = np.linalg.solve(M, Q)
+    return LinearModel(A=A, B=B)
+
+
+def in_state(model: LinearModel, T: NDArray[np.float64]) -> SourceModel:
+    """Return the model in the state z = T x, T (m, 10).
+
+    Where z has fewer states than x they must be ones that the others do not act on.
+    """
+    back = np.linalg.pinv(T)
+    return SourceModel(A=T @ model.A @ back, B=T @ model.B)
+
+
+def unstable_poles(model: LinearModel) -> tuple[float, float]:
+    """Return the poles [rad/s] with which the robot falls about its two horizontal axes, the faster first."""
+    first, second = np.real(model.poles())[:2]
+    return float(first), float(second)
+
+
+#: the path: once around, from corner to corner by steps of half a metre
+SIDE, PERIOD, ROUNDS = 0.5, 32.0, 2
+#: the last seconds at a corner, over which what is left of the step's error is taken
+SETTLED = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """How one controller did."""
+
+    settled_error: float  #: root mean square distance from the corner over its last two seconds [m]
+    rms_error: float  #: root mean square distance from the corner over the whole run [m]
+    peak_lean: float  #: largest of |theta| and |phi| [rad]
+    fell: bool
+
+
+def track(model: Model, controllers: Sequence[Controller]) -> list[Track]:
+    """Run each controller twice around the square on the model and say how it did.
+
+    Parameters
+    ----------
+    model : Model
+        With the friction that the runs are to have.
+    controllers : sequence of Controller
+        Of one sample time.
+    """
+    reference = square(side=SIDE, period=PERIOD)
+    batch = simulate_batch(model, controllers, reference, duration=ROUNDS * PERIOD)
+    wanted = np.stack([reference(t - controllers[0].sample_time) for t in batch.t])
+    distance = np.linalg.norm(batch.states[..., :2] - wanted[:, :2], axis=-1)
+    late = np.mod(batch.t, PERIOD / 4.0) > PERIOD / 4.0 - SETTLED
+    return [
+        Track(
+            settled_error=_rms(off[late]),
+            rms_error=_rms(off),
+            peak_lean=float(np.abs(states[:, 2:4]).max()),
+            fell=not survived,
+        )
+        for off, states, survived in zip(distance, batch.states, batch.survived, strict=True)
+    ]
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,351 @@
+"""What several figures share, each made once when it is first needed.
+
+The recordings are of the nominal twin; the friction is identified from two of them, as a user would; models, gains and
+compensation know that friction and nothing else of the twin. A model has no chance in it, but the loop around it is
+chaotic: a model with friction is evaluated over several initial states. The ball on the upside-down twin is filmed and
+followed (Appendix V).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.lqr import LqrDesign, held
+from ballbot.control.presets import design_gain, nominal_controller
+from ballbot.control.references import Reference, change_pose, hold
+from ballbot.identification.driveline import DrivelineBounds, DrivelineFit, Sweep, fit_driveline, sweeps_of
+from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
+from ballbot.identification.upside_down import identify_upside_down
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+from ballbot.mechanics.parameters import Formulation
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.plant import Plant
+from ballbot.simulation.run import sample_count, simulate
+from ballbot.thesis.reproduce.item import LONG_RUNS, RUNS, run_seed
+from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, FILMED, Logs, ModelOnGrid
+from ballbot.thesis.reproduce.runs import Validated, validated
+from ballbot.validation.alignment import Alignment, align
+from ballbot.vision.comparison import WheelComparison, compare_with_wheels
+from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
+from ballbot.vision.seam_pixels import ball_pixels, seam_finder
+from ballbot.vision.spin import Spin, facing, measure_spin
+from ballbot.vision.video import open_video
+from ballbot.workflows.ball_movement import BallMovement, ball_movement
+
+#: where the robot's x points in the picture [rad]
+_FORWARD = 0.4
+#: the renderer's motion has so many rows a second
+_ROWS = 1000.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FilmedBall:
+    """What the film told."""
+
+    scene: Scene
+    spin: Spin
+    comparison: WheelComparison  #: with T_obw times the wheels' speeds
+    row: int  #: the frame that is looked at
+    frame: NDArray[np.uint8]  #: (height, width, 3), as OpenCV has it
+    seen: NDArray[np.float64]  #: (k, 3) unit vectors, camera frame: where the seam's colour was seen
+    curve: NDArray[np.float64]  #: (m, 3) the seam's curve, fitted
+    distances: NDArray[np.float64]  #: (k,) of what was seen from the curve [rad]
+
+
+def filmed_ball(robot: Robot, logs: Logs, *, path: Path, seed: int) -> FilmedBall:
+    """Film the ball of a bench run with a real codec, follow its seam, and set it against the wheels.
+
+    Parameters
+    ----------
+    robot : Robot
+    logs : mapping
+        "log" and "truth" of the ball on the clamped wheels.
+    path : Path
+        Of the film, .mp4.
+    seed : int
+        Of the camera's noise.
+    """
+    scene, truth = Scene(), logs["truth"]
+    t = np.arange(0.0, truth.t[-1], 1.0 / _ROWS)
+    omega = np.column_stack([np.interp(t, truth.t, truth[f"ball_omega_{axis}"]) for axis in "xyz"])
+    motion = motion_of(t, omega @ facing(_FORWARD).as_matrix())
+    rate = scene.camera.frame_rate
+    duration = np.floor((t[-1] - 1.0 / rate) * rate) / rate
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_video(path, render(scene, motion, duration=duration, seed=seed), frame_rate=rate, codec=MPEG4)
+    spin = measure_spin(open_video(path))
+    comparison = compare_with_wheels(spin, logs["log"], robot)
+    return _looked_at(scene, spin.turned(comparison.robot_camera), comparison)
+
+
+def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> FilmedBall:
+    """Return the film's results with what was seen in its middle frame that was followed."""
+    tracked = np.flatnonzero(spin.track.tracked)
+    row = int(tracked[len(tracked) // 2])
+    frame = next(frame for k, (_, frame) in enumerate(spin.video.frames()) if k == row)
+    finder = seam_finder(ball_pixels(spin.view, spin.video.size), spin.colour)
+    seen = np.asarray(finder.find(frame)[0].p, dtype=np.float64)
+    curve = spin.seam.points @ spin.track.R[row].T
+    # chords are as good as arcs at these distances
+    distances, _ = KDTree(curve).query(seen)
+    return FilmedBall(
+        scene=scene,
+        spin=spin,
+        comparison=comparison,
+        row=row,
+        frame=frame,
+        seen=seen,
+        curve=curve,
+        distances=np.asarray(distances, dtype=np.float64),
+    )
+
+
+#: a run that stands about the origin lasts so long [s], from a lean of so much [rad]
+STANDING, FIRST_LEAN = 60.0, 0.02
+#: runs through the change start from leans of about so much, each run of its own [rad]
+_START_LEAN = 1e-2
+#: speed below which the compensated friction's sign becomes a ramp [rad/s]: so small that it is the bare sign
+SIGN = 1e-6
+#: digits that are kept of an identified friction, so that it is the same on every machine
+_FRICTION_DIGITS = 3
+#: straight ways along x and y [m], on which the models part as the lean grows (Figure 5.1)
+STEPS = (1.0, 2.0, 4.0, 8.0)
+#: friction and compensation of a model's runs through the change; "_sign" has the thesis's bare sign, not a ramp
+KINDS: Mapping[str, tuple[Compensation, float | None]] = MappingProxyType(
+    {
+        "none": ("none", None),
+        "full": ("full", None),
+        "partial": ("partial", None),
+        "full_sign": ("full", SIGN),
+        "partial_sign": ("partial", SIGN),
+    }
+)
+#: what "without friction" may be: the exact equations, or the thesis's own, which are its basic model
+BASIC: Mapping[Formulation, str] = MappingProxyType(
+    {"exact": "without friction", "thesis": "without friction, the thesis's equations"}
+)
+#: the swing of Appendix III: its length [s], a video's rate [1/s], first angle [rad], the tracking's error [rad], and
+#: the pivot's friction [N m s/rad, N m]; the thesis says nothing of any of them
+SWING, FILM_RATE, SWING_ANGLE, TRACKING_ERROR = 30.0, 30.0, 0.2, 0.003
+PIVOT_VISCOUS, PIVOT_DRY = 0.05, 0.02
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bench:
+    """Recordings, and the robot identified from them."""
+
+    robot: Robot  #: without friction
+    identified: Robot  #: with the friction of balancing, identified from two recordings
+    recordings: Mapping[str, Logs]
+    seed: int
+    folder: Path  #: for what is made on the way
+
+    @cached_property
+    def design(self) -> LqrDesign:
+        """The nominal gain."""
+        return design_gain(self.robot)
+
+    @cached_property
+    def sweeps(self) -> list[Sweep]:
+        """The drivelines' sweeps (Figure 3.1)."""
+        return sweeps_of(self.robot, self.recordings["driveline_sweep"]["log"])
+
+    @cached_property
+    def driveline_fit(self) -> DrivelineFit:
+        """Wheel 1's friction, from its sweep (Figure 3.2)."""
+        return fit_driveline(self.sweeps[0], bounds=DrivelineBounds(), seed=self.seed, progress=_no_progress)
+
+    @cached_property
+    def contact(self) -> Robot:
+        """The robot with the friction of drivelines and contacts, identified upside down as section 3.2 has it."""
+        log = self.recordings["upside_down"]["log"]
+        return rounded_friction(identify_upside_down(self.robot, log, seed=self.seed, generations=60).robot)
+
+    @cached_property
+    def ball_movement(self) -> BallMovement:
+        """The ball on the clamped wheels, with that friction and without (Figure 3.4)."""
+        return ball_movement(self.contact)
+
+    @cached_property
+    def standing(self) -> dict[str, tuple[Log, ...]]:
+        """The models about the origin, from a small lean to all sides (Figure 3.5): "exact", "thesis", "friction"."""
+        controller = nominal_controller(self.robot)
+        # without friction nothing is chaotic, and a grid would keep the model from coming to rest
+        models: dict[str, Plant | Model] = {name: Model(self.robot, formulation=name) for name in BASIC}
+        return {
+            name: tuple(
+                simulate(model, controller, hold(), duration=STANDING, initial_state=_leaning(number))
+                for number in range(RUNS)
+            )
+            for name, model in {**models, "friction": ModelOnGrid(Model(self.identified))}.items()
+        }
+
+    @cached_property
+    def linear(self) -> dict[Formulation, Log]:
+        """Both formulations' linear models without friction through the change of reference."""
+        return {name: self._linear(name, CHANGE) for name in BASIC}
+
+    @cached_property
+    def basic(self) -> dict[Formulation, Log]:
+        """Both formulations' nonlinear models without friction through it."""
+        return {name: self.frictionless(name, CHANGE) for name in BASIC}
+
+    @cached_property
+    def parting(self) -> dict[Formulation, list[tuple[Log, Log]]]:
+        """The linear and the nonlinear model without friction on straight ways, each twice as far as the one before."""
+        return {
+            name: [
+                (self._linear(name, straight(step)), self.frictionless(name, straight(step)))
+                for step in STEPS
+            ]
+            for name in BASIC
+        }
+
+    @cached_property
+    def changes(self) -> dict[str, tuple[Log, ...]]:
+        """The model with friction through the change of reference, by `KINDS`, from several starts."""
+        return {
+            kind: tuple(self._change(number, *how) for number in range(RUNS)) for kind, how in KINDS.items()
+        }
+
+    @cached_property
+    def twin_changes(self) -> dict[str, tuple[Log, ...]]:
+        """The twin through it, "none" and "full" compensation."""
+        names = {"none": "without_compensation", "full": "with_compensation"}
+        return {
+            kind: tuple(self.recordings[f"{name}_{k}"]["log"] for k in range(RUNS))
+            for kind, name in names.items()
+        }
+
+    @cached_property
+    def validations(self) -> tuple[Validated, ...]:
+        """The models with and without friction against each of the twin's runs without compensation (chapter 4)."""
+        return tuple(
+            validated(self.robot, self.identified, log.without_truth()) for log in self.twin_changes["none"]
+        )
+
+    @cached_property
+    def alignments(self) -> tuple[Alignment, ...]:
+        """The three-minute runs beside motion capture (Appendix IV)."""
+        pairs = [self.recordings[f"drifting_{k}"] for k in range(LONG_RUNS)]
+        return tuple(align(pair["log"].without_truth(), pair["film"]) for pair in pairs)
+
+    @cached_property
+    def swings(self) -> tuple[SwingFit, ...]:
+        """Simulated swings of the body about where the ball's centre would be, fitted (Figure III.1)."""
+        t = np.arange(round(SWING * FILM_RATE), dtype=np.float64) / FILM_RATE
+        angle, rate = np.empty_like(t), np.empty_like(t)
+        body = self.robot.body
+        inertia = float(body.inertia_about_ball_center()[0, 0])
+        stiffness = body.mass * self.robot.gravity * body.center_of_mass / inertia
+        follow_pendulum(
+            stiffness, PIVOT_VISCOUS / inertia, PIVOT_DRY / inertia, SWING_ANGLE, 0.0, t, 0.005, angle, rate
+        )
+        fits = []
+        for number in range(RUNS):
+            # the tracking's error: N(0, TRACKING_ERROR)
+            random = np.random.default_rng(run_seed(self.seed, 500 + number))
+            error = TRACKING_ERROR * random.standard_normal(len(t))
+            fits.append(fit_swing(swing_of(t, angle + error, kind="angle", source="a simulated swing")))
+        return tuple(fits)
+
+    @cached_property
+    def film(self) -> FilmedBall:
+        """The ball of the robot held upside down, filmed and followed (Appendix V)."""
+        logs = {name: log.between(0.0, FILMED) for name, log in self.recordings["upside_down"].items()}
+        return filmed_ball(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
+
+    def _linear(self, formulation: Formulation, reference: Reference) -> Log:
+        gain = self.design.gain
+        return linear_run(self.robot, gain, reference, duration=CHANGE_RUN, formulation=formulation)
+
+    def frictionless(self, formulation: Formulation, reference: Reference) -> Log:
+        """Return the run of a nonlinear model without friction under the nominal gain."""
+        plant = ModelOnGrid(Model(self.robot, formulation=formulation))
+        return simulate(plant, Controller(self.robot, self.design.gain), reference, duration=CHANGE_RUN)
+
+    def _change(self, number: int, compensation: Compensation, speed_band: float | None) -> Log:
+        controller = Controller(
+            self.identified, self.design.gain, compensation=compensation, speed_band=speed_band
+        )
+        # leans: N(0, _START_LEAN)
+        start = np.zeros(10)
+        random = np.random.default_rng(run_seed(self.seed, 400 + number))
+        start[2:4] = np.round(_START_LEAN * random.standard_normal(2), 6)
+        plant = ModelOnGrid(Model(self.identified))
+        return simulate(plant, controller, CHANGE, duration=CHANGE_RUN, initial_state=start)
+
+
+def rounded_friction(robot: Robot) -> Robot:
+    """Return a robot whose friction is rounded to three digits, so that a search ends alike on every machine."""
+
+    def rounded(value: float) -> float:
+        return float(f"{value:.{_FRICTION_DIGITS}g}")
+
+    friction = robot.friction
+    return robot.replace(
+        friction=Friction(
+            viscous=tuple(map(rounded, friction.viscous)),
+            coulomb=tuple(map(rounded, friction.coulomb)),
+            stribeck=tuple(map(rounded, friction.stribeck)),
+            stribeck_speed=rounded(friction.stribeck_speed),
+            stribeck_exponent=rounded(friction.stribeck_exponent),
+            rolling=rounded(friction.rolling),
+        )
+    )
+
+
+def straight(step: float) -> Reference:
+    """Return a change of reference without a turn: by `step` metres along x and back along y, at t = 3 s."""
+    return change_pose(x=step, y=-step, psi=0.0, at=3.0, ramp=0.0)
+
+
+def _leaning(number: int) -> NDArray[np.float64]:
+    """Return the start of a run that stands, at rest and leaning to a side of its own."""
+    start = np.zeros(10)
+    side = 2.0 * np.pi * number / RUNS
+    start[2:4] = np.round(FIRST_LEAN * np.array([np.cos(side), np.sin(side)]), 6)
+    return start
+
+
+def linear_run(
+    robot: Robot,
+    gain: NDArray[np.float64],
+    reference: Reference,
+    *,
+    duration: float,
+    formulation: Formulation = "exact",
+) -> Log:
+    """Return a run of x_dot = A x + B u under u = K (r - x), from rest, sampled and held.
+
+    The linear model is of psi = 0 and knows no other heading, so that the error is not turned.
+    """
+    frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
+    linear = Model(frictionless, formulation=formulation).linearize()
+    h = robot.sensors.sample_time
+    F, G = held(linear.A, linear.B, h)
+    count = sample_count(duration, h)
+    t = np.round(h * np.arange(count, dtype=np.float64), 9)
+    x, states, torques = np.zeros(10), np.empty((count, 10)), np.empty((count, robot.wheel_count))
+    wanted = np.array([reference(float(time)) for time in t])
+    for k in range(count):
+        states[k] = x
+        torques[k] = gain @ (wanted[k] - x)
+        x = F @ x + G @ torques[k]
+    columns = {"t": t} | dict(zip(STATE_NAMES, states.T, strict=True))
+    columns |= {f"u{i + 1}": column for i, column in enumerate(torques.T)}
+    return Log(columns | {"ref_x": wanted[:, 0], "ref_y": wanted[:, 1], "ref_psi": wanted[:, 4]})
+
+
+def _no_progress(share: float, note: str) -> None:
+    """Tell nobody."""

@@ -1,0 +1,145 @@
+"""The work of `ballbot reproduce`: record, identify, compensate, then measure each figure in the thesis's order."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballbot.fitting.run import Progress as Identifying
+from ballbot.identification.identify import identify
+from ballbot.log import Log
+from ballbot.robot import Friction, Robot
+from ballbot.robot.file import read_robot, write_robot
+from ballbot.thesis.reproduce import appendices, chapter3, chapter4, chapter5
+from ballbot.thesis.reproduce.bench import Bench, rounded_friction
+from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
+from ballbot.thesis.reproduce.mistakes import MISTAKES
+from ballbot.thesis.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
+
+ITEMS: tuple[Callable[[Bench], Item], ...] = (
+    chapter3.figure_2_1,
+    chapter3.figure_3_1,
+    chapter3.figure_3_2,
+    chapter3.figure_3_4,
+    chapter3.figure_3_5,
+    chapter4.figure_4_1,
+    chapter4.table_4_1,
+    chapter4.figure_4_2,
+    chapter4.table_4_2,
+    chapter4.figure_4_3,
+    chapter5.figure_5_1,
+    chapter5.figure_5_2,
+    chapter5.figure_5_3,
+    chapter5.figure_5_4,
+    chapter5.figure_5_5,
+    chapter5.figure_5_6,
+    chapter5.figure_5_7,
+    chapter5.figure_5_8,
+    appendices.figure_i_1,
+    appendices.figure_iii_1,
+    appendices.figure_iv_1,
+    appendices.figure_iv_2,
+    appendices.figure_iv_3,
+    appendices.figure_iv_4,
+    appendices.figure_v_1,
+    appendices.figure_v_2,
+)
+
+
+#: when each stage has ended, of the whole
+_RECORDED, _IDENTIFIED, _COMPENSATED = 0.4, 0.65, 0.7
+#: the packages that the friction identified depends on, beside the logs
+_IDENTIFIED_BY = ("robot", "log", "mechanics", "simulation", "identification")
+#: the logs that friction is identified from
+_FITTED = ("fit_square", "fit_eight")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reproduction:
+    """The thesis remade."""
+
+    bench: Bench
+    items: tuple[Item, ...]
+    mistakes: tuple[Mistake, ...]
+
+    @property
+    def counts(self) -> dict[Verdict, int]:
+        """How many items have each verdict that there is."""
+        found = Counter(item.verdict for item in self.items)
+        return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+
+
+def reproduce(folder: Path, *, seed: int, progress: Progress) -> Reproduction:
+    """Remake every figure and table; equal seeds give equal results, wherever the run was stopped in between.
+
+    Parameters
+    ----------
+    folder : Path
+        Where recordings are kept, so that a run that was stopped goes on.
+    seed : int
+        Of all that is random.
+    progress : callable
+        Told the share that is done, and what is being done.
+    """
+    bench = make_bench(folder, seed=seed, progress=progress)
+    total = len(ITEMS) + len(MISTAKES)
+    items, mistakes = [], []
+    for done, make in enumerate(ITEMS):
+        progress(_COMPENSATED + (1.0 - _COMPENSATED) * done / total, make.__name__.replace("_", " "))
+        items.append(make(bench))
+    for done, make in enumerate(MISTAKES, start=len(ITEMS)):
+        progress(_COMPENSATED + (1.0 - _COMPENSATED) * done / total, "mistakes")
+        mistakes.append(make(bench))
+    return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
+
+
+def make_bench(folder: Path, *, seed: int, progress: Progress) -> Bench:
+    """Record the twin, identify its friction, record it compensated; see `reproduce`."""
+    alten = Robot.load("alten")
+    robot = alten.replace(friction=Friction.none(alten.wheel_count))
+    progress(0.0, "recording the twin")
+    recordings = record_all(
+        FIRST,
+        robot,
+        seed=seed,
+        folder=folder,
+        progress=lambda share, note: progress(_RECORDED * share, f"recorded: {note}"),
+    )
+    identified = _identified(robot, recordings, seed=seed, folder=folder, progress=progress)
+    progress(_IDENTIFIED, "recording the twin, compensated")
+    recordings |= record_all(
+        SECOND,
+        identified,
+        seed=seed,
+        folder=folder,
+        progress=lambda _, note: progress(_COMPENSATED, note),
+    )
+    return Bench(robot=robot, identified=identified, recordings=recordings, seed=seed, folder=folder)
+
+
+def _identified(
+    robot: Robot, recordings: dict[str, Logs], *, seed: int, folder: Path, progress: Progress
+) -> Robot:
+    """Return the robot with the friction that two recordings tell, from the folder where it was found before."""
+    logs = [recordings[name]["log"].without_truth() for name in _FITTED]
+    path = folder / f"friction-{_stamp(logs, seed)}.toml"
+    if path.exists():
+        return read_robot(path)
+
+    def tell(now: Identifying) -> None:
+        progress(_RECORDED + (_IDENTIFIED - _RECORDED) * now.share, f"identifying: {now.stage}")
+
+    found = identify(robot, logs, seed=seed, progress=tell)
+    write_robot(rounded_friction(found.robot), path)
+    return read_robot(path)
+
+
+def _stamp(logs: Sequence[Log], seed: int) -> str:
+    digest = hashlib.sha256(f"{sources_of(*_IDENTIFIED_BY)} {seed}".encode())
+    for log in logs:
+        for name in log:
+            digest.update(log[name].tobytes())
+    return digest.hexdigest()[:12]

@@ -1,0 +1,281 @@
+"""The figures of chapters 2 to 4 and of the appendices, drawn; those of chapter 4 are of the first of the runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc, Circle
+
+from ballbot.log import Log
+from ballbot.report.alignment import (
+    orientation_error_figure,
+    orientation_figure,
+    position_error_figure,
+    position_figure,
+)
+from ballbot.report.bench import movement_figure, swing_figure
+from ballbot.report.driveline import measured_figure, torque_speed_figure
+from ballbot.report.spin import velocity_figure
+from ballbot.report.style import BLUE, INK, MEASURED, MUTED, ORANGE, WITH_FRICTION, WITHOUT_FRICTION
+from ballbot.report.validation_figures import correlation_figure, symbols
+from ballbot.robot.figure import robot_figure
+from ballbot.thesis.reproduce.bench import Bench, FilmedBall
+from ballbot.thesis.reproduce.drawing import (
+    BASIC_LABELS,
+    THESIS_EQUATIONS,
+    Arrow,
+    Block,
+    Diagram,
+    Shown,
+    blocks_figure,
+    paths_figure,
+    states_figure,
+)
+
+_ARROW = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
+#: an axis's length, and the radius at which turns are drawn, in ball radii
+_AXIS, _TURN = 2.4, 1.9
+
+
+def figure_2_1(bench: Bench) -> Figure:
+    """Return the robot to scale from its right and from above, with x, y, z and theta, phi, psi."""
+    figure = robot_figure(bench.robot)
+    side, top = figure.axes[:2]
+    r = bench.robot.ball.radius
+    _axes(side, r, right="$x$", up="$z$", into="$y$, away", length=_AXIS)
+    _axes(top, r, right="$x$", up="$y$", into="$z$, up", length=0.8 * _AXIS)
+    # seen along +y, a turn about y goes from z to x
+    _turn(side, r, r"$\varphi$", start=48.0, end=88.0, towards_start=True)
+    _turn(top, r, r"$\psi$", start=18.0, end=60.0, towards_start=False)
+    _roll(top, r)
+    return figure
+
+
+def _axes(axes: Axes, r: float, *, right: str, up: str, into: str, length: float) -> None:
+    """Draw two axes from the ball's centre, `length` ball radii long, and name the one that is seen end on."""
+    for place, label, offset in (((length * r, 0.0), right, (-3, -11)), ((0.0, length * r), up, (-9, 0))):
+        axes.annotate("", xy=place, xytext=(0.0, 0.0), arrowprops=_ARROW, zorder=20, annotation_clip=False)
+        axes.annotate(
+            label, place, offset, textcoords="offset points", ha="center", va="center", fontsize=11, zorder=20
+        )
+    axes.plot(0.0, 0.0, "o", markersize=6, markerfacecolor="white", color=INK, zorder=21)
+    axes.annotate(into, (0.0, 0.0), (-7, -13), textcoords="offset points", ha="right", fontsize=9, zorder=21)
+
+
+def _turn(axes: Axes, r: float, label: str, *, start: float, end: float, towards_start: bool) -> None:
+    """Draw an arc with an arrow at one end, angles in degrees from the panel's right."""
+    radius = _TURN * r
+    axes.add_patch(
+        Arc((0.0, 0.0), 2 * radius, 2 * radius, theta1=start, theta2=end, color=INK, linewidth=1.4, zorder=20)
+    )
+    tip, before = np.radians([start, start + 6.0] if towards_start else [end, end - 6.0])
+    points = [(radius * np.cos(a), radius * np.sin(a)) for a in (tip, before)]
+    axes.annotate(
+        "",
+        xy=points[0],
+        xytext=points[1],
+        zorder=20,
+        arrowprops=_ARROW,
+    )
+    middle = np.radians(0.5 * (start + end))
+    axes.annotate(
+        label,
+        (1.12 * radius * np.cos(middle), 1.12 * radius * np.sin(middle)),
+        ha="center",
+        va="center",
+        fontsize=12,
+        zorder=20,
+    )
+
+
+def _roll(axes: Axes, r: float) -> None:
+    """Draw theta's turn about x: a flat ellipse around the axis, its arrow as a right hand turns."""
+    place = 1.55 * r
+    axes.add_patch(
+        Arc((place, 0.0), 0.3 * r, 1.1 * r, theta1=-70.0, theta2=120.0, color=INK, linewidth=1.4, zorder=20)
+    )
+    tip, before = (np.radians(angle) for angle in (120.0, 108.0))
+    points = [(place + 0.15 * r * np.cos(a), 0.55 * r * np.sin(a)) for a in (tip, before)]
+    axes.annotate(
+        "",
+        xy=points[0],
+        xytext=points[1],
+        zorder=20,
+        arrowprops=_ARROW,
+    )
+    axes.annotate(r"$\theta$", (place, -0.75 * r), ha="center", va="center", fontsize=12, zorder=20)
+
+
+def figure_3_1(bench: Bench) -> Figure:
+    """Return torque over speed of the three free wheels."""
+    return measured_figure(bench.sweeps)
+
+
+def figure_3_2(bench: Bench) -> Figure:
+    """Return torque over speed of wheel 1, measured and of both models."""
+    return torque_speed_figure(bench.sweeps[0], bench.driveline_fit)
+
+
+def figure_3_4(bench: Bench) -> Figure:
+    """Return the ball's rotation about each axis with friction and without."""
+    return movement_figure(bench.ball_movement)
+
+
+def figure_3_5(bench: Bench) -> Figure:
+    """Return the paths of the models about the origin, from the first of their starts."""
+    runs = [
+        Shown(label="with friction", log=bench.standing["friction"][0], line=WITH_FRICTION),
+        Shown(label=BASIC_LABELS["thesis"], log=bench.standing["thesis"][0], line=THESIS_EQUATIONS),
+        Shown(label=BASIC_LABELS["exact"], log=bench.standing["exact"][0], line=WITHOUT_FRICTION),
+    ]
+    return paths_figure(runs, ball_radius=bench.robot.ball.radius, goal=False)
+
+
+_STATES = ("x", "y", "theta", "phi", "psi", "psi_dot")
+
+
+def figure_4_1(bench: Bench) -> Figure:
+    """Return measured and simulated states in closed loop, over the whole run."""
+    one = bench.validations[0]
+    return states_figure(
+        _shown({"measured": one.log.without_truth()} | one.runs), _STATES, start=0.0, end=float(one.log.t[-1])
+    )
+
+
+def figure_4_2(bench: Bench) -> Figure:
+    """Return them in open loop, each model until its own lean is past recovery."""
+    example = bench.validations[0].example
+    t = example["measured"].t
+    return states_figure(_shown(example), _STATES, start=float(t[0]), end=float(t[-1]))
+
+
+def figure_4_3(bench: Bench) -> Figure:
+    """Return the correlation matrix of residuals and torques, its significant cells framed."""
+    found = bench.validations[0].correlations
+    return correlation_figure(symbols(found.labels), found.matrix, marked=found.significant)
+
+
+def _shown(logs: Mapping[str, Log]) -> list[Shown]:
+    return [
+        Shown(label="measured", log=logs["measured"], line=MEASURED),
+        Shown(label="model with friction", log=logs["friction"], line=WITH_FRICTION),
+        Shown(label=BASIC_LABELS["exact"], log=logs["exact"], line=WITHOUT_FRICTION),
+        Shown(label=BASIC_LABELS["thesis"], log=logs["thesis"], line=THESIS_EQUATIONS),
+    ]
+
+
+def figure_i_1(bench: Bench) -> Figure:
+    """Return the architecture with the preset's numbers."""
+    robot, ball = bench.robot, bench.robot.ball
+    drive, sensors, n = robot.drive, robot.sensors, robot.wheel_count
+    diameter = 2e3 * robot.wheels.radius
+    return blocks_figure(
+        Diagram(
+            size=(7.4, 2.9),
+            blocks=(
+                Block(text="IMU MTi-3 AHRS\nlean, heading, rates", at=(0.11, 0.90), size=(0.20, 0.17)),
+                Block(
+                    text=f"controller STM32F303\n{1.0 / sensors.sample_time:g} Hz",
+                    at=(0.11, 0.50),
+                    size=(0.20, 0.26),
+                ),
+                Block(text=f"batteries\n{drive.supply_voltage:g} V", at=(0.38, 0.90), size=(0.16, 0.17)),
+                Block(text=f"{n} drivers\nESCON 36/3 EC", at=(0.38, 0.50), size=(0.16, 0.26)),
+                Block(
+                    text=f"{n} motors EC-i 40\ngears {drive.gear_ratio:g} : 1",
+                    at=(0.65, 0.50),
+                    size=(0.18, 0.26),
+                ),
+                Block(text=f"{n} omni-wheels\n{diameter:g} mm", at=(0.90, 0.50), size=(0.17, 0.26)),
+                Block(
+                    text=f"{n} encoders HEDL 5540\n{sensors.encoder_counts} counts a turn",
+                    at=(0.60, 0.12),
+                    size=(0.26, 0.20),
+                ),
+                Block(
+                    text=f"ball\n{ball.mass:g} kg, {200.0 * ball.radius:g} cm",
+                    at=(0.90, 0.12),
+                    size=(0.17, 0.20),
+                ),
+            ),
+            arrows=(
+                Arrow(path=((0.11, 0.815), (0.11, 0.63))),
+                Arrow(path=((0.21, 0.50), (0.30, 0.50)), label="torque"),
+                Arrow(path=((0.38, 0.815), (0.38, 0.63))),
+                Arrow(path=((0.46, 0.50), (0.56, 0.50)), label="current"),
+                Arrow(path=((0.74, 0.50), (0.815, 0.50))),
+                Arrow(path=((0.90, 0.37), (0.90, 0.22)), both_ways=True),
+                Arrow(path=((0.65, 0.37), (0.65, 0.22))),
+                Arrow(path=((0.47, 0.12), (0.11, 0.12), (0.11, 0.37))),
+            ),
+        )
+    )
+
+
+def figure_iii_1(bench: Bench) -> Figure:
+    """Return the first simulated swing, the fitted pendulum and their difference."""
+    return swing_figure(bench.swings[0], label="simulated, with the tracking's error")
+
+
+def figure_iv_1(bench: Bench) -> Figure:
+    """Return the angles on board and by the cameras."""
+    return orientation_figure(bench.alignments[0])
+
+
+def figure_iv_2(bench: Bench) -> Figure:
+    """Return the angles' errors."""
+    return orientation_error_figure(bench.alignments[0])
+
+
+def figure_iv_3(bench: Bench) -> Figure:
+    """Return the position on board and by the cameras."""
+    return position_figure(bench.alignments[0])
+
+
+def figure_iv_4(bench: Bench) -> Figure:
+    """Return the position's errors."""
+    return position_error_figure(bench.alignments[0])
+
+
+#: of what was seen, about so many points are drawn
+_POINTS = 600
+
+
+def figure_v_1(bench: Bench) -> Figure:
+    """Return a frame of the film, and beside it the sphere with the seam that is seen and the curve fitted."""
+    film = bench.film
+    figure = Figure(figsize=(7.4, 3.6), layout="constrained")
+    picture, sphere = figure.subplots(1, 2)
+    view = film.spin.view
+    picture.imshow(film.frame[:, :, ::-1])
+    picture.plot(*view.outline().T, color="white", linewidth=0.8, linestyle="--")
+    reach = 1.2 * view.radius
+    picture.set(xlim=(view.x - reach, view.x + reach), ylim=(view.y + reach, view.y - reach))
+    picture.set(title=f"Frame {film.row} and the ball's outline found", xlabel="pixels", ylabel="pixels")
+    picture.grid(visible=False)
+    _draw_sphere(sphere, film)
+    figure.legend(loc="outside lower right", ncols=3, markerscale=2.0)
+    return figure
+
+
+def figure_v_2(bench: Bench) -> Figure:
+    """Return the velocity about each axis by video and by the wheels."""
+    return velocity_figure(bench.film.spin, bench.film.comparison)
+
+
+def _draw_sphere(axes: Axes, film: FilmedBall) -> None:
+    """Draw the unit sphere as the camera sees it from far away: x to the right, y down."""
+    axes.add_patch(Circle((0.0, 0.0), 1.0, facecolor="none", edgecolor=INK, linewidth=1.0))
+    seen = film.seen[:: max(1, len(film.seen) // _POINTS)]
+    axes.plot(seen[:, 0], seen[:, 1], ".", color=ORANGE, markersize=2.5, label="seam seen")
+    # the camera looks along +z, so that the near half has z below zero
+    for near, style, width in ((False, ":", 0.9), (True, "-", 1.4)):
+        hidden = (film.curve[:, 2] < 0.0) != near
+        places = np.where(hidden[:, None], np.nan, film.curve)
+        color, label = (BLUE, "curve fitted") if near else (MUTED, "on the far side")
+        axes.plot(places[:, 0], places[:, 1], linestyle=style, linewidth=width, color=color, label=label)
+    axes.set(xlim=(-1.2, 1.2), ylim=(1.2, -1.2), aspect="equal", title="Seam and curve on the ball")
+    axes.set(xlabel="$x$ [ball radii]", ylabel="$y$ [ball radii]")

@@ -1,0 +1,225 @@
+"""A figure or table of the thesis beside ours, and the numbers that decide whether they agree.
+
+Numbers over several seeds are their median with an interval that assumes nothing about their distribution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import comb
+from statistics import median
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+#: runs that a verdict on the twin or on a model with friction is taken over
+RUNS = 9
+#: three-minute runs that the sensors are judged by; the fewest whose whole range is an interval of 95 %
+LONG_RUNS = 6
+#: coverage asked of an interval
+_COVERAGE = 0.95
+
+
+def run_seed(seed: int, number: int) -> int:
+    """Return the seed of a run by the command's seed and the run's number."""
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+
+
+def median_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return an interval that holds the median of what the values are drawn from with at least 95 %, if six are given.
+
+    It lies between order statistics: k values lie below the median as often as k of n coins show heads, whatever the
+    distribution is (W. R. Thompson, Ann. Math. Statist. 7 (1936) 122-128). With fewer than six it is their range.
+    """
+    ordered, n = sorted(values), len(values)
+    first = 0
+    while first + 1 < n // 2 and 1.0 - 2.0 * _probability_below(n, first + 2) >= _COVERAGE:
+        first += 1
+    return ordered[first], ordered[n - 1 - first]
+
+
+def _probability_below(n: int, count: int) -> float:
+    """Return the probability of fewer than `count` heads of n coins."""
+    return sum(comb(n, k) for k in range(count)) / 2.0**n
+
+
+Verdict = Literal["agrees", "agrees in part", "does not agree", "undecided", "drawn"]
+#: what is said of several items with a verdict, in the order of a summary
+VERDICTS: Mapping[Verdict, str] = MappingProxyType(
+    {
+        "agrees": "agree",
+        "agrees in part": "agree in part",
+        "does not agree": "do not agree",
+        "undecided": "are undecided",
+        "drawn": "are drawings",
+    }
+)
+#: below this a number is rounding, which differs from machine to machine, and is printed as zero
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """Something that is claimed, and the number of ours that it is held against.
+
+    It agrees if `lowest` <= `value` <= `highest`. A number over several runs is their median; then all of its
+    `interval` must be within the bounds.
+    """
+
+    claim: str  #: a clause: "without friction the ball reaches the reference"
+    quantity: str  #: what is measured, in words
+    value: float
+    unit: str = ""
+    lowest: float = -math.inf
+    highest: float = math.inf
+    interval: tuple[float, float] | None = None  #: of the median, 95 %; None for a number without chance
+    runs: int = 1
+
+    @staticmethod
+    def over(
+        values: Sequence[float],
+        *,
+        claim: str,
+        quantity: str,
+        unit: str = "",
+        lowest: float = -math.inf,
+        highest: float = math.inf,
+    ) -> Check:
+        """Return the check of a number that several runs have each a value of; see `seeds.median_interval`."""
+        return Check(
+            claim=claim,
+            quantity=quantity,
+            value=float(median(values)),
+            unit=unit,
+            lowest=lowest,
+            highest=highest,
+            interval=median_interval(values),
+            runs=len(values),
+        )
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the number is within the criterion; one that is not a number is not."""
+        lower, upper = self.interval or (self.value, self.value)
+        return self.lowest <= lower and upper <= self.highest
+
+    @property
+    def undecided(self) -> bool:
+        """Whether only part of the interval is within the criterion."""
+        lower, upper = self.interval or (self.value, self.value)
+        return not self.agrees and lower <= self.highest and upper >= self.lowest
+
+    @property
+    def outcome(self) -> str:
+        """Yes, no or undecided."""
+        return "yes" if self.agrees else "undecided" if self.undecided else "no"
+
+    @property
+    def criterion(self) -> str:
+        """The criterion in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(self.lowest):
+            return f"at most {_digits(self.highest, exact=True)}{unit}"
+        if math.isinf(self.highest):
+            return f"at least {_digits(self.lowest, exact=True)}{unit}"
+        return f"{_digits(self.lowest, exact=True)} to {_digits(self.highest, exact=True)}{unit}"
+
+    @property
+    def measured(self) -> str:
+        """The number with its unit, and its interval if it has one."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.interval is None:
+            return f"{_digits(self.value)}{unit}"
+        return f"{spread_text(self.value, self.interval)}{unit}, {self.runs} runs"
+
+
+def spread_text(value: float, interval: tuple[float, float]) -> str:
+    """Return a median with its interval, three digits each: "0.343 (0.31 to 0.38)"."""
+    middle, lower, upper = (f"{0.0 if abs(one) < _ROUNDING else one:.3g}" for one in (value, *interval))
+    return f"{middle} ({lower} to {upper})"
+
+
+def over_runs(values: Sequence[float]) -> str:
+    """Return the median of several runs' values with its interval, in words."""
+    return spread_text(float(median(values)), median_interval(values))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """A table of texts."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Item:
+    """A figure or table of the thesis beside ours."""
+
+    name: str  #: "Figure 5.6", "Table 4.1"
+    title: str
+    thesis: str  #: what the thesis shows, a sentence
+    ours: str  #: what ours shows, a sentence or two
+    checks: tuple[Check, ...] = ()  #: none for a drawing
+    table: Rows | None = None
+
+    @property
+    def key(self) -> str:
+        """The name for files: "figure_5_6"."""
+        return self.name.lower().replace(" ", "_").replace(".", "_")
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the checks say together."""
+        if not self.checks:
+            return "drawn"
+        if all(check.agrees for check in self.checks):
+            return "agrees"
+        if all(check.agrees or check.undecided for check in self.checks):
+            return "undecided"
+        return "agrees in part" if any(check.agrees for check in self.checks) else "does not agree"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words, with what does not agree."""
+        if self.verdict == "drawn":
+            return "A drawing; there is nothing to agree or not."
+        if self.verdict == "agrees":
+            return "Ours agrees."
+        missing = [_missing(check) for check in self.checks if not check.agrees and not check.undecided]
+        open_still = [_missing(check) for check in self.checks if check.undecided]
+        said = ["Ours is undecided" if self.verdict == "undecided" else f"Ours {self.verdict}"]
+        if missing:
+            said.append(f"it does not show that {'; nor that '.join(missing)}")
+        if open_still:
+            said.append(f"its runs leave open that {'; and that '.join(open_still)}")
+        return f"{said[0]}: {'; '.join(said[1:])}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mistake:
+    """A misprint or mistake of the thesis, with the number that shows it."""
+
+    number: int  #: in the list
+    where: str  #: the equation or section
+    thesis: str  #: what it says
+    right: str  #: what it should say
+    shown_by: tuple[Check, ...]  #: numbers that would not be so were the thesis right
+
+    @property
+    def proven(self) -> bool:
+        """Whether every number shows it."""
+        return all(check.agrees for check in self.shown_by)
+
+
+def _missing(check: Check) -> str:
+    return f"{check.claim} ({check.quantity}: {check.measured}; asked is {check.criterion})"
+
+
+def _digits(value: float, *, exact: bool = False) -> str:
+    if abs(value) < _ROUNDING and not exact:
+        return "0"
+    return f"{value:.5g}" if abs(value) >= 10.0 else f"{value:.4g}"

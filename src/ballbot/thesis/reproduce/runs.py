@@ -1,0 +1,231 @@
+"""How a run is measured, and compared with the models with and without friction (chapter 4).
+
+The validation is in closed loop, in open loop and by residuals. Closed loop goes over the whole run in one, as the
+thesis's does, and restarted every few seconds from the measured state, as robot and model lose each other's phase.
+"Without friction" there are two models: the exact equations, and the thesis's own formulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+from scipy.spatial import KDTree
+
+from ballbot.control.presets import nominal_controller
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.simulation.run import simulate
+from ballbot.thesis.reproduce.recordings import ARRIVED, CHANGE, ModelOnGrid
+from ballbot.validation.errors import thesis_error
+from ballbot.validation.models import ModelPair, NamedModel, forecast, recoverable_lean, rows_after
+from ballbot.validation.prediction import predict
+from ballbot.validation.statistics import Correlations, correlations
+from ballbot.workflows.metrics import position_error, rms, true_place
+
+
+def peak_after_arrival(log: Log) -> float:
+    """Return the largest distance from the reference once it has been reached [m]."""
+    return float(position_error(log)[log.t >= ARRIVED].max())
+
+
+def distance_at(log: Log, t: float) -> float:
+    """Return the distance from the reference at a time [s], in metres."""
+    return float(position_error(log)[np.searchsorted(log.t, t - 1e-6)])
+
+
+def steady_error(log: Log, *, seconds: float = 5.0) -> float:
+    """Return the mean distance from the reference over a run's last seconds [m]."""
+    return float(position_error(log)[log.t >= log.t[-1] - seconds].mean())
+
+
+def apart(first: Log, second: Log, name: str) -> float:
+    """Return the RMS difference of a state between two runs over the first one's range of it."""
+    count = min(len(first), len(second))
+    return rms(first[name][:count] - second[name][:count]) / float(np.ptp(first[name]))
+
+
+def largest_apart(first: Log, second: Log, names: Sequence[str] = STATE_NAMES) -> float:
+    """Return the largest of those states' `apart`."""
+    return max(apart(first, second, name) for name in names)
+
+
+def largest_lean(log: Log) -> float:
+    """Return the largest of theta and phi [rad]."""
+    return float(np.abs(log.states[:, 2:4]).max())
+
+
+def way_apart(first: Log, second: Log) -> float:
+    """Return the largest distance of the second run's place, on its way, from the first run's path [m]."""
+    paths = [true_place(log) for log in (first, second)]
+    along, places = (np.column_stack([one["x"], one["y"]])[one.t < ARRIVED] for one in paths)
+    # a path's points lie millimetres apart, so that the nearest of them is as good as the path
+    distances, _ = KDTree(along).query(places)
+    return float(np.max(distances))
+
+
+def above(values: NDArray[np.float64], sample_time: float, frequency: float) -> NDArray[np.float64]:
+    """Return what of columns (n, ...) lies above a frequency [Hz], by a Butterworth filter run both ways.
+
+    Parameters
+    ----------
+    values : ndarray (n, ...)
+        A row for each sample.
+    sample_time : float
+        [s]
+    frequency : float
+        [Hz]
+    """
+    sections = butter(2, frequency, btype="highpass", fs=1.0 / sample_time, output="sos")
+    return np.asarray(sosfiltfilt(sections, values, axis=0), np.float64)
+
+
+#: time between restarts in closed loop, between starts in open loop, and how far those look [s]
+RESTART, EVERY, AHEAD = 4.0, 1.0, 2.0
+#: the models, in the order of every array here
+MODELS = ("friction", "exact", "thesis")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Validated:
+    """Errors (4.1) of a run, states in a log's order; models as in `MODELS`."""
+
+    log: Log  #: as measured
+    runs: dict[str, Log]  #: each model's closed loop over the whole run
+    whole: NDArray[np.float64]  #: (3, 10) their errors
+    rmse: NDArray[np.float64]  #: (3, 10) alike, by the root mean square
+    restarted: NDArray[np.float64]  #: (3, 10) mean errors over the restarted runs
+    samples: tuple[int, int]  #: of the whole run, and of a restarted one
+    falls: NDArray[np.float64]  #: (3,) median time until a model's lean is past recovery in open loop [s]
+    fallen: NDArray[np.float64]  #: (3,) share of the open-loop runs that got there
+    #: (2, 2, 10) mean errors in open loop of friction and one model without, until the first of the two is past
+    #: recovery
+    open_loop: NDArray[np.float64]
+    example: dict[
+        str, Log
+    ]  #: an open-loop run, "measured" and each model until its own lean is past recovery
+    correlations: Correlations  #: of the residuals of the model with friction
+
+
+def validated(robot: Robot, identified: Robot, log: Log) -> Validated:
+    """Hold the models against a run of the twin through the change of reference.
+
+    Parameters
+    ----------
+    robot : Robot
+        Without friction.
+    identified : Robot
+        With it.
+    log : Log
+        As measured, under the nominal controller without compensation.
+    """
+    log = log.with_columns({"psi": np.unwrap(log["psi"])})
+    models = {
+        "friction": Model(identified),
+        "exact": Model(robot),
+        "thesis": Model(robot, formulation="thesis"),
+    }
+    runs = {name: closed_run(model, log, 0, len(log)) for name, model in models.items()}
+    differences = {name: log.states[: len(run)] - run.states for name, run in runs.items()}
+    samples = round(RESTART / log.sample_time)
+    opened = _OpenLoop.of(models, log)
+    pair = ModelPair(
+        first=NamedModel(name="with friction", model=models["friction"]),
+        second=NamedModel(name="without friction", model=models["exact"]),
+    )
+    prediction = predict(pair, log, [range(len(log))])
+    return Validated(
+        log=log,
+        runs=runs,
+        whole=np.array([thesis_error(one) for one in differences.values()]),
+        rmse=np.array([np.sqrt(np.mean(one**2, axis=0)) for one in differences.values()]),
+        restarted=np.array([_restarted(model, log, samples) for model in models.values()]),
+        samples=(len(log), samples),
+        falls=np.median(opened.lengths, axis=1) * log.sample_time,
+        fallen=np.mean(opened.lengths < opened.samples, axis=1),
+        open_loop=np.array([opened.errors(0, other) for other in (1, 2)]),
+        example=opened.example(log),
+        correlations=correlations(
+            np.hstack([prediction.residuals, prediction.torques]), prediction.labels, prediction.segments
+        ),
+    )
+
+
+def closed_run(model: Model, log: Log, start: int, samples: int) -> Log:
+    """Return a model's run from the measured state of a row on, under the controller that recorded the log."""
+    controller = nominal_controller(model.robot)
+    begin = float(log.t[start])
+    return simulate(
+        ModelOnGrid(model),
+        controller,
+        lambda t: CHANGE(begin + t),
+        duration=samples * log.sample_time,
+        initial_state=log.states[start],
+    )
+
+
+def _restarted(model: Model, log: Log, samples: int) -> NDArray[np.float64]:
+    errors = []
+    for start in range(0, len(log) - samples + 1, samples):
+        run = closed_run(model, log, start, samples)
+        errors.append(thesis_error(log.states[start : start + len(run)] - run.states))
+    return np.mean(errors, axis=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _OpenLoop:
+    """Forecasts of the models under the measured torques, from starts that can be recovered from."""
+
+    starts: NDArray[np.int64]
+    states: NDArray[np.float64]  #: (3, starts, samples, 10)
+    measured: NDArray[np.float64]  #: (starts, samples, 10)
+    lengths: NDArray[np.int64]  #: (3, starts) samples until the model's own lean is past recovery
+
+    @property
+    def samples(self) -> int:
+        return self.states.shape[2]
+
+    @staticmethod
+    def of(models: dict[str, Model], log: Log) -> _OpenLoop:
+        samples = round(AHEAD / log.sample_time)
+        # the exact equations say from where the motors no longer bring the body back up
+        limit = recoverable_lean(models["exact"])
+        starts = np.arange(0, len(log) - samples, round(EVERY / log.sample_time), dtype=np.int64)
+        starts = starts[np.abs(log.states[starts, 2:4]).max(axis=1) < limit]
+        states = forecast([*models.values()], log, starts, samples)
+        past = ~(np.abs(states[..., 2:4]).max(axis=-1) < limit)
+        lengths = np.where(past.any(axis=-1), np.maximum(past.argmax(axis=-1), 1), samples)
+        measured = log.states[rows_after(starts, samples)]
+        return _OpenLoop(starts=starts, states=states, measured=measured, lengths=lengths)
+
+    def errors(self, first: int, second: int) -> NDArray[np.float64]:
+        """Return both models' mean errors (2, 10), each start's runs cut to the shorter one's samples, as Table 4.2."""
+        shorter = np.minimum(self.lengths[first], self.lengths[second])
+        return np.array(
+            [
+                np.mean(
+                    [
+                        thesis_error(self.measured[k, :n] - self.states[model, k, :n])
+                        for k, n in enumerate(shorter)
+                    ],
+                    axis=0,
+                )
+                for model in (first, second)
+            ]
+        )
+
+    def example(self, log: Log) -> dict[str, Log]:
+        """Return the start at which the model with friction lasts as long as it does at the median start."""
+        k = int(np.argsort(self.lengths[0], kind="stable")[len(self.starts) // 2])
+        row = int(self.starts[k])
+        longest = int(self.lengths[:, k].max())
+        shown = {"measured": log.select(slice(row, row + longest + 1))}
+        for name, states, length in zip(MODELS, self.states[:, k], self.lengths[:, k], strict=True):
+            run = np.vstack([log.states[row], states[:length]])
+            columns = {"t": log.t[row : row + length + 1]} | dict(zip(STATE_NAMES, run.T, strict=True))
+            shown[name] = Log(columns)
+        return shown

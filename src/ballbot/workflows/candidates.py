@@ -1,0 +1,356 @@
+"""Candidates: the controllers of a comparison, as the command line names them.
+
+none, full, partial            the nominal gain with that compensation
+precise                        the precise controller (`ballbot.control.precise`)
+found/controller.toml          a controller file
+mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
+adaptive=mine.py:Mine          any of these under another name
+found/controller.toml@kalman   any of these with another on-board state than the one that it is made for
+
+A user's own controller is a class, or a function that makes one:
+
+class Mine:
+    sample_time = 0.005
+    estimator = "kalman"  # the on-board state it is given on the twin; by default "onboard", the thesis's
+
+    def __init__(self, robot: ballbot.Robot) -> None: ...
+    def reset(self) -> None: ...
+    def update(self, t, state, reference): return torques
+
+What the file imports from its own folder and elsewhere, and what it reads while the controller is made, belongs to the
+controller: with `checksums`, a resumed run and a worker know that none of it was changed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn, TypeVar, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.file import read_controller
+from ballbot.control.interface import Feedback, estimator_of
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.errors import InputError
+from ballbot.estimation.interface import EstimatorName, checked_name
+from ballbot.printable import shell_line
+from ballbot.robot import Robot
+from ballbot.workflows.user_files import (
+    Checksums,
+    changed_file,
+    checksums_of,
+    files_named,
+    files_opened,
+    modules_imported,
+)
+
+_Result = TypeVar("_Result")
+
+
+class UserController:
+    """A user's controller, made by their file; what goes wrong in it is told in one sentence.
+
+    A copy, in this process or in another, is made anew from the file: so that runs cannot remember each other.
+    """
+
+    sample_time: float  #: [s]
+    estimator: (
+        EstimatorName  #: of the on-board state that it is given; the user's `estimator`, else "onboard"
+    )
+    checksums: Checksums  #: of all files that it is made of
+
+    def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
+        """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
+        self._path, self._made_by, self._robot = path, made_by, robot
+        make, read = _attribute(path, made_by)
+        with files_opened(Path(path).parent) as opened:
+            made = self._guarded("when it was made", lambda: make(robot))
+            read = read | opened()
+        self.checksums = checksums_of({*files_named(Path(path)), *modules_imported(), *read})
+        self._take(made)
+        self.estimator = estimator or self._guarded("when it was looked at", lambda: estimator_of(self._made))
+
+    def with_estimator(self, estimator: EstimatorName) -> UserController:
+        """Return a new one of the same file for another on-board state."""
+        return UserController(self._path, self._made_by, self._robot, estimator)
+
+    def _take(self, made: object) -> None:
+        """Keep what was made, if it is a controller."""
+
+        def lacks(name: str) -> bool:
+            return self._guarded("when it was looked at", lambda: not hasattr(made, name))
+
+        lacking = [name for name in ("sample_time", "reset", "update") if lacks(name)]
+        if lacking:
+            raise InputError(
+                f"what {self._place} makes has no {lacking[0]}; a controller has sample_time, reset() and "
+                "update(t, state, reference)."
+            )
+        self._made = cast("Feedback", made)
+        self.sample_time = self._guarded("when it was looked at", lambda: self._made.sample_time)
+        if not (isinstance(self.sample_time, int | float) and 0.0 < self.sample_time < np.inf):
+            raise InputError(
+                f"the sample_time of {self._place} is {self.sample_time!r}; it must be above zero."
+            )
+
+    def __reduce__(
+        self,
+    ) -> tuple[Callable[..., UserController], tuple[str, str, Robot, EstimatorName, dict[str, str]]]:
+        return _remake, (
+            self._path,
+            self._made_by,
+            self._robot,
+            self.estimator,
+            dict(self.checksums),
+        )
+
+    def reset(self) -> None:
+        """Forget everything that happened so far."""
+        self._guarded("in reset()", self._made.reset)
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the wheel torques (n,) [N m]."""
+        torques = self._guarded(f"at t = {t:g} s", lambda: self._made.update(t, state, reference))
+        try:
+            found = np.array(torques, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{self._place} returned {type(torques).__name__} at t = {t:g} s, but it must return an array "
+                "of torques."
+            ) from None
+        if not np.isfinite(found).all():  # in a user's program a mistake, not a fall
+            raise InputError(
+                f"{self._place} returned torques {found.tolist()} at t = {t:g} s; all must be finite."
+            )
+        return found
+
+    @property
+    def _place(self) -> str:
+        return f"{self._path}:{self._made_by}"
+
+    def _guarded(self, moment: str, call: Callable[[], _Result]) -> _Result:
+        try:
+            with _without_exit():
+                return call()
+        except InputError:
+            raise
+        except BaseException as error:  # sys.exit ends nothing but this call
+            if isinstance(error, KeyboardInterrupt):
+                raise
+            raise InputError(
+                f"{self._place} failed {moment}: {_error_text(error, Path(self._path))}."
+            ) from error
+
+
+def _remake(
+    path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksums: Checksums
+) -> UserController:
+    """Return a copy of a controller, if the files that it is made of are as they were."""
+    changed = changed_file(checksums)
+    if changed:
+        raise InputError(
+            f"{os.path.relpath(changed)} was changed while {path}:{made_by} ran; begin anew, so that all runs are of "
+            "one controller."
+        )
+    return UserController(path, made_by, robot, estimator)
+
+
+#: files that a module read while it was run, by its name
+_read: dict[str, set[Path]] = {}
+
+
+def _attribute(path: str, name: str) -> tuple[Callable[[Robot], object], set[Path]]:
+    """Return what a Python file has under a name, and the files that it read when it was run.
+
+    It is run once in each process, until it changes. Modules beside it can be imported, after Python's and installed
+    ones.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise InputError(f"there is no Python file {path!r}.")
+    module_name = f"ballbot_own_{file.stat().st_mtime_ns}_{file.resolve()}"
+    if module_name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(module_name, file)
+        assert spec is not None  # its name ends in .py
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module  # dataclasses look their module up
+        folder = str(file.resolve().parent)
+        if folder not in sys.path:
+            sys.path.append(folder)
+        try:
+            with files_opened(file.parent) as opened, _without_exit():
+                spec.loader.exec_module(module)
+                _read[module_name] = opened()
+        except BaseException as error:
+            del sys.modules[module_name]
+            if isinstance(error, KeyboardInterrupt):
+                raise
+            raise InputError(f"{path} cannot be run: {_error_text(error, file)}.") from error
+    _check_names(path)
+    make = getattr(sys.modules[module_name], name, None)
+    if not callable(make):
+        raise InputError(
+            f"{path} has no {name!r} to call; it must be a class or a function that takes the robot."
+        )
+    return make, _read[module_name]
+
+
+def _check_names(path: str) -> None:
+    """Raise InputError if a module beside a file is not the one that is imported under its name."""
+    folder = Path(path).resolve().parent
+    for file in files_named(Path(path)):
+        if file == Path(path).resolve() or not file.is_relative_to(folder):
+            continue
+        parts = file.relative_to(folder).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        used = getattr(sys.modules.get(name), "__file__", None)
+        if used and Path(used).resolve() != file:
+            raise InputError(
+                f"{path} imports {name}, but {used} is in use under that name; give {file.name} another name."
+            )
+
+
+class _CalledExit(BaseException):
+    """A controller called os._exit."""
+
+
+@contextmanager
+def _without_exit() -> Iterator[None]:
+    """Turn os._exit into an exception in the block, which else would end the program as if all had gone well."""
+    end, process = os._exit, os.getpid()
+
+    def refuse(status: int) -> NoReturn:
+        if os.getpid() != process:  # a process that the controller has begun ends by it
+            end(status)
+        raise _CalledExit(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = end
+
+
+def _error_text(error: BaseException, file: Path) -> str:
+    """Return an error in words, with the last line of the user's file that it passed through."""
+    line, step = None, error.__traceback__
+    while step is not None:
+        if Path(step.tb_frame.f_code.co_filename).resolve() == file.resolve():
+            line = step.tb_lineno
+        step = step.tb_next
+    words = " ".join(f"{type(error).__name__}: {_text(error)}".split()).rstrip(".:")
+    if isinstance(error, SystemExit):
+        words = f"it called sys.exit({_text(error)}), and a controller must not end the program"
+    if isinstance(error, _CalledExit):
+        words = f"it called os._exit({_text(error)}), and a controller must not end the program"
+    return f"{words} (line {line})" if line else words
+
+
+def _text(error: BaseException) -> str:
+    """Return an error's own words, which it may fail to say."""
+    try:
+        return str(error)
+    except Exception:
+        return "?"
+
+
+#: controllers that are not files
+NAMED_CONTROLLERS = (*get_args(Compensation), "precise")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A controller under a name, by what makes it."""
+
+    name: str  #: in tables and figures
+    source: str  #: one of `NAMED`, a controller file, or FILE.py:NAME
+    estimator: EstimatorName | None = (
+        None  #: the on-board state it is given; by default the one it is made for
+    )
+
+    def controller(self, robot: Robot) -> Feedback:
+        """Return it, new.
+
+        Raises
+        ------
+        InputError
+            If there is no such controller, or a user's file does not make one.
+        """
+        made = self._made(robot)
+        return made if self.estimator is None else made.with_estimator(self.estimator)
+
+    def _made(self, robot: Robot) -> Controller | UserController:
+        for compensation in get_args(Compensation):
+            if self.source == compensation:
+                return nominal_controller(robot, compensation=compensation)
+        if self.source == "precise":
+            return precise_controller(robot)
+        path, _, made_by = self.source.rpartition(":")
+        if path.endswith(".py"):
+            return UserController(path, made_by, robot)
+        if self.source.endswith(".py"):
+            raise InputError(
+                f"{self.source} is a Python file. Name the class or function that makes the controller, as "
+                f"{shell_line([f'{self.source}:NAME'])}."
+            )
+        if not Path(self.source).exists():
+            raise InputError(
+                f"There is no controller {self.source!r}; give a controller file, FILE.py:NAME for your own, or "
+                f"{', '.join(NAMED_CONTROLLERS)}."
+            )
+        return read_controller(self.source, robot)
+
+    @property
+    def file(self) -> Path | None:
+        """The file it comes from, or None."""
+        if self.source in NAMED_CONTROLLERS:
+            return None
+        path, _, _ = self.source.rpartition(":")
+        return Path(path if path.endswith(".py") else self.source)
+
+
+def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
+    """Return those whom words of the command line name.
+
+    Each gets the on-board state that it is made for unless its word names another.
+
+    Raises
+    ------
+    InputError
+        Where there is none, two have one name, or there is no such estimator.
+    """
+    if not words:
+        raise InputError("There is nothing to compare: at least one controller is needed.")
+    short = [Path(word).name for word in words]
+    found: dict[str, Candidate] = {}
+    for word, ending in zip(words, short, strict=True):
+        name, equals, source = word.partition("=")
+        if not equals:  # by its file's name, where that tells it apart
+            name, source = ending if short.count(ending) == 1 else word, word
+        source, estimator = _split_estimator(source)
+        one = Candidate(name=name, source=source, estimator=estimator)
+        if not (one.name and one.source):
+            raise InputError(f"The controller {word!r} lacks its name or its source; write NAME=SOURCE.")
+        if one.name in found:
+            raise InputError(f"Two controllers are called {one.name!r}; rename one with NAME=SOURCE.")
+        found[one.name] = one
+    return tuple(found.values())
+
+
+def _split_estimator(source: str) -> tuple[str, EstimatorName | None]:
+    """Return the source and the estimator, if one is named, of SOURCE or SOURCE@ESTIMATOR."""
+    before, at, after = source.rpartition("@")
+    if at and "/" not in after:
+        return before, checked_name(after)
+    return source, None

@@ -1,0 +1,286 @@
+"""Which controller a study hands out: candidates on the same perturbed plants, and what each part of the best gains.
+
+Every candidate runs the same course on every plant drawn (`ballbot.workflows.plant_draws`) with the same seeds.
+
+- A candidate that falls on any plant is excluded.
+- Of the others, the one with the smallest median peak error is the best. Those whose 95 % interval of the median
+  overlaps the best one's count as equal to it.
+- Among these the smoothest is chosen: the one whose torques change least from sample to sample (median of the RMS).
+
+An ablation then removes one part of the precise controller at a time, on the same plants with the same seeds, and the
+paired ratios of peak errors say what that part gains by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.overcompensation import cautious_friction
+from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
+from ballbot.errors import InputError
+from ballbot.fitting.checkpoint import Arrays, Memoize, no_checkpoint
+from ballbot.identification import Identification
+from ballbot.log import Log
+from ballbot.robot import Robot
+from ballbot.workflows.comparison import MedianEstimate, OrderedResults, median_with_interval
+from ballbot.workflows.courses import ReferenceSpec
+from ballbot.workflows.metrics import Performance, Score, performance_of, score
+from ballbot.workflows.plant_draws import PlantDraw, parameter_covariance
+
+#: the first is what the others are compared with
+CANDIDATES = ("none", "full", "partial", "precise")
+#: of the precise controller, by what is removed
+ABLATIONS = (
+    "estimator",
+    "reference shaping",
+    "feed-forward",
+    "integral action",
+    "disturbance observer",
+    "friction compensation",
+)
+
+ChoiceProgress = Callable[[float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedCourse:
+    """A reference and how long it is followed."""
+
+    name: str  #: of `ballbot.control.references`
+    duration: float  #: [s]
+
+    @property
+    def asked(self) -> ReferenceSpec:
+        """The reference as what makes it."""
+        return ReferenceSpec(name=self.name)
+
+
+#: the square of 0.5 m, once around
+SQUARE = NamedCourse(name="square", duration=32.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """A controller on every plant drawn, in the order of the draws."""
+
+    controller: Controller
+    scores: tuple[Score, ...]  #: by the true position
+    performances: tuple[Performance, ...]  #: as the robot's own log shows them
+
+    @property
+    def falls(self) -> int:
+        """Number of runs that ended early."""
+        return sum(score.ended is not None for score in self.scores)
+
+    @property
+    def peaks(self) -> NDArray[np.float64]:
+        """Peak position errors (draws,) [m]; NaN of a run that ended early."""
+        return np.array([one.peak_position_error if one.ended is None else np.nan for one in self.scores])
+
+    @property
+    def peak(self) -> MedianEstimate:
+        """Median peak error of the runs that did not end early, with its 95 % interval [m]."""
+        return median_with_interval(self.peaks)
+
+    @property
+    def rms(self) -> MedianEstimate:
+        """Median RMS error of the runs that did not end early, with its 95 % interval [m]."""
+        return median_with_interval(
+            [one.rms_position_error if one.ended is None else np.nan for one in self.scores]
+        )
+
+    @property
+    def roughness(self) -> MedianEstimate:
+        """Median RMS change of the torques from sample to sample, with its 95 % interval [N m]."""
+        return median_with_interval([one.rms_torque_change for one in self.scores])
+
+    def ratio_to(self, other: Trial) -> MedianEstimate:
+        """Return the median of this trial's peak error over the other's, draw by draw, with its 95 % interval."""
+        return median_with_interval(self.peaks / other.peaks)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControllerChoice:
+    """What the candidates did, and which was chosen."""
+
+    plants: tuple[PlantDraw, ...]
+    course: NamedCourse
+    trials: Mapping[str, Trial]  #: by candidate
+    equals: tuple[str, ...]  #: candidates that count as the best, the best one first; none if all fall
+    chosen: str | None  #: None if every candidate falls on some plant
+    ablation: Mapping[str, Trial]  #: of the precise controller, by what is removed, on the first plants
+    runs: Mapping[str, Log]  #: by candidate, on the first plant
+
+    @property
+    def controller(self) -> Controller | None:
+        """The chosen controller."""
+        return None if self.chosen is None else self.trials[self.chosen].controller
+
+    @property
+    def gain(self) -> MedianEstimate | None:
+        """By how much the chosen controller's peak error is smaller than that without compensation; None if none is."""
+        if self.chosen is None:
+            return None
+        return self.trials["none"].ratio_to(self.trials[self.chosen])
+
+    def share_of(self, part: str) -> MedianEstimate:
+        """Return the peak error without a part over that of the whole precise controller, plant by plant."""
+        without, whole = self.ablation[part], self.trials["precise"]
+        return median_with_interval(without.peaks / whole.peaks[: len(without.peaks)])
+
+
+def candidates(found: Identification, *, sample_time: float) -> dict[str, Controller]:
+    """Return the candidates by name, each with the on-board state that it is made for.
+
+    All compensate the friction that is present with 95 % confidence (`ballbot.control.overcompensation`): more would
+    inject energy where the robot has less friction than was identified.
+
+    Parameters
+    ----------
+    found : Identification
+    sample_time : float
+        Of the controllers [s].
+    """
+    robot = compensated_robot(found)
+    gain = design_gain(robot, sample_time=sample_time).gain
+    nominal = Controller(robot, gain, sample_time=sample_time)
+    return {
+        "none": nominal,
+        "full": nominal.with_compensation("full"),
+        "partial": nominal.with_compensation("partial"),
+        "precise": precise_controller(robot, design=design_integral_gain(robot, sample_time=sample_time)),
+    }
+
+
+def compensated_robot(found: Identification) -> Robot:
+    """Return the identified robot with no more friction than is certain."""
+    friction = found.robot.friction
+    count = 3 * found.robot.wheel_count + 3
+    certain = cautious_friction(friction, parameter_covariance(found)[:count, :count])
+    return found.robot.replace(friction=certain)
+
+
+def without_part(precise: Controller, part: str) -> Controller:
+    """Return the precise controller without one of `ABLATIONS`; without shaping it has no feed-forward either.
+
+    Raises
+    ------
+    InputError
+        If there is no such part.
+    """
+    parts = precise.parts
+    removed = {
+        "estimator": lambda: precise.with_estimator("onboard"),
+        "reference shaping": lambda: precise.with_parts(replace(parts, shaping=None, feed_forward=None)),
+        "feed-forward": lambda: precise.with_parts(replace(parts, feed_forward=None)),
+        "integral action": lambda: precise.with_parts(replace(parts, integral=None)),
+        "disturbance observer": lambda: precise.with_parts(replace(parts, observer=None)),
+        "friction compensation": lambda: precise.with_compensation("none"),
+    }
+    if part not in removed:
+        raise InputError(f"The precise controller has no part {part!r}; there are {', '.join(ABLATIONS)}.")
+    return removed[part]()
+
+
+def choose_controller(
+    controllers: Mapping[str, Controller],
+    plants: Sequence[PlantDraw],
+    *,
+    course: NamedCourse = SQUARE,
+    ablation_plants: int = 6,
+    processes: int | None = None,
+    recall: Memoize = no_checkpoint,
+    progress: ChoiceProgress | None = None,
+) -> ControllerChoice:
+    """Run every candidate on every plant, choose one, and remove the parts of the precise one by turns.
+
+    Parameters
+    ----------
+    controllers : mapping of str to Controller
+        As `candidates` returns them.
+    plants : sequence of PlantDraw
+    course : NamedCourse
+    ablation_plants : int
+        Number of plants, the first ones, of the ablation; 0 leaves it out.
+    processes : int, optional
+        One for each core by default. The result does not depend on it.
+    recall : Recall, optional
+        A checkpoint's.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a plant cannot be made or a run cannot be scored.
+    """
+    parts = {part: without_part(controllers["precise"], part) for part in ABLATIONS if ablation_plants}
+    jobs = [
+        _Job(name=name, controller=controller, plant=plant, course=course)
+        for plant in plants
+        for name, controller in controllers.items()
+    ]
+    jobs += [
+        _Job(name=part, controller=controller, plant=plant, course=course)
+        for plant in plants[:ablation_plants]
+        for part, controller in parts.items()
+    ]
+    trials: dict[str, list[tuple[Score, Performance]]] = {name: [] for name in (*controllers, *parts)}
+    with OrderedResults(_run, jobs, processes=processes) as ahead:
+        for place, job in enumerate(jobs):
+            question = np.array([place, job.plant.seed], dtype=np.float64)
+            numbers, codes, seen = recall("trial", question, lambda place=place: ahead.result(place))
+            trials[job.name].append((Score.from_arrays(numbers, codes), Performance.from_array(seen)))
+            if progress:
+                progress((place + 1) / len(jobs))
+    made = {name: _trial(one, trials[name]) for name, one in {**controllers, **parts}.items()}
+    named = {name: made[name] for name in controllers}
+    equals = equal_best(named)
+    return ControllerChoice(
+        plants=tuple(plants),
+        course=course,
+        trials=named,
+        equals=equals,
+        chosen=min(equals, key=lambda name: named[name].roughness.median, default=None),
+        ablation={part: made[part] for part in parts},
+        runs={name: _log(controller, plants[0], course) for name, controller in controllers.items()},
+    )
+
+
+def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
+    """Return the candidates that never fall and whose error's interval overlaps the best one's, the best one first."""
+    standing = sorted(
+        (name for name, trial in trials.items() if trial.falls == 0),
+        key=lambda name: trials[name].peak.median,
+    )
+    return tuple(name for name in standing if trials[name].peak.overlaps(trials[standing[0]].peak))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Job:
+    name: str
+    controller: Controller
+    plant: PlantDraw
+    course: NamedCourse
+
+
+def _run(job: _Job) -> Arrays:
+    log = _log(job.controller, job.plant, job.course)
+    return *score(log).to_arrays(), performance_of(log, job.controller).to_array()
+
+
+def _log(controller: Controller, plant: PlantDraw, course: NamedCourse) -> Log:
+    return plant.run(controller, course.asked.reference(), duration=course.duration)
+
+
+def _trial(controller: Controller, results: Sequence[tuple[Score, Performance]]) -> Trial:
+    return Trial(
+        controller=controller,
+        scores=tuple(score for score, _ in results),
+        performances=tuple(seen for _, seen in results),
+    )

@@ -1,0 +1,345 @@
+"""What the next log says of a controller: each predicted quantity inside or outside, and keep, weaken or revert.
+
+    revert   the run ended early, or its error is not clearly smaller than that predicted without compensation
+    weaken   a quantity is worse than predicted, but the error is still clearly smaller
+    keep     nothing is worse than predicted; better than predicted is a reason to keep, too
+
+"Clearly smaller" is below the prediction interval of the run without compensation.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.errors import InputError
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names
+from ballbot.robot import Robot
+from ballbot.workflows.controller_causes import Cause, ranked_causes, signature_of
+from ballbot.workflows.controller_prediction import Prediction, PredictionInterval, checksum_of
+from ballbot.workflows.metrics import QUANTITIES, Performance, rms
+
+Recommendation = Literal["keep", "weaken", "revert"]
+
+#: what is better, by quantity
+BETTER: Mapping[str, Literal["below", "above"]] = MappingProxyType(
+    {
+        "peak_error": "below",
+        "rms_error": "below",
+        "roughness": "below",
+        "lean": "below",
+        "torque_margin": "above",
+    }
+)
+#: names of the quantities in sentences
+QUANTITY_NAMES: Mapping[str, str] = MappingProxyType(
+    {
+        "peak_error": "peak error",
+        "rms_error": "RMS error",
+        "roughness": "torque roughness",
+        "lean": "lean",
+        "torque_margin": "torque margin",
+    }
+)
+#: a log's reference may differ from the course's by this [m, rad]
+_SAME_POSE = 0.005
+#: share of the rows in which it may; jumps fall between samples
+_OTHER_ROWS = 0.005
+#: jumps of a log's reference that may be the beginning of the course
+_MAX_JUMPS = 100
+#: a run that ends this much before the course has ended early [s]
+_SHORT = 0.05
+#: share of rows with missing values that a verdict bears
+_MAX_MISSING = 0.02
+#: lean in the last half second from which a log that ends early is taken for a fall [rad]
+_FALLING, _LAST = 0.2, 0.5
+#: seconds of a fall, which show its effects
+_FALL = 2.0
+#: relative difference of sample times that is rounding
+_SAME_TIME = 0.01
+#: RMS of the torques that the controller does not give, over that of the torques, from which they are not its own
+_NOT_ITS_OWN = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuantityResult:
+    """A quantity of the new log beside its prediction."""
+
+    name: str
+    predicted: PredictionInterval
+    value: float  #: NaN if the run ended too early to show it
+    place: Literal["inside", "below", "above"]
+
+    @property
+    def worse(self) -> bool:
+        """Whether it is outside, on the side that is no good."""
+        return self.place not in ("inside", BETTER[self.name])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What one log says of a controller."""
+
+    recommendation: Recommendation
+    reason: str  #: one sentence with the numbers that decide
+    quantities: tuple[QuantityResult, ...]
+    none: Mapping[str, PredictionInterval]  #: what is predicted without compensation; empty if that falls
+    ended: str | None  #: why the run ended before the course, or None
+    causes: tuple[Cause, ...]  #: of what is outside, the likeliest first; empty if nothing is
+    remarks: tuple[str, ...]  #: what limits the verdict
+
+    @property
+    def outside(self) -> tuple[QuantityResult, ...]:
+        """The quantities that lie outside their intervals."""
+        return tuple(one for one in self.quantities if one.place != "inside")
+
+
+def evaluate_log(
+    prediction: Prediction,
+    log: Log,
+    robot: Robot,
+    controller: Controller,
+    *,
+    codes: Sequence[str] = (),
+) -> Verdict:
+    """Return what a log made with a study's controller says of it.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    log : Log
+        Of the course, with states, torques and reference; rows before the course are left out.
+    robot : Robot
+        As identified by the study.
+    controller : Controller
+        The study's.
+    codes : sequence of str
+        Of errors that the checks found in the log and the user accepted.
+
+    Raises
+    ------
+    InputError
+        If the controller is not the one that was predicted, the log lacks a column, follows another course or has
+        another sample time, has many rows with missing values, or ends before the course without a fall.
+    """
+    check_controller(prediction, controller)
+    log = _complete(log, robot)
+    run = course_of(log, prediction, sample_time=controller.sample_time)
+    ended = why_ended(run, prediction)
+    seen = Performance.of(run, torque_limit=prediction.torque_limit)
+    values = dict(zip(QUANTITIES, seen.to_array().tolist(), strict=True))
+    quantities = tuple(_quantity_result(name, prediction.chosen[name], values[name]) for name in QUANTITIES)
+    recommendation, reason = _recommended(prediction, quantities, ended)
+    outside = ended is not None or any(one.place != "inside" for one in quantities)
+    causes = causes_in(run, robot, prediction, ended=ended is not None, codes=codes) if outside else ()
+    return Verdict(
+        recommendation=recommendation,
+        reason=reason,
+        quantities=quantities,
+        none=prediction.none,
+        ended=ended,
+        causes=causes,
+        remarks=_warnings(log, controller),
+    )
+
+
+def causes_in(
+    run: Log, robot: Robot, prediction: Prediction, *, ended: bool, codes: Sequence[str] = ()
+) -> tuple[Cause, ...]:
+    """Return what a run shows of why it is not as predicted, the clearest first.
+
+    Parameters
+    ----------
+    run : Log
+    robot : Robot
+        As identified.
+    prediction : Prediction
+    ended : bool
+        Whether it ended early: its last two seconds, in a fall, are then left out.
+    codes : sequence of str
+        Of errors that the log's checks found; of a fall, they are its effects, and do not count.
+    """
+    rows = int(np.searchsorted(run.t, float(run.t[-1]) - _FALL)) if ended else len(run)
+    signature = signature_of(run.select(slice(0, rows)), robot) if rows > 1 else None
+    return ranked_causes(signature, prediction.signature, codes=() if ended else codes)
+
+
+def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
+    """Return the rows of a log that follow the predicted course, from its start to its end or the log's.
+
+    Raises
+    ------
+    InputError
+        If the log lacks a column, has another sample time or follows another course.
+    """
+    course = prediction.course
+    how = f"record {course.duration:g} s of `{course.name}` from its start with this controller"
+    if abs(log.sample_time / sample_time - 1.0) > _SAME_TIME:
+        raise InputError(
+            f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
+            "each update."
+        )
+    asked = _reference_poses(prediction, sample_time)
+    runs = {
+        begin: log.between(begin - 0.5 * sample_time, begin + course.duration - 0.5 * sample_time)
+        for begin in _start_candidates(log, asked, sample_time)
+    }
+    apart = {
+        begin: _mismatch_fraction(run, asked, begin, sample_time)
+        for begin, run in runs.items()
+        if len(run) > 1
+    }
+    # the most rows that fit: one that begins near the log's end has few, and they fit easily
+    fitting = [begin for begin, share in apart.items() if share <= _OTHER_ROWS]
+    best = max(fitting, key=lambda begin: (1.0 - apart[begin]) * len(runs[begin]), default=None)
+    if best is None:
+        raise InputError(
+            f"The log's reference is not the course {course.name!r} for which the performance is predicted; {how}."
+        )
+    return runs[best]
+
+
+def why_ended(run: Log, prediction: Prediction) -> str | None:
+    """Return why a run ended before its course did; None if it did not.
+
+    Raises
+    ------
+    InputError
+        If it ends early without a sign of a fall or a stop: the log is a part of a run.
+    """
+    duration = prediction.course.duration
+    lasted = float(run.t[-1] - run.t[0]) + run.sample_time
+    if lasted >= duration - _SHORT - run.sample_time:
+        return None
+    if run.ended is not None:
+        return run.ended
+    last = run.between(float(run.t[-1]) - _LAST, np.inf)
+    lean = float(np.hypot(last["theta"], last["phi"]).max())
+    if lean > _FALLING:
+        return f"fallen: a lean of {lean:.2g} rad at t = {lasted:.3g} s of the course"
+    raise InputError(
+        f"The log has {lasted:.3g} s of the course {prediction.course.name!r} of {duration:g} s, and the robot is "
+        "upright at its end; record the whole course, or go back to the previous controller if this one stops by "
+        "itself."
+    )
+
+
+def foreign_torque(log: Log, controller: Controller) -> float:
+    """Return the RMS of the torques that the controller does not give, over the RMS of the torques.
+
+    The controller is replayed on the logged states and references from the log's begin.
+    """
+    replayed = copy.deepcopy(controller)
+    replayed.reset()
+    reference = np.zeros((len(log), 10))
+    reference[:, [0, 1, 4]] = np.column_stack([log["ref_x"], log["ref_y"], log["ref_psi"]])
+    given = np.array(
+        [
+            replayed.update(t, state, asked)
+            for t, state, asked in zip(log.t.tolist(), log.states, reference, strict=True)
+        ]
+    )
+    return rms(log.torques - given) / max(rms(log.torques), 1e-12)
+
+
+def check_controller(prediction: Prediction, controller: Controller) -> None:
+    """Raise InputError if the controller is not the one whose performance is predicted."""
+    if checksum_of(controller) != prediction.checksum:
+        raise InputError(
+            "The controller's file is not the one whose performance is predicted: it was changed, or belongs to "
+            "another study. Give the controller.toml that stands beside the results.json, as `ballbot study` wrote it."
+        )
+
+
+def _complete(log: Log, robot: Robot) -> Log:
+    """Return the rows of a log in which nothing is missing that a verdict needs."""
+    names = ("ref_x", "ref_y", "ref_psi", *STATE_NAMES, *torque_names(robot.wheel_count))
+    log.require(*(name for name in names if name not in log))
+    known = np.isfinite(np.column_stack([log[name] for name in names])).all(axis=1)
+    missing = len(log) - int(known.sum())
+    if missing > _MAX_MISSING * len(log):
+        raise InputError(
+            f"{missing} of the log's {len(log)} rows lack a state, a torque or the reference; a verdict needs nearly "
+            "all. Record the course again."
+        )
+    return log if not missing else Log({name: log[name][known] for name in log.names}, log.ended)
+
+
+def _reference_poses(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:
+    """Return x, y and psi (N, 3) that the course asks for, a row for each sample."""
+    reference = prediction.course.asked.reference()
+    count = round(prediction.course.duration / sample_time)
+    return np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(count)])
+
+
+def _start_candidates(log: Log, asked: NDArray[np.float64], sample_time: float) -> list[float]:
+    """Return times at which the course may begin in a log: its first row, and where the first jump fits [s]."""
+    begins = [float(log.t[0])]
+    jumps = np.flatnonzero(np.abs(np.diff(asked, axis=0)).max(axis=1) > _SAME_POSE)
+    if jumps.size:
+        logged = log.reference[:, [0, 1, 4]]
+        rows = np.flatnonzero(np.abs(np.diff(logged, axis=0)).max(axis=1) > _SAME_POSE) + 1
+        begins += [
+            float(log.t[row]) - float(jumps[0] + 1) * sample_time for row in rows.tolist()[:_MAX_JUMPS]
+        ]
+    return [begin for begin in begins if begin >= float(log.t[0]) - 0.5 * sample_time]
+
+
+def _mismatch_fraction(run: Log, asked: NDArray[np.float64], begin: float, sample_time: float) -> float:
+    """Return the share of a run's rows whose reference is not the course's."""
+    rows = np.clip(np.round((run.t - begin) / sample_time).astype(int), 0, len(asked) - 1)
+    apart = np.abs(run.reference[:, [0, 1, 4]] - asked[rows]).max(axis=1)
+    return float(np.mean(apart > _SAME_POSE))
+
+
+def _quantity_result(name: str, predicted: PredictionInterval, value: float) -> QuantityResult:
+    return QuantityResult(name=name, predicted=predicted, value=value, place=predicted.place(value))
+
+
+def _recommended(
+    prediction: Prediction, quantities: Sequence[QuantityResult], ended: str | None
+) -> tuple[Recommendation, str]:
+    if ended is not None:
+        return "revert", f"The run ended before the course did ({ended})."
+    by_name = {one.name: one for one in quantities}
+    peak = by_name["peak_error"]
+    none = prediction.none.get("peak_error") if prediction.controller != "none" else None
+    if none is not None and not peak.value < none.low:
+        return "revert", (
+            f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than without compensation "
+            f"({1e3 * none.median:.3g} mm predicted, 95 % interval from {1e3 * none.low:.3g} mm)."
+        )
+    worse = [one for one in quantities if one.worse]
+    better = [one for one in quantities if one.place != "inside" and not one.worse]
+    if worse:
+        still = ", and the peak error is still clearly smaller than without compensation" if none else ""
+        return "weaken", (
+            f"The {_listed(worse)} {'is' if len(worse) == 1 else 'are'} worse than predicted{still}."
+        )
+    if better:
+        are = "is" if len(better) == 1 else "are"
+        return "keep", f"Nothing is worse than predicted, and the {_listed(better)} {are} better."
+    return "keep", "All quantities lie inside their prediction intervals."
+
+
+def _listed(quantities: Sequence[QuantityResult]) -> str:
+    words = [QUANTITY_NAMES[one.name] for one in quantities]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _warnings(log: Log, controller: Controller) -> tuple[str, ...]:
+    share = foreign_torque(log, controller)
+    if share <= _NOT_ITS_OWN:
+        return ()
+    return (
+        f"The torques are not those that the controller gives for the logged states (RMS difference {100 * share:.0f} "
+        "% of the torques): the log may have been made with another controller, or begin in the middle of a run.",
+    )

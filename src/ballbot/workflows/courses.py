@@ -1,0 +1,261 @@
+"""Courses: the reference that a robot follows and the conditions it meets, as values and as TOML files.
+
+The built-in courses are in courses.toml beside this file, in sets; a user's own file has the same form.
+"""
+
+from __future__ import annotations
+
+import inspect
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
+
+from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
+from ballbot.errors import InputError
+from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.inputs import read_toml
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.robot import scaled_body, scaled_friction
+from ballbot.schema import validated
+from ballbot.simulation.plant import Plant
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import scenario_of
+from ballbot.twin.twin import Twin
+from ballbot.workflows.metrics import SETTLE
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceSpec:
+    """A reference by what makes it, so that it can go to other processes."""
+
+    name: str  #: of `ballbot.control.references`, or a reference file
+    options: tuple[tuple[str, float], ...] = ()  #: of the named one, such as ("ramp", 0.0)
+
+    def reference(self) -> Reference:
+        """Return it.
+
+        Raises
+        ------
+        InputError
+            Where there is no such reference, or it has no such option.
+        """
+        if is_reference_file(self.name):
+            if self.options:
+                raise InputError(f"The reference file {self.name} takes no options; remove {self._first}.")
+            return read_reference(self.name)
+        if self.name not in REFERENCES:
+            near = get_close_matches(self.name, REFERENCES, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the names are {', '.join(REFERENCES)}."
+            raise InputError(f"There is no reference {self.name!r}; {hint}")
+        make = REFERENCES[self.name]
+        known = list(inspect.signature(make).parameters)
+        unknown = [key for key, _ in self.options if key not in known]
+        if unknown:
+            raise InputError(
+                f"The reference {self.name} has no option {unknown[0]}; it has {', '.join(known)}."
+            )
+        return make(**dict(self.options))
+
+    @property
+    def _first(self) -> str:
+        return self.options[0][0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelMismatch:
+    """How the robot that runs differs from the one described, which the controllers know: factors."""
+
+    mass: float = 1.0  #: of the body
+    height: float = 1.0  #: of its centre of mass above the ball's centre
+    friction: float = 1.0  #: of the wheels' and the rolling friction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """What every controller is put through."""
+
+    name: str
+    about: str  #: in a sentence, for those who read the table
+    asked: ReferenceSpec
+    duration: float  #: [s]
+    settle: float  #: errors count from so long after the start and each jump of the reference on [s]
+    unlike: ModelMismatch = ModelMismatch()
+    scenario: Scenario | None  #: of the twin; None is the exact model with perfect sensors
+
+    @property
+    def disturbed(self) -> tuple[float, ...]:
+        """When something pushes the robot [s]."""
+        return tuple(push.time for push in self.scenario.pushes) if self.scenario else ()
+
+    def plant(self, robot: Robot, *, estimator: EstimatorName = "onboard") -> Plant | Model:
+        """Return a new robot to run; of the model the friction is the robot's, of the twin the scenario's.
+
+        The model's state is measured without error; the twin's is estimated, from what the robot is described to be.
+
+        Raises
+        ------
+        InputError
+            Where the robot would be none.
+        """
+        other = self.unlike
+        true = robot
+        if other != ModelMismatch():
+            body = scaled_body(robot.body, mass=other.mass, height=other.height)
+            true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
+        if self.scenario is None:
+            return Model(true)
+        friction = scaled_friction(self.scenario.friction, other.friction)
+        scenario = replace(self.scenario, friction=friction)
+        state = named_estimator(estimator, robot, sample_time=scenario.sensors.sample_time)
+        return Twin(true, scenario, estimator=state)
+
+
+PlantName = Literal["model", "twin"]
+
+#: the set that is these sets together
+LEAGUE = "league"
+_IN_LEAGUE = ("motions", "disturbances")
+#: a course lasts at most a day [s]: the log of a longer one would not fit into memory
+_MAX_DURATION = 86400.0
+
+_Tables = Mapping[str, Mapping[str, object]]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class ModelMismatchTable(_Table):
+    """[set.course.unlike]: factors."""
+
+    mass: PositiveFloat = 1.0
+    height: PositiveFloat = 1.0
+    friction: NonNegativeFloat = 1.0
+
+
+class CourseTable(_Table):
+    """[set.course]: a course as a file says it."""
+
+    about: str = ""
+    reference: str | dict[str, FiniteFloat | str]
+    duration: float = Field(gt=0.0, le=_MAX_DURATION)
+    settle: NonNegativeFloat = SETTLE
+    unlike: ModelMismatchTable = ModelMismatchTable()
+    scenario: dict[str, object] = {}
+
+
+def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, ...]:
+    """Return the courses that a text names, each once.
+
+    Parameters
+    ----------
+    words : str
+        Names of built-in sets and courses, and paths of course files, with commas between.
+    robot : Robot
+        That will run them.
+    plant : {"model", "twin"}
+        On which; a course whose scenario differs from the nominal one is for the twin only.
+
+    Raises
+    ------
+    InputError
+        Where there is no such set, course or file, a file describes no courses, or two courses have one name.
+    """
+    sets = built_in_sets()
+    found: dict[str, Course] = {}
+    for word in (one.strip() for one in words.split(",")):
+        for course in _of_word(word, sets, robot, plant):
+            if found.setdefault(course.name, course) != course:
+                raise InputError(f"There are two courses {course.name!r}; rename the one in {word}.")
+    return tuple(found.values())
+
+
+def built_in_sets() -> dict[str, _Tables]:
+    """Return the tables of courses.toml, sets of courses by name; the first is `league`."""
+    text = files("ballbot.workflows").joinpath("courses.toml").read_text(encoding="utf-8")
+    sets: dict[str, _Tables] = tomllib.loads(text)
+    return {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
+
+
+def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
+    """Return the courses of all sets of a course file.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read, is no TOML, or describes no courses.
+    """
+    path = Path(path)
+    sets = read_toml(path)
+    courses = []
+    for group, tables in sets.items():
+        if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):
+            raise InputError(f"{path}: {group} holds no courses; write each under a line [{group}.NAME].")
+        for name, table in tables.items():
+            courses.append(
+                _course(name, table, robot, plant, place=f"{path}: [{group}.{name}]", beside=path.parent)
+            )
+    if not courses:
+        raise InputError(f"{path} holds no courses; write each under a line [SET.NAME].")
+    return courses
+
+
+def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantName) -> list[Course]:
+    if Path(word).suffix == ".toml":
+        return read_courses(word, robot, plant)
+    known = {name: table for tables in sets.values() for name, table in tables.items()}
+    if word not in sets and word not in known:
+        raise InputError(
+            f"There is no set or course {word!r}. The sets are {', '.join(sets)}; the courses are "
+            f"{', '.join(known)}; the name of a course file ends in .toml."
+        )
+    tables = sets[word] if word in sets else {word: known[word]}
+    return [
+        _course(name, table, robot, plant, place=f"the course {name!r}", beside=Path())
+        for name, table in tables.items()
+    ]
+
+
+def _course(
+    name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
+) -> Course:
+    try:
+        said = validated(CourseTable, table, of="a course")
+        asked = _reference_spec(said.reference, beside)
+        asked.reference()  # refused before anything is run
+        if plant == "model":
+            if said.scenario:
+                raise InputError("It has a scenario, which only the twin can simulate; choose --plant twin.")
+            scenario = None
+        else:
+            scenario = scenario_of(said.scenario, robot, default_name=name)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    return Course(
+        name=name,
+        about=said.about,
+        asked=asked,
+        duration=said.duration,
+        settle=said.settle,
+        unlike=ModelMismatch(**said.unlike.model_dump()),
+        scenario=scenario,
+    )
+
+
+def _reference_spec(reference: str | Mapping[str, float | str], beside: Path) -> ReferenceSpec:
+    options = {} if isinstance(reference, str) else dict(reference)
+    name = reference if isinstance(reference, str) else options.pop("name", None)
+    if not isinstance(name, str):
+        raise InputError('reference is a table without a name; add name = "square" or another.')
+    words = [key for key, value in options.items() if isinstance(value, str)]
+    if words:
+        raise InputError(f"reference.{words[0]} is {options[words[0]]!r}; it must be a number.")
+    numbers = tuple((key, float(value)) for key, value in options.items())
+    return ReferenceSpec(name=str(beside / name) if is_reference_file(name) else name, options=numbers)

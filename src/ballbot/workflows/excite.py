@@ -1,0 +1,393 @@
+"""Design an informative excitation for a robot, beside the square one would drive without it, and try both.
+
+The excitation must stand above the deviations of states from their prediction over a window, friction known. Before
+the robot, the experiment is tried on the twin: do its limits hold, and what does identification find in its log?
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import Reference, square
+from ballbot.errors import InputError
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import check_seed
+from ballbot.identification import Bounds, Identification, identify
+from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.parameters import Coordinates, scale_between
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.windows import cut_windows
+from ballbot.inputs import read_json
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checked import CheckedLogs
+from ballbot.robot import Robot
+from ballbot.simulation.run import simulate
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.twin import Twin
+from ballbot.workflows.excitation_design import DesignEffort, ExcitationDesign, design
+from ballbot.workflows.excitation_task import (
+    ExcitationTask,
+    Law,
+    ReferenceRun,
+    RunLimits,
+    RunPeaks,
+    expected_errors,
+    peaks_of,
+    run,
+    task,
+)
+
+
+def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float64]:
+    """Return the deviation of each state's prediction (10,) over the windows of a log.
+
+    What a perfect identification would be left with: sensors, rollers, play and torque noise together.
+
+    Parameters
+    ----------
+    log : Log
+    robot : Robot
+        With the friction that is true of the log.
+    window : float
+        [s]
+
+    Raises
+    ------
+    InputError
+        Where the log has no window, as when the robot fell at once.
+    """
+    coordinates = scale_between(robot)
+    windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
+    if not len(windows):
+        raise InputError(f"The run is shorter than one window of {window:g} s; make it longer.")
+    predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout)
+    residuals = predictor.residuals(coordinates.before[None], windows, every=windows.comparison_interval)
+    return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
+
+
+def deviations_found(path: str | Path) -> NDArray[np.float64]:
+    """Return the deviations (10,) that an identification's results.json has: those on windows held out.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or is not such a file.
+    """
+    results = cast("dict[str, dict]", read_json(path))
+    try:
+        errors = results["held_out"]["rmse_with_friction"]
+        values = np.array([errors[name] for name in STATE_NAMES], dtype=np.float64)
+    except (ValueError, KeyError, TypeError):
+        raise InputError(
+            f"{path} is not a results.json of `ballbot identify`. Give that file with --found."
+        ) from None
+    if not np.all(np.isfinite(values) & (values > 0.0)):
+        raise InputError(f"{path} has no held-out errors for some states; identify from more logs.")
+    return values
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """A run of the twin and what its log told."""
+
+    log: Log  #: with its truth
+    peaks: RunPeaks  #: true lean and place, torques as commanded
+    errors: NDArray[
+        np.float64
+    ]  #: (f,), standard errors of the parameters sought, scaled; NaN where there is none
+    found: Identification
+
+
+def follow_on_twin(
+    robot: Robot,
+    scenario: Scenario,
+    controller: Controller,
+    reference: Reference,
+    *,
+    duration: float,
+    seed: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> Log:
+    """Run the twin along a reference and return its log, with what was true.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be run, or falls at once.
+    """
+    return simulate(
+        Twin(robot, scenario), controller, reference, duration=duration, seed=seed, progress=progress
+    )
+
+
+def try_reference(
+    robot: Robot,
+    log: Log,
+    *,
+    law: Law = "stribeck",
+    bounds: Bounds | None = None,
+    window: float = 0.25,
+    seed: int = 0,
+    recall: Memoize = no_checkpoint,
+    progress: Callable[[float], None] | None = None,
+) -> Trial:
+    """Identify from a log of the twin, as from a robot's, and return what it told.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it is believed to be; its friction is not used.
+    log : Log
+        From `follow_on_twin`.
+    law, bounds, window
+        Identification's.
+    seed : int
+        Of identification.
+    recall : Recall, optional
+        A checkpoint's.
+    progress : callable, optional
+        Told the share of the identification that is done.
+
+    Raises
+    ------
+    InputError
+        Where the log cannot be identified from, as when the robot fell early.
+    """
+    asked = bounds or Bounds()
+    found = identify(
+        robot,
+        CheckedLogs.simulated(log.without_truth()),
+        law=law,
+        bounds=asked,
+        window=window,
+        seed=seed,
+        recall=recall,
+        progress=(lambda told: progress(told.share)) if progress else None,
+    )
+    coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=asked)
+    return Trial(
+        log=log,
+        peaks=peaks_of(log.truth().states, log.torques),
+        errors=_scaled_errors(coordinates, found)[coordinates.free],
+        found=found,
+    )
+
+
+def _scaled_errors(coordinates: Coordinates, found: Identification) -> NDArray[np.float64]:
+    """Return the standard errors (p,) in shares of the width of each parameter's bounds."""
+    errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return errors / coordinates.slopes(coordinates.scaled(found.values))
+
+
+#: the square that the design is held against: its side [m], where the floor has room for it, and its period [s]
+_SIDE, _PERIOD = 0.5, 32.0
+#: the twin's seed
+_SEED = 1
+
+#: told the share that is done, what is being done, and a note
+ExcitationProgress = Callable[[float, str, str], None]
+#: stages and their part of the work, by and large
+_STAGES = (
+    ("square on the twin", 0.06),
+    ("design", 0.6),
+    ("design on the twin", 0.06),
+    ("identification", 0.28),
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlainSquare:
+    """The square, on the model."""
+
+    run: ReferenceRun
+    errors: NDArray[np.float64]  #: (f,), expected, scaled; infinite where it says nothing
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Excitation:
+    """A designed experiment and what is expected and known of it."""
+
+    task: ExcitationTask
+    design: ExcitationDesign
+    square: PlainSquare
+    trials: Mapping[str, Trial]  #: "square" and "designed" on the twin; empty where not tried
+
+    @property
+    def limits_held(self) -> bool | None:
+        """Whether the twin kept within the limits along the design; None where not tried."""
+        if not self.trials:
+            return None
+        trial = self.trials["designed"]
+        return trial.log.ended is None and not self.task.limits.exceeded(trial.peaks)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
+        question, made = self.task.question, self.design
+        believed = question.coordinates.physical(question.point)[question.coordinates.free]
+        return {
+            "limits": self.task.limits.to_dict(),
+            "duration": self.task.duration,
+            "believed": _by_label(question.labels, believed),
+            "deviations": question.deviations.tolist(),
+            "expected": {
+                "square": self._expected(self.square.errors),
+                "designed": self._expected(made.errors),
+            },
+            "peaks_on_model": {
+                "square": self.square.run.peaks.to_dict(),
+                "designed": made.peaks.to_dict(),
+            },
+            "on_twin": {name: self._tried(trial) for name, trial in self.trials.items()},
+            "limits_held_on_twin": self.limits_held,
+            "criterion_after_each_generation": [_number(one) for one in made.history],
+            "sines": {
+                "axes": ["x", "y", "psi"],
+                "frequencies": made.frequencies.tolist(),
+                "amplitudes": made.amplitudes.tolist(),
+                "phases": made.phases.tolist(),
+            },
+        }
+
+    def _expected(self, scaled: NDArray[np.float64]) -> dict[str, object]:
+        question = self.task.question
+        return {
+            "standard_errors": _by_label(question.labels, question.in_units(scaled)),
+            "scaled": _by_label(question.labels, scaled),
+            "worst": _number(float(scaled.max())),
+        }
+
+    def _tried(self, trial: Trial) -> dict[str, object]:
+        return {
+            "ended": trial.log.ended,
+            "peaks": trial.peaks.to_dict(),
+            "exceeded": self.task.limits.exceeded(trial.peaks),
+            "scaled": _by_label(self.task.question.labels, trial.errors),
+            "parameters": trial.found.to_dict()["parameters"],
+            "standard_errors": trial.found.to_dict()["standard_errors"],
+            "warnings": list(trial.found.warnings),
+        }
+
+
+def excite(
+    robot: Robot,
+    controller: Controller,
+    *,
+    limits: RunLimits,
+    duration: float,
+    scenario: Scenario,
+    deviations: NDArray[np.float64] | None = None,
+    on_twin: bool = True,
+    law: Law = "stribeck",
+    bounds: Bounds | None = None,
+    window: float = 0.25,
+    effort: DesignEffort | None = None,
+    seed: int = 0,
+    recall: Memoize = no_checkpoint,
+    tell: ExcitationProgress | None = None,
+) -> Excitation:
+    """Design an experiment, hold it against a square of the same length, and try both on the twin.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the friction believed, or none.
+    controller : Controller
+    limits : Limits
+    duration : float
+        [s]
+    scenario : Scenario
+        Of the twin.
+    deviations : ndarray (10,), optional
+        See `task`; where not given, those of the twin around the square.
+    on_twin : bool
+        Whether both are tried on the twin and identified from.
+    law, bounds, window
+        Identification's.
+    effort : Effort, optional
+    seed : int
+        Of the design and of identification.
+    recall : Recall, optional
+        A checkpoint's, for work that can be resumed; the twin's runs, seconds each, are made again.
+    tell : callable, optional
+        Told how far the work is.
+
+    Raises
+    ------
+    InputError
+        Where no reference keeps within the limits, none that does tells every parameter, or a run cannot be made.
+    """
+    check_seed(seed)
+    told = _StageProgress(tell)
+    plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
+    follow = partial(follow_on_twin, robot, scenario, controller, duration=duration, seed=_SEED)
+    logs: dict[str, Log] = {}
+    if on_twin or deviations is None:
+        logs["square"] = follow(plain, progress=told.of(0))
+    if deviations is None:
+        true = robot.replace(friction=scenario.friction)
+        deviations = deviations_in(logs["square"].without_truth(), true, window=window)
+    asked = task(
+        robot,
+        controller,
+        limits=limits,
+        duration=duration,
+        deviations=deviations,
+        law=law,
+        bounds=bounds,
+        window=window,
+    )
+    made = design(asked, effort=effort, seed=seed, recall=recall, report=told.design)
+    if on_twin:
+        logs["designed"] = follow(made.reference, progress=told.of(2))
+    trials: dict[str, Trial] = {}
+    for number, (name, log) in enumerate(logs.items() if on_twin else ()):
+        share = told.of(3, first=number / len(logs), last=(number + 1) / len(logs))
+        trials[name] = try_reference(
+            robot, log, law=law, bounds=bounds, window=window, seed=seed, recall=recall, progress=share
+        )
+    driven = run(asked, plain)
+    return Excitation(
+        task=asked,
+        design=made,
+        square=PlainSquare(run=driven, errors=expected_errors(asked.question, [driven.log])),
+        trials=trials,
+    )
+
+
+class _StageProgress:
+    """Turns a stage's share into one of the whole."""
+
+    def __init__(self, tell: ExcitationProgress | None) -> None:
+        self._tell = tell
+
+    def of(self, stage: int, *, first: float = 0.0, last: float = 1.0) -> Callable[[float], None]:
+        """Return what to tell the share of a part of a stage, from `first` to `last` of it."""
+        return lambda share: self._show(stage, first + (last - first) * share, "")
+
+    def design(self, share: float, criterion: float) -> None:
+        """Tell how far the design is, and its errors by and large."""
+        self._show(1, share, f"errors about {100.0 * criterion:.1f} %" if np.isfinite(criterion) else "")
+
+    def _show(self, stage: int, share: float, note: str) -> None:
+        if self._tell:
+            before = sum(part for _, part in _STAGES[:stage])
+            name, part = _STAGES[stage]
+            self._tell(before + part * share, name, note)
+
+
+def _by_label(labels: Sequence[str], values: NDArray[np.float64]) -> dict[str, float | None]:
+    return {label: _number(float(value)) for label, value in zip(labels, values, strict=True)}
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,329 @@
+"""Metrics of a closed-loop run: each number a function of its log, with its definition and its unit.
+
+Errors are the true position's and heading's if the log has the truth, and count once the robot has settled:
+`settled` says when. Torque and energy count from the first row to the last. `score` is every metric at once.
+
+A real robot has no true position. `performance_of` therefore takes the errors of the logged state, with its drift, of
+a robot's log and of a simulated run alike: these are the quantities that a prediction names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from ballbot.control.controller import Controller
+from ballbot.errors import InputError
+from ballbot.log import Log
+
+#: time [s] after the start, or after a jump of the reference, from which errors count. The nominal closed loop
+#: without friction has done 97 % of a step after 6 s.
+SETTLE = 6.0
+#: distance from the reference [m] within which a robot has arrived
+BAND = 0.05
+#: above which a torque is rough rather than balancing [Hz]: the fastest closed-loop pole of the nominal gain turns at
+#: a tenth of it, the encoders' and the IMU's noise reaches up to half the sample rate
+HIGH_FREQUENCY = 10.0
+
+#: change of the reference from one sample to the next that is a jump, in m and rad
+_JUMP = 0.02
+#: half the order of the high-pass filter, which runs forward and backward
+_FILTER_ORDER = 2
+#: rounding that a time is forgiven [s]
+_ROUNDING = 1e-6
+
+
+def settled(log: Log, settle: float) -> NDArray[np.bool_]:
+    """Return which rows (N,) are at least `settle` seconds after the start and after each jump of the reference.
+
+    A jump is a change by more than 2 cm or 0.02 rad from one row to the next. Of a square with 8 s a side and the
+    6 s of `SETTLE`, the last two seconds of each side count. A push is no jump: what it does to the robot counts.
+    """
+    t, since = log.t, np.concatenate([_jump_times(log), [np.inf]])
+    return t - since[np.searchsorted(since, t, side="right") - 1] >= settle - _ROUNDING
+
+
+def position_error(log: Log) -> NDArray[np.float64]:
+    """Return the horizontal distance from the reference (N,) [m]."""
+    place = true_place(log)
+    return np.hypot(place["x"] - log["ref_x"], place["y"] - log["ref_y"])
+
+
+def heading_error(log: Log) -> NDArray[np.float64]:
+    """Return how far the heading is from the reference's (N,) [rad], 0 to pi: whole turns do not count."""
+    away = true_place(log)["psi"] - log["ref_psi"]
+    return np.abs((away + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def settling_time(log: Log, *, band: float = BAND, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
+    """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
+
+    The start, each jump of the reference and each time in `disturbed` begin a stretch, which lasts until the next of
+    them. Its settling time runs from its begin to the last row at which the robot is farther than `band` from the
+    reference; zero where there is none. A stretch at whose end the robot is outside counts with all its length, and
+    the second value is then False: the time is a lower bound.
+
+    Parameters
+    ----------
+    log : Log
+    band : float
+        [m]
+    disturbed : sequence of float
+        When something else than the reference sends the robot away, such as a push [s].
+    """
+    t = log.t
+    begins = np.unique(np.concatenate([_jump_times(log), [s for s in disturbed if t[0] < s < t[-1]]]))
+    starts = np.searchsorted(t, begins - _ROUNDING)
+    outside = position_error(log) > band
+    longest, always = 0.0, True
+    for first, end in zip(starts, [*starts[1:], len(t)], strict=True):
+        rows = np.flatnonzero(outside[first:end])
+        if rows.size:
+            longest = max(longest, float(t[first + rows[-1]] - t[first]))
+            always &= bool(first + rows[-1] < end - 1)
+    return longest, always
+
+
+def true_place(log: Log) -> Log:
+    """Return the log with the truth in place of what was measured, where it has it."""
+    return log.truth() if "true_x" in log else log
+
+
+def rms_torque(log: Log) -> float:
+    """Return the root mean square of the torques of all wheels [N m]."""
+    return rms(log.torques)
+
+
+def rms_torque_change(log: Log) -> float:
+    """Return the root mean square of the torques' change from one sample to the next [N m].
+
+    It weighs what lies near half the sample rate most, and so grows with the sample time of the controller.
+    """
+    return rms(np.diff(log.torques, axis=0)) if len(log) > 1 else 0.0
+
+
+def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
+    """Return the root mean square of what the torques hold above a frequency [N m]: the worry of Figure 5.5.
+
+    A Butterworth high-pass of second order at `above` [Hz] runs over the torques forward and backward, so that a
+    sine at that frequency keeps half of its size, at twice of it 94 %, at half of it 6 %. All wheels, all rows.
+
+    Raises
+    ------
+    InputError
+        Where half the log's sample rate is not above that frequency.
+    """
+    rate = 1.0 / log.sample_time
+    if above >= 0.5 * rate:
+        raise InputError(
+            f"The torques are sampled at {rate:.4g} Hz, which shows nothing above {0.5 * rate:.4g} Hz; "
+            f"torque above {above:g} Hz cannot be computed."
+        )
+    sections = butter(_FILTER_ORDER, above, btype="highpass", fs=rate, output="sos")
+    rows_beyond = min(round(rate / above), len(log) - 1)  # a period of the slowest that passes
+    return rms(sosfiltfilt(sections, log.torques, axis=0, padlen=rows_beyond))
+
+
+def energies(log: Log) -> tuple[float, float]:
+    """Return the mechanical energy that the wheels' motors exchange, and the part that they give [J].
+
+    The first is the integral of sum |u_i w_i|, the second that of sum max(u_i w_i, 0), which a drive that cannot
+    take energy back draws. The torques are held between rows, so that a row's work is u_i times the angle that the
+    encoder turns until the next row. What windings heat away is not in it; it goes with the square of `rms_torque`.
+    """
+    work = log.torques[:-1] * np.diff(log.wheel_angles, axis=0)
+    return float(np.abs(work).sum()), float(np.maximum(work, 0.0).sum())
+
+
+def rms(values: NDArray[np.float64]) -> float:
+    """Return the root mean square of all values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _jump_times(log: Log) -> NDArray[np.float64]:
+    """Return when the run starts and the reference jumps [s]."""
+    asked = log.reference[:, [0, 1, 4]]
+    jumps = np.abs(np.diff(asked, axis=0)).max(axis=1, initial=0.0) > _JUMP
+    return log.t[np.concatenate([[True], jumps])]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """How well a run went. Errors are NaN where the run ended before it had settled once."""
+
+    peak_position_error: float  #: largest horizontal distance from the reference once settled [m]
+    rms_position_error: float  #: its root mean square [m]
+    peak_heading_error: float  #: once settled [rad]
+    rms_heading_error: float  #: [rad]
+    settling_time: float  #: the longest of the run; see `metrics.settling_time` [s]
+    arrived: (
+        bool  #: whether it always was within the band at last; where not, the settling time is a lower bound
+    )
+    rms_torque: float  #: over the whole run and all wheels [N m]
+    rms_torque_change: float  #: from sample to sample [N m]
+    high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
+    energy: float  #: integral of |u w| over all wheels [J]
+    driving_energy: float  #: of that, what the motors gave [J]
+    ended: str | None  #: why the run stopped early, as in a fall
+
+    def to_dict(self) -> dict[str, float | str | None]:
+        """Return what results.json holds; of a run that never settled, only the least time that settling takes."""
+        values = asdict(self)
+        if not self.arrived:
+            values |= {"settling_time": None, "settling_time_at_least": self.settling_time}
+        return values
+
+    def to_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return its numbers, and the codes of why the run ended, as a checkpoint keeps them."""
+        *numbers, ended = astuple(self)
+        codes = np.frombuffer((ended or "").encode(), dtype=np.uint8)
+        return np.array(numbers, dtype=np.float64), codes.astype(np.float64)
+
+    @staticmethod
+    def from_arrays(numbers: NDArray[np.float64], codes: NDArray[np.float64]) -> Score:
+        """Return the score that `to_arrays` made these of."""
+        names = [field.name for field in fields(Score) if field.name != "ended"]
+        values = dict(zip(names, numbers.tolist(), strict=True))
+        ended = bytes(codes.astype(np.uint8)).decode() or None
+        return Score(**values | {"arrived": bool(values["arrived"])}, ended=ended)
+
+
+def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Sequence[float] = ()) -> Score:
+    """Score a run by how far it was from the reference once it had settled, and by what that took.
+
+    Parameters
+    ----------
+    log : Log
+        With reference, torques and wheel angles; the true position counts where the log has it.
+    settle : float
+        See `ballbot.workflows.metrics.settled` [s].
+    band, disturbed
+        See `ballbot.workflows.metrics.settling_time`.
+
+    Raises
+    ------
+    InputError
+        Where a run that did not end early has no row that counts.
+    """
+    counted = settled(log, settle)
+    if not counted.any() and log.ended is None:
+        raise InputError(
+            f"No sample of the run is {settle:g} s after the start and after every jump of the reference. "
+            "Use a longer run or a shorter settling time."
+        )
+    position, heading = position_error(log)[counted], heading_error(log)[counted]
+    arriving, arrived = settling_time(log, band=band, disturbed=disturbed)
+    energy, driving_energy = energies(log)
+    return Score(
+        peak_position_error=float(position.max()) if counted.any() else np.nan,
+        rms_position_error=rms(position) if counted.any() else np.nan,
+        peak_heading_error=float(heading.max()) if counted.any() else np.nan,
+        rms_heading_error=rms(heading) if counted.any() else np.nan,
+        settling_time=arriving,
+        arrived=arrived and log.ended is None,
+        rms_torque=rms_torque(log),
+        rms_torque_change=rms_torque_change(log),
+        high_frequency_torque=high_frequency_torque(log) if _has_high_frequencies(log) else np.nan,
+        energy=energy,
+        driving_energy=driving_energy,
+        ended=log.ended,
+    )
+
+
+def _has_high_frequencies(log: Log) -> bool:
+    return len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
+
+
+#: share of the samples whose torques the margin leaves out: single samples at the limit say little
+_RARE = 0.001
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """A run in five numbers that its log shows; errors are NaN if it ended before it settled."""
+
+    peak_error: float  #: largest horizontal distance from the reference once settled [m]
+    rms_error: float  #: its root mean square [m]
+    roughness: float  #: RMS change of the torques from one sample to the next [N m]
+    lean: float  #: largest lean from the vertical [rad]
+    #: share of the torque limit that the torques of any wheel leave in all but a thousandth of the samples; measured
+    #: torques beyond the limit leave none
+    torque_margin: float
+
+    @staticmethod
+    def of(log: Log, *, torque_limit: float, settle: float = SETTLE) -> Performance:
+        """Return the numbers of a log with reference, torques and states.
+
+        Parameters
+        ----------
+        log : Log
+            Its truth, if it has one, is not looked at.
+        torque_limit : float
+            The controller's, of each wheel [N m].
+        settle : float
+            See `ballbot.workflows.metrics.settled` [s].
+        """
+        seen = log.without_truth()
+        counted = settled(seen, settle)
+        error = position_error(seen)[counted]
+        upright = np.cos(seen["theta"]) * np.cos(seen["phi"])
+        largest = np.abs(seen.torques).max(axis=1)
+        return Performance(
+            peak_error=float(error.max()) if counted.any() else np.nan,
+            rms_error=rms(error) if counted.any() else np.nan,
+            roughness=rms_torque_change(seen),
+            lean=float(np.arccos(np.clip(upright.min(), -1.0, 1.0))),
+            torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),
+        )
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return its numbers (5,), as a checkpoint keeps them."""
+        return np.array(astuple(self), dtype=np.float64)
+
+    @staticmethod
+    def from_array(numbers: NDArray[np.float64]) -> Performance:
+        """Return the performance of numbers (5,)."""
+        return Performance(**dict(zip(QUANTITIES, numbers.tolist(), strict=True)))
+
+
+#: names of the quantities, in their order
+QUANTITIES = tuple(field.name for field in fields(Performance))
+
+
+def performance_of(log: Log, controller: Controller) -> Performance:
+    """Return the numbers of a run with that controller."""
+    return Performance.of(log, torque_limit=controller.torque_limit)
+
+
+#: slower than this is drift [Hz]
+_MIN_CYCLE_FREQUENCY = 0.5
+#: shortest time in which a cycle can be told [s]
+_MIN_CYCLE_TIME = 4.0
+
+
+def cycle_amplitude(log: Log, *, settle: float = 6.0) -> float:
+    """Return the amplitude of the strongest periodic motion along x or y [m], faster than 0.5 Hz.
+
+    The true position counts where the log has it. A line's amplitude comes from the spectrum of the whole run from
+    `settle` on under a Hann window, and so is that of a cycle which lasts.
+
+    Raises
+    ------
+    InputError
+        Where the run has less than 4 s from there on.
+    """
+    place = log.truth() if "true_x" in log else log
+    late = log.t - log.t[0] >= settle
+    if np.count_nonzero(late) * log.sample_time < _MIN_CYCLE_TIME:
+        raise InputError(
+            f"The run has less than {_MIN_CYCLE_TIME:g} s after the first {settle:g} s; that is too short to find "
+            "a limit cycle."
+        )
+    high = butter(2, _MIN_CYCLE_FREQUENCY, "high", fs=1.0 / log.sample_time, output="sos")
+    window = np.hanning(np.count_nonzero(late))
+    lines = [np.abs(np.fft.rfft(sosfiltfilt(high, place[name][late]) * window)) for name in "xy"]
+    return float(2.0 * np.max(lines) / window.sum())

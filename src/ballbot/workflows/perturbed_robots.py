@@ -1,0 +1,260 @@
+"""Perturbed robots: how a robot may differ from its description, and what a controller costs on such robots.
+
+    J = e / e_n + r / r_n,      10 to 20 for a robot that falls, the more the earlier
+
+e is the root mean square distance from the reference over the run's last part, r the root mean square change of torque
+from sample to sample; e_n and r_n are the nominal gain's medians over the same robots, whose J is therefore about 2.
+The sensors' white noise sigma is not in the simulated loop; through the gain K it makes the torques rougher by
+sqrt(2 sum_j (K_ij sigma_j)^2), the noise of two samples, which is added to r (root of the sum of squares). A set of
+robots counts by its worst tenth: the mean of the largest tenth of the J.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import hold
+from ballbot.errors import InputError
+from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
+from ballbot.robot.robot import scaled_body
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.conditions import MAX_SLOPE, Conditions
+
+#: the ball lies so far from where it is asked to be at the start [m]
+INITIAL_OFFSET = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerturbationRanges:
+    """How far robots may be from the one described. Each is uniform, and independent of the others.
+
+    Raises
+    ------
+    InputError
+        Where one is not what it can be.
+    """
+
+    mass: float = (
+        0.2  #: of the body, either way, as a share; its inertia about its centre of mass goes with it
+    )
+    height: float = 0.2  #: of the centre of mass, either way, as a share
+    friction: float = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
+    delay: int = 2  #: most samples by which torques come late
+    tilt: float = 1.0  #: most of the floor, in any direction [degrees]
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"The perturbed {one.name} is {value!r}; it must be zero or more.")
+        for name in ("mass", "height", "friction"):
+            if getattr(self, name) >= 1.0:
+                raise InputError(
+                    f"The perturbed {name} is {getattr(self, name):g}; it is a fraction and must be below 1."
+                )
+        if not isinstance(self.delay, int):
+            raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number.")
+        if math.tan(math.radians(self.tilt)) > MAX_SLOPE:
+            raise InputError(
+                f"The floor's tilt is {self.tilt:g} degrees; it must be at most "
+                f"{math.degrees(math.atan(MAX_SLOPE)):.1f}."
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PerturbedRobots:
+    """Robots, what their loops bear, and where they start."""
+
+    robots: tuple[Robot, ...]
+    conditions: tuple[Conditions, ...]
+    starts: NDArray[
+        np.float64
+    ]  #: (robots, 10), the ball `START` away from the origin in any direction, upright at rest
+
+    def __len__(self) -> int:
+        """Return how many robots there are."""
+        return len(self.robots)
+
+
+def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed: int) -> PerturbedRobots:
+    """Draw robots as `spread` says; equal seeds give equal robots.
+
+    Raises
+    ------
+    InputError
+        Where no robot is asked for, or one that is drawn cannot be.
+    """
+    if count < 1:
+        raise InputError(
+            f"The number of perturbed robots is {count}; it must be at least 1, and about a thousand for a "
+            "meaningful worst tenth."
+        )
+    random = np.random.default_rng([seed, 71])
+    robots, conditions, starts = [], [], np.zeros((count, 10))
+    for lane in range(count):
+        # mass, height and each friction: U(1 - share, 1 + share)
+        mass, height = 1.0 + random.uniform(-1.0, 1.0, 2) * (spread.mass, spread.height)
+        factors = 1.0 + spread.friction * random.uniform(-1.0, 1.0, robot.wheel_count + 1)
+        # delay: any whole number of samples; tilt and its direction, and the start's: uniform
+        delay = int(random.integers(0, spread.delay + 1))
+        slope = math.tan(math.radians(spread.tilt * float(random.uniform(0.0, 1.0))))
+        uphill, away = random.uniform(0.0, 2.0 * np.pi, 2)
+        robots.append(_scaled(robot, float(mass), float(height), factors.tolist()))
+        slopes = (slope * math.cos(uphill), slope * math.sin(uphill))
+        conditions.append(Conditions(delay=delay, slope=slopes))
+        starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
+    return PerturbedRobots(robots=tuple(robots), conditions=tuple(conditions), starts=starts)
+
+
+def _scaled(robot: Robot, mass: float, height: float, friction: list[float]) -> Robot:
+    """Return the robot with these factors on its body, and on the friction of each wheel and of the rolling ball."""
+    *wheels, rolling = friction
+    old = robot.friction
+
+    def each(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(factor * value for factor, value in zip(wheels, values, strict=True))
+
+    new = replace(
+        old,
+        viscous=each(old.viscous),
+        coulomb=each(old.coulomb),
+        stribeck=each(old.stribeck),
+        rolling=rolling * old.rolling,
+    )
+    return robot.replace(body=scaled_body(robot.body, mass=mass, height=height), friction=new)
+
+
+#: a run [s], and its last part, which counts as settled
+RUN, SETTLED = 8.0, 2.0
+#: the share of the robots that counts
+TAIL = 0.1
+_FALL = 10.0
+_EVERY = 10  # samples between two that are looked at for the error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunMeasures:
+    """How controllers did, on each of the robots."""
+
+    error: NDArray[
+        np.float64
+    ]  #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
+    roughness: NDArray[np.float64]  #: (controllers, robots), torque's change from sample to sample [N m]
+    ended: NDArray[np.float64]  #: (controllers, robots), when it fell [s]; infinity where it stood
+
+    @property
+    def fell(self) -> NDArray[np.bool_]:
+        """Whether it fell (controllers, robots)."""
+        return np.isfinite(self.ended)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostUnits:
+    """What J is counted in."""
+
+    error: float  #: e_n [m]
+    roughness: float  #: r_n [N m]
+
+    def costs(self, marks: RunMeasures) -> NDArray[np.float64]:
+        """Return J (controllers, robots)."""
+        standing = marks.error / self.error + marks.roughness / self.roughness
+        return np.where(marks.fell, _FALL * (2.0 - np.minimum(marks.ended / RUN, 1.0)), standing)
+
+
+def measure_runs(
+    robot: Robot,
+    controllers: Sequence[Controller],
+    perturbed: PerturbedRobots,
+    *,
+    step: float,
+    threads: int | None = None,
+) -> RunMeasures:
+    """Run every controller on every perturbed robot, all in one batch.
+
+    Parameters
+    ----------
+    robot : Robot
+        The one described, whose sensors are everyone's.
+    controllers : sequence of Controller
+    perturbed : Perturbed
+    step : float
+        Inner step [s].
+    threads : int, optional
+        All cores by default; the result does not depend on it.
+    """
+    count = len(perturbed)
+    batch = simulate_batch(
+        Model(robot, step=step),
+        [one for one in controllers for _ in range(count)],
+        hold(),
+        duration=RUN,
+        initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
+        robots=perturbed.robots * len(controllers),
+        conditions=perturbed.conditions * len(controllers),
+        every=_EVERY,
+        threads=threads,
+    )
+    shape = (len(controllers), count)
+    late = batch.t > RUN - SETTLED
+    error = np.sqrt((batch.states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
+    noise = np.array([noise_roughness(robot, one) for one in controllers])
+    return RunMeasures(
+        error=np.where(batch.survived, error, np.nan).reshape(shape),
+        roughness=np.hypot(batch.torque_change.reshape(shape), noise[:, None]),
+        ended=batch.ended.reshape(shape),
+    )
+
+
+def cost_units(nominal: RunMeasures) -> CostUnits:
+    """Return what J is counted in, by the nominal gain's marks (1, robots).
+
+    Raises
+    ------
+    InputError
+        Where it falls with half of the robots.
+    """
+    if np.mean(nominal.fell) > 0.5:
+        raise InputError(
+            f"The nominal gain falls with {np.mean(nominal.fell):.0%} of the perturbed robots, so costs "
+            "cannot be compared with its cost. Reduce the perturbation."
+        )
+    stood = ~nominal.fell
+    return CostUnits(
+        error=float(np.median(nominal.error[stood])), roughness=float(np.median(nominal.roughness[stood]))
+    )
+
+
+def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of the largest tenth of costs (..., robots), of one robot at least."""
+    count = max(1, round(TAIL * costs.shape[-1]))
+    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1)
+
+
+def noise_roughness(robot: Robot, controller: Controller) -> float:
+    """Return the torque's root mean square change [N m] that the sensors' white noise makes through the gain."""
+    passed = controller.gain * measurement_noise(robot, controller.sample_time)
+    return float(np.sqrt(2.0 * (passed**2).sum(axis=1).mean()))
+
+
+def measurement_noise(robot: Robot, sample_time: float) -> NDArray[np.float64]:
+    """Return the standard deviations (10,) of the measured state's white noise.
+
+    The attitude's and the gyro's are the robot's; the ball's velocity is r_b times A^-1 times the encoders' speeds,
+    each the difference of two counts of uniform error, plus the gyro's. Place and heading are smooth.
+    """
+    sensors, radius = robot.sensors, robot.ball.radius
+    step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+    encoder = step / (sample_time * np.sqrt(6.0))  # of a difference of two U(0, step)
+    turning = np.sqrt((np.linalg.pinv(transforms(robot).T_owb)[:2] ** 2).sum(axis=1)) * encoder
+    velocity = radius * np.hypot(turning[::-1], sensors.gyro_noise)
+    lean, rate = sensors.attitude_noise, sensors.gyro_noise
+    return np.array([0.0, 0.0, lean, lean, 0.0, *velocity, rate, rate, rate])

@@ -1,0 +1,282 @@
+"""Recording the twin into folders: one run or hundreds, each with all that made it.
+
+log, truth, motion_capture   see `ballbot.twin.recording`; .csv or .parquet
+results.json                 the run in numbers
+robot.toml, scenario.toml, controller.toml
+record.toml                  seed, experiment, the cameras' frame and clock
+
+The files appear together (`ballbot.result_folder`), so that a folder that has them is whole, and a batch that was
+stopped goes on where it was: what is there is held against its checksums.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import tomli_w
+
+from ballbot.control.controller import Controller
+from ballbot.control.file import controller_text
+from ballbot.control.references import is_reference_file, reference_from, reference_text
+from ballbot.errors import InputError
+from ballbot.estimation.interface import named_estimator
+from ballbot.files import write_text
+from ballbot.fitting.run import uninterrupted, worker_pool
+from ballbot.result_folder import read_manifest, result_folder
+from ballbot.robot.file import robot_text
+from ballbot.robot.robot import Robot
+from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import Experiment, Recording, record_balance, record_bench
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import scenario_text
+from ballbot.twin.twin import Twin
+
+LogFormat = Literal["csv", "parquet"]
+
+_LOGS = ("log", "truth", "motion_capture")
+_SETTINGS = ("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml")
+#: all that a run may leave
+_FILES = (
+    *(f"{name}.{ending}" for name in _LOGS for ending in ("csv", "parquet")),
+    "results.json",
+    *_SETTINGS,
+)
+
+_HEADER = (
+    "# How this run of the twin was made. The command, run in this folder, repeats the run bit for bit.\n"
+)
+_CAMERAS = """\
+# motion_capture: t_camera = (1 + clock_rate) t + clock_offset; p_camera = R_camera_world p + origin;
+# rotation_wxyz is the quaternion of R_camera_world.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordJob:
+    """What to record, but for the seed."""
+
+    robot: Robot
+    scenario: Scenario
+    controller: Controller
+    experiment: Experiment = "balance"
+    reference: str = "square"  #: a name of `ballbot.control.references`, or a file; nothing to the bench
+    duration: float  #: [s]
+    log_format: LogFormat = "csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordOutcome:
+    """What became of one run."""
+
+    seed: int
+    folder: Path
+    ended: str | None = None  #: why it stopped early
+    was_there: bool = False  #: whole on disk from before
+
+
+def record_run(
+    job: RecordJob, seed: int, folder: Path, *, progress: Callable[[float], None] | None = None
+) -> RecordOutcome:
+    """Record one run into a folder.
+
+    Parameters
+    ----------
+    job : Job
+    seed : int
+        Of all that is random.
+    folder : Path
+        Made if it is not there; a run that is in it is replaced.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1, from time to time.
+
+    Raises
+    ------
+    InputError
+        If the job cannot be run, a file not be written, or the folder is another result's.
+    """
+    if _seed_folders(folder):
+        raise InputError(f"{folder} holds runs of several seeds (--seeds); choose another folder with --out.")
+    with result_folder(folder, command="record", names=_FILES, inputs=_inputs(job)) as held:
+        recording = _record(job, seed, progress)
+        with held.replaced() as new:
+            for name, log in recording.logs.items():
+                log.write(new / f"{name}.{job.log_format}")
+            write_text(new / "results.json", json.dumps(recording.results, indent=2) + "\n")
+            for name, text in settings(job, seed).items():
+                write_text(new / name, text)
+    return RecordOutcome(seed=seed, folder=folder, ended=recording.ended)
+
+
+def record_runs(
+    job: RecordJob,
+    seeds: Sequence[int],
+    folder: Path,
+    *,
+    processes: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> list[RecordOutcome]:
+    """Record a run for each seed into folders seed_0001, seed_0002 and so on, over all cores.
+
+    Parameters
+    ----------
+    job : Job
+    seeds : sequence of int
+    folder : Path
+        Runs that are whole in it are kept.
+    processes : int, optional
+        One for each core where not given.
+    progress : callable, optional
+        Called with the number of runs that are there.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the seeds.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds a run of other settings, or a run cannot be made.
+    """
+    # the folder has no files of its own but the seeds' folders
+    with result_folder(folder, command="record --seeds", names=()):
+        return _record_missing(job, seeds, folder, processes=processes, progress=progress)
+
+
+def _record_missing(
+    job: RecordJob,
+    seeds: Sequence[int],
+    folder: Path,
+    *,
+    processes: int | None,
+    progress: Callable[[int], None] | None,
+) -> list[RecordOutcome]:
+    """Record the runs that are not whole in the folder."""
+    for seed, other in sorted(_seed_folders(folder).items()):
+        if seed not in seeds:  # those are held against their checksums, too
+            _check_settings(job, seed, other)
+    outcomes = {
+        seed: one for seed in seeds if (one := finished_outcome(job, seed, seed_folder(folder, seed)))
+    }
+    missing = [seed for seed in dict.fromkeys(seeds) if seed not in outcomes]
+    if progress:
+        progress(len(outcomes))
+    if missing:
+        workers = min(processes or os.cpu_count() or 1, len(missing))
+        with worker_pool(workers) as pool:
+            with uninterrupted():
+                runs = [pool.submit(record_run, job, seed, seed_folder(folder, seed)) for seed in missing]
+            try:
+                for run in as_completed(runs):
+                    outcomes[run.result().seed] = run.result()
+                    if progress:
+                        progress(len(outcomes))
+            except BrokenProcessPool:
+                raise InputError(
+                    "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
+                    "continue with --resume."
+                ) from None
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return [outcomes[seed] for seed in seeds]
+
+
+def seed_folder(folder: Path, seed: int) -> Path:
+    """Return the folder of one seed's run."""
+    return folder / f"seed_{seed:04d}"
+
+
+def _seed_folders(folder: Path) -> dict[int, Path]:
+    """Return the folders of runs that are in a folder, by their seeds."""
+    found = {path.parent for path in folder.glob("seed_*/record.toml")}
+    numbers = {path: path.name.removeprefix("seed_") for path in found}
+    return {int(number): path for path, number in numbers.items() if number.isdecimal()}
+
+
+def settings(job: RecordJob, seed: int) -> dict[str, str]:
+    """Return the texts of the files that say how a run is made, by name; record.toml comes last."""
+    texts = {"robot.toml": robot_text(job.robot), "scenario.toml": scenario_text(job.scenario)}
+    run: dict[str, object] = {
+        "seed": seed,
+        "experiment": job.experiment,
+        "duration": job.duration,
+        "format": job.log_format,
+    }
+    options = (
+        f"--experiment {job.experiment} --duration {job.duration!r} --seed {seed} --format {job.log_format}"
+    )
+    tables: dict[str, object] = {"run": run}
+    header = _HEADER
+    if job.experiment == "balance":
+        texts["controller.toml"] = controller_text(job.controller)
+        reference = job.reference
+        if is_reference_file(reference):  # its text goes along, so that the folder has all that made the run
+            reference = "reference.csv"
+            texts[reference] = reference_text(job.reference)
+        run |= {"reference": reference, "compensation": job.controller.compensation}
+        run["estimator"] = job.controller.estimator
+        options += f" --reference {reference} --controller controller.toml"
+        tables["motion_capture"] = asdict(MotionCapture.drawn(seed))
+        header += _CAMERAS
+    run["command"] = f"ballbot record scenario.toml --robot robot.toml {options} --out again"
+    texts["record.toml"] = f"{header}\n{tomli_w.dumps(tables)}"
+    return texts
+
+
+def _record(job: RecordJob, seed: int, progress: Callable[[float], None] | None) -> Recording:
+    if job.experiment != "balance":
+        return record_bench(
+            job.robot, job.scenario, job.experiment, duration=job.duration, seed=seed, progress=progress
+        )
+    sample_time = job.scenario.sensors.sample_time
+    estimator = named_estimator(job.controller.estimator, job.robot, sample_time=sample_time)
+    twin = Twin(job.robot, job.scenario, estimator=estimator)
+    reference = reference_from(job.reference)
+    return record_balance(
+        twin, job.controller, reference, duration=job.duration, seed=seed, progress=progress
+    )
+
+
+def finished_outcome(job: RecordJob, seed: int, folder: Path) -> RecordOutcome | None:
+    """Return the outcome of a run that is whole in its folder, every file as it was written, or None if there is none.
+
+    Raises
+    ------
+    InputError
+        If the run has other settings, or a file of it was changed.
+    """
+    manifest = read_manifest(folder)
+    if manifest is None or manifest.command != "record":
+        return None
+    changed = manifest.changed_file(folder)
+    if changed:
+        raise InputError(
+            f"{folder / changed} was changed since it was recorded; delete {folder} to record that run again."
+        )
+    if manifest.missing_file(folder):
+        return None
+    _check_settings(job, seed, folder)
+    ended = json.loads((folder / "results.json").read_text(encoding="utf-8"))["ended"]
+    return RecordOutcome(seed=seed, folder=folder, ended=ended, was_there=True)
+
+
+def _check_settings(job: RecordJob, seed: int, folder: Path) -> None:
+    """Raise InputError unless the run in the folder is made as this job's."""
+    for name, text in settings(job, seed).items():
+        path = folder / name
+        if not path.is_file() or path.read_bytes() != text.encode():
+            raise InputError(
+                f"{folder} holds a run of other settings ({name} differs); choose another folder with --out."
+            )
+
+
+def _inputs(job: RecordJob) -> list[Path]:
+    return [Path(job.reference)] if is_reference_file(job.reference) else []

@@ -1,0 +1,307 @@
+"""From which initial states a closed loop recovers: runs that end early, and the edge of the region.
+
+A run ends as soon as its outcome is known (`ballbot.simulation.verdict`):
+
+    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from here on ask for no torque above 40 % of
+               the limit or of what the wheels' grip holds at rest, no wheel speed above 40 % of the motors' highest and
+               no lean above 0.15 rad, by the rows K (F - G K)^k and so on: the law stays linear, and the robot
+               comes to rest
+    lost       leaning outward further than where the motors' full torque still turns the fall back
+
+The first is exact for the linear loop without dry friction, the second for a robot at rest; most of the torque, and a
+tenth of the lean, are left for what they leave out. A sample of runs is compared with runs that are not cut short.
+
+A ray is first tried in `LOOKS` places, so that a loss between two sizes from which the robot recovers is not
+overlooked. The first loss is then bisected, all rays in one batch. A plane is tried on a coarse grid; from then on
+only cells are halved whose corners, or whose neighbours' corners, differ. So a map of a million points takes the runs
+along its edge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root_scalar
+
+from ballbot.control.controller import Controller
+from ballbot.control.lqr import held
+from ballbot.control.parts import Parts
+from ballbot.control.references import hold
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.geometry import wheel_load
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
+from ballbot.robot.derived import wheel_speed_limit
+from ballbot.simulation.batch import Verdict, simulate_batch
+from ballbot.simulation.conditions import Conditions
+
+#: a run that has not ended after so long [s] has been caught
+DURATION = 5.0
+#: runs of one call, which bounds the memory and lets progress be told
+CALL = 65536
+
+_FRACTION = 0.4  # of torque limit and speed limit that a settled robot will need at most
+_LEAN = 0.15  # [rad] that it will lean at most
+_EVERY = 10  # samples at which its future is looked at
+_FADED = 0.02  # of the largest row: what comes later is no more than that
+_BEYOND = 1.1  # times the lean from which full torque does not turn a fall back
+_DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loop:
+    """A robot with its controller, its motors' limits among what holds it back."""
+
+    robot: Robot  #: the true one; what is compensated is the controller's own
+    controller: Controller
+    grip: float = (
+        1.0  #: friction coefficient of the wheels on the ball; a run in which one would slip counts as lost
+    )
+    step: float = 0.005  #: inner step [s]
+
+    @cached_property
+    def model(self) -> Model:
+        """The exact model."""
+        return Model(self.robot, step=self.step)
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """The supply's limit on the wheels' speed."""
+        return Conditions(top_speed=top_speed(self.robot))
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """When a run's outcome counts as known."""
+        return Verdict(
+            settled=settled_rows(self.model, self.controller, grip=self.grip),
+            lost=lost_lean(self.model),
+            grip=self.grip,
+        )
+
+    def survives(
+        self, starts: NDArray[np.float64], *, threads: int | None = None, cut_short: bool = True
+    ) -> NDArray[np.bool_]:
+        """Return which starts (runs, 10) the robot, asked to hold the origin, comes back from.
+
+        Parameters
+        ----------
+        starts : ndarray (runs, 10)
+        threads : int, optional
+            All cores by default; the result does not depend on it.
+        cut_short : bool
+            End runs whose outcome is known.
+        """
+        kept = np.empty(len(starts), np.bool_)
+        possible = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
+        kept[~possible] = False
+        places = np.flatnonzero(possible)
+        for first in range(0, len(places), CALL):
+            chosen = places[first : first + CALL]
+            kept[chosen] = simulate_batch(
+                self.model,
+                self.controller,
+                hold(),
+                duration=DURATION,
+                initial_states=starts[chosen],
+                conditions=[self.conditions],
+                verdict=self.verdict
+                if cut_short
+                else replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN),
+                every=0,
+                threads=threads,
+            ).survived
+        return kept
+
+
+#: from starts (runs, 10) to which of them are survived (runs,)
+Recovers = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
+
+def top_speed(robot: Robot) -> float:
+    """Return the wheels' speed [rad/s] without load at full supply."""
+    drive = robot.drive
+    return wheel_speed_limit(
+        supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
+    )
+
+
+def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
+    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1.
+
+    One row of infinities, which nothing settles by, where the linear loop is not stable, or where parts of the
+    controller remember something, so that the state does not tell its future.
+    """
+    linear, K = model.linearize(), controller.gain
+    F, G = held(linear.A, linear.B, controller.sample_time)
+    loop = F - G @ K
+    if controller.parts != Parts() or np.abs(np.linalg.eigvals(loop)).max() >= 1.0:
+        return np.full((1, 10), np.inf)
+    speeds = np.hstack([np.zeros((len(K), 5)), model.wheel_jacobian(np.zeros(5))])
+    slips = grip * wheel_load(model.robot) * model.robot.wheels.radius
+    now = [
+        K / (_FRACTION * min(controller.torque_limit, slips)),
+        speeds / (_FRACTION * top_speed(model.robot)),
+        np.eye(10)[2:4] / _LEAN,
+    ]
+    rows, ahead = [np.concatenate(now)], np.linalg.matrix_power(loop, _EVERY)
+    while np.abs(rows[-1]).max() > _FADED * np.abs(rows[0]).max():
+        rows.append(rows[-1] @ ahead)
+    return np.concatenate(rows)
+
+
+def lost_lean(model: Model) -> float:
+    """Return the lean [rad] beyond which a robot that leans further is lost, whatever its motors do."""
+
+    if _min_outward(model, LARGEST_LEAN) <= 0.0:
+        return LARGEST_LEAN
+    turned = root_scalar(lambda lean: _min_outward(model, lean), bracket=(0.0, LARGEST_LEAN), method="brentq")
+    return _BEYOND * float(turned.root)
+
+
+def _min_outward(model: Model, lean: float) -> float:
+    return min(_outward(model, lean, direction) for direction in _DIRECTIONS)
+
+
+def _outward(model: Model, lean: float, direction: float) -> float:
+    """Return the lean's least acceleration outward [rad/s^2] from rest under any torques and friction of the motors."""
+    towards = np.array([0.0, 0.0, math.cos(direction), math.sin(direction), 0.0])
+    robot, n = model.robot, model.robot.wheel_count
+    most = robot.drive.torque_limit + np.add(robot.friction.coulomb, robot.friction.stribeck)
+    torques = np.concatenate([np.zeros((1, n)), np.eye(n)])
+    accelerations = model.acceleration(lean * towards, np.zeros(5), torques) @ towards
+    return float(accelerations[0] - np.abs(accelerations[1:] - accelerations[0]) @ most)
+
+
+#: places at which a ray is looked at first, evenly spread
+LOOKS = 24
+#: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
+_HALVINGS = 9
+#: a map's intervals a side: `_COARSE` at first, then halved so many times
+_COARSE, _REFINEMENTS = 32, 5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reach:
+    """How far along rays starts are survived."""
+
+    sizes: NDArray[np.float64]  #: (...), up to which every start looked at was survived
+    limited: NDArray[np.bool_]  #: (...), whether there is a loss at all up to the ray's end
+    runs: int
+
+
+def reach(
+    survives: Recovers,
+    start_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    shape: tuple[int, ...],
+    most: float,
+) -> Reach:
+    """Return how far each of some rays is survived, from zero to `most`.
+
+    Parameters
+    ----------
+    survives : callable
+    start_of : callable
+        From sizes (k, *shape) along each ray to starts (k, *shape, 10).
+    shape : tuple of int
+        Of the rays.
+    most : float
+        The rays' end, in the unit of the sizes.
+    """
+
+    def looked(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return survives(start_of(sizes).reshape(-1, 10)).reshape(sizes.shape)
+
+    looks = most * np.arange(1, LOOKS + 1) / LOOKS
+    first = looked(np.broadcast_to(looks.reshape(-1, *(1,) * len(shape)), (LOOKS, *shape)))
+    limited = np.logical_not(np.all(first, axis=0))
+    kept = np.where(limited, first.argmin(axis=0), LOOKS) * (most / LOOKS)
+    interval = most / LOOKS
+    for _ in range(_HALVINGS):
+        interval *= 0.5
+        further = looked((kept + interval)[None])[0]
+        kept = np.where(limited & further, kept + interval, kept)
+    return Reach(sizes=kept, limited=limited, runs=(LOOKS + _HALVINGS) * int(np.prod(shape)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Region:
+    """Which starts of a plane are survived."""
+
+    across: NDArray[np.float64]  #: (a,), the first coordinate
+    along: NDArray[np.float64]  #: (b,), the second
+    kept: NDArray[np.bool_]  #: (a, b)
+    runs: int  #: starts that were run; the others lie between starts that agree
+
+    @property
+    def area(self) -> float:
+        """The survived part of the plane, in both coordinates' units."""
+        cell = (self.across[1] - self.across[0]) * (self.along[1] - self.along[0])
+        return float(self.kept.sum() * cell)
+
+
+def map_region(
+    survives: Recovers,
+    start_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    most: tuple[float, float],
+    refinements: int = _REFINEMENTS,
+) -> Region:
+    """Return which starts are survived over a rectangle about the origin, refined at the edge.
+
+    Parameters
+    ----------
+    survives : callable
+    start_of : callable
+        From both coordinates (k,) to starts (k, 10).
+    most : tuple of float
+        The rectangle reaches from minus to plus this in each coordinate.
+    refinements : int
+        Times that the coarse grid of 33 x 33 is halved; 5 make 1025 x 1025 points.
+    """
+    intervals = _COARSE << refinements
+    across, along = (np.linspace(-end, end, intervals + 1) for end in most)
+    kept = np.zeros((intervals + 1, intervals + 1), np.bool_)
+    known = np.zeros_like(kept)
+    runs = 0
+    stride = 1 << refinements
+    wanted = np.zeros_like(kept)
+    wanted[::stride, ::stride] = True
+    while True:
+        places = np.nonzero(wanted & ~known)
+        kept[places] = survives(start_of(across[places[0]], along[places[1]]))
+        known[places] = True
+        runs += len(places[0])
+        if stride == 1:
+            return Region(across=across, along=along, kept=kept, runs=runs)
+        wanted = _between(kept, stride)
+        stride //= 2
+
+
+def _between(kept: NDArray[np.bool_], stride: int) -> NDArray[np.bool_]:
+    """Halve a grid in place where its cells agree, and return the points (a, b) of the others that are to be run."""
+    corners = kept[::stride, ::stride]
+    whole = corners[:-1, :-1] & corners[1:, :-1] & corners[:-1, 1:] & corners[1:, 1:]
+    none = ~(corners[:-1, :-1] | corners[1:, :-1] | corners[:-1, 1:] | corners[1:, 1:])
+    mixed = np.pad(~(whole | none), 1)
+    cells = mixed.shape[0] - 2
+    open_cells = np.zeros((cells, cells), np.bool_)
+    for i in range(3):
+        for j in range(3):
+            open_cells |= mixed[i : i + cells, j : j + cells]
+    half = stride // 2
+    wanted = np.zeros_like(kept)
+    for i in (0, half, stride):
+        for j in (0, half, stride):
+            target = np.s_[
+                i : i + cells * stride - (stride - 1) : stride, j : j + cells * stride - (stride - 1) : stride
+            ]
+            wanted[target] |= open_cells
+            if half in (i, j):
+                kept[target] = np.where(open_cells, kept[target], whole)
+    return wanted

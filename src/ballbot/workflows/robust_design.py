@@ -1,0 +1,262 @@
+"""LQR weights chosen by search over perturbed robots, for the worst tenth of them and not the mean.
+
+The search is an evolution over the logarithms of the state weights, every generation one batch. The torque weight
+stays the nominal one, since only ratios matter. x and y, theta and phi, and their rates share a weight each, which
+leaves six; the middle of the search is the nominal gain, its ends a hundredth and a hundred times its weights. Every
+candidate runs on the same perturbed robots, so that candidates differ by what they do and not by luck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
+from ballbot.errors import InputError
+from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import check_seed
+from ballbot.fitting.search import evolve
+from ballbot.robot import Robot
+from ballbot.sizes import MOST_TRIALS
+from ballbot.workflows.perturbed_robots import (
+    CostUnits,
+    PerturbationRanges,
+    RunMeasures,
+    cost_units,
+    draw_perturbed,
+    measure_runs,
+    worst_tenth,
+)
+
+#: places of the state that share a weight
+GROUPS = ((0, 1), (2, 3), (4,), (5, 6), (7, 8), (9,))
+#: decades to either side of the nominal weights
+DECADES = 2.0
+#: inner step of the search, one a sample of 5 ms, and of the comparison on fresh robots [s]
+SEARCH_STEP, TEST_STEP = 5e-3, 1e-3
+_NO_GAIN = 100.0  # the cost of weights that have none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effort:
+    """How much is tried.
+
+    Raises
+    ------
+    InputError
+        Where a number is smaller than the search or the comparison takes.
+    """
+
+    robots: int = 1000  #: perturbed robots that judge every candidate
+    generations: int = 30
+    population: int = 12  #: candidates of a generation
+    fresh: int = 2000  #: other robots on which what was found is compared
+
+    def __post_init__(self) -> None:
+        for name, least in (("robots", 10), ("generations", 1), ("population", 4), ("fresh", 10)):
+            if getattr(self, name) < least:
+                raise InputError(
+                    f"The number of {name} is {getattr(self, name)}; it must be at least {least}."
+                )
+            if getattr(self, name) > MOST_TRIALS:
+                raise InputError(
+                    f"The number of {name} is {getattr(self, name)}; it must be {MOST_TRIALS} or less."
+                )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedDesign:
+    """How one design does on the fresh robots."""
+
+    state_weights: tuple[float, ...]
+    torque_weight: float
+    gain: NDArray[np.float64]
+    worst_tenth: float  #: of J
+    mean: float  #: of J
+    worst_error: float  #: mean of the largest tenth of the settled errors of those that stood [m]
+    worst_roughness: float  #: the same of the torque's change [N m]
+    falls: int
+    costs: NDArray[np.float64]  #: (fresh robots,) J of each
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "state_weights": list(self.state_weights),
+            "torque_weight": self.torque_weight,
+            "gain": self.gain.tolist(),
+            "worst_tenth": self.worst_tenth,
+            "mean": self.mean,
+            "worst_error": self.worst_error,
+            "worst_roughness": self.worst_roughness,
+            "falls": self.falls,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobustDesign:
+    """What `robust_design` returns."""
+
+    design: LqrDesign
+    controller: Controller
+    state_weights: tuple[float, ...]
+    torque_weight: float
+    units: CostUnits  #: what J is counted in
+    history: tuple[float, ...]  #: best worst tenth after each generation, on the robots of the search
+    rivals: dict[str, ComparedDesign]  #: "robust", "nominal" and "plain", on fresh robots
+    fresh: int  #: how many those are
+    spread: PerturbationRanges
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "state_weights": list(self.state_weights),
+            "torque_weight": self.torque_weight,
+            "units": {"error": self.units.error, "roughness": self.units.roughness},
+            "history": list(self.history),
+            "fresh_robots": self.fresh,
+            "on_fresh_robots": {name: one.to_dict() for name, one in self.rivals.items()},
+        }
+
+
+def robust_design(
+    robot: Robot,
+    *,
+    compensation: Compensation,
+    spread: PerturbationRanges,
+    effort: Effort,
+    seed: int,
+    tell: Callable[[float, str], None] | None = None,
+    recall: Memoize = no_checkpoint,
+    threads: int | None = None,
+) -> RobustDesign:
+    """Seek the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
+
+    Parameters
+    ----------
+    robot : Robot
+        What is believed: the gain is designed for it, and its friction is what is compensated.
+    compensation : {"none", "full", "partial"}
+    spread : Spread
+    effort : Effort
+    seed : int
+        Equal seeds give equal results, bit for bit.
+    tell : callable, optional
+        Told the share that is done, and a note.
+    recall : Recall
+        Answers for a generation's costs; by default they are computed.
+    threads : int, optional
+        All cores by default; the result does not depend on it.
+
+    Raises
+    ------
+    InputError
+        Where the nominal gain falls with half of the perturbed robots, or the seed is none.
+    """
+    check_seed(seed)
+    note = tell or (lambda _share, _note: None)
+    judges = draw_perturbed(robot, effort.robots, spread=spread, seed=seed)
+
+    def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:
+        gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
+        return Controller(robot, gain, compensation=compensation, estimator="kalman")
+
+    nominal = measure_runs(
+        robot, [controller_of(NOMINAL_STATE_WEIGHTS)], judges, step=SEARCH_STEP, threads=threads
+    )
+    units = cost_units(nominal)
+
+    def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+        costs = np.full(len(candidates), _NO_GAIN)
+        made: dict[int, Controller] = {}
+        for place, candidate in enumerate(candidates):
+            try:
+                made[place] = controller_of(weights_of(candidate))
+            except InputError:
+                continue  # weights so far apart that the equations have no solution in these digits
+        if made:
+            marks = measure_runs(robot, list(made.values()), judges, step=SEARCH_STEP, threads=threads)
+            costs[list(made)] = worst_tenth(units.costs(marks))
+        return costs
+
+    found = evolve(
+        cost_of,
+        size=len(GROUPS),
+        generations=effort.generations,
+        population=effort.population,
+        seed=seed,
+        report=lambda done, least: note(0.9 * done / effort.generations, f"worst tenth {least:.2f}"),
+        recall=recall,
+    )
+    weights = weights_of(found.best)
+    rivals = {
+        "robust": (weights, NOMINAL_TORQUE_WEIGHT),
+        "nominal": (NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT),
+        "plain": ((1.0,) * 10, 1.0),
+    }
+    compared = _compare(robot, rivals, controller_of, units, spread, effort.fresh, seed, threads)
+    note(1.0, "compared")
+    return RobustDesign(
+        design=design_gain(robot, state_weights=weights),
+        controller=controller_of(weights),
+        state_weights=weights,
+        torque_weight=NOMINAL_TORQUE_WEIGHT,
+        units=units,
+        history=found.history,
+        rivals=compared,
+        fresh=effort.fresh,
+        spread=spread,
+    )
+
+
+def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return the ten state weights of a point (6,) of the unit cube."""
+    weights = np.array(NOMINAL_STATE_WEIGHTS)
+    for group, place in zip(GROUPS, candidate, strict=True):
+        weights[list(group)] *= 10.0 ** (DECADES * (2.0 * float(place) - 1.0))
+    return tuple(weights.tolist())
+
+
+def _compare(
+    robot: Robot,
+    rivals: dict[str, tuple[tuple[float, ...], float]],
+    controller_of: Callable[[tuple[float, ...], float], Controller],
+    units: CostUnits,
+    spread: PerturbationRanges,
+    count: int,
+    seed: int,
+    threads: int | None,
+) -> dict[str, ComparedDesign]:
+    fresh = draw_perturbed(robot, count, spread=spread, seed=seed + 1_000_003)
+    controllers = [controller_of(*weights) for weights in rivals.values()]
+    marks = measure_runs(robot, controllers, fresh, step=TEST_STEP, threads=threads)
+    costs = units.costs(marks)
+    return {
+        name: _compared_design(weights, controller, marks, costs, place)
+        for place, ((name, weights), controller) in enumerate(zip(rivals.items(), controllers, strict=True))
+    }
+
+
+def _compared_design(
+    weights: tuple[tuple[float, ...], float],
+    controller: Controller,
+    marks: RunMeasures,
+    costs: NDArray[np.float64],
+    place: int,
+) -> ComparedDesign:
+    stood = ~marks.fell[place]
+    return ComparedDesign(
+        state_weights=tuple(weights[0]),
+        torque_weight=weights[1],
+        gain=controller.gain,
+        worst_tenth=float(worst_tenth(costs[place])),
+        mean=float(costs[place].mean()),
+        worst_error=float(worst_tenth(marks.error[place, stood])) if stood.any() else float("nan"),
+        worst_roughness=float(worst_tenth(marks.roughness[place, stood])) if stood.any() else float("nan"),
+        falls=int((~stood).sum()),
+        costs=costs[place],
+    )

@@ -1,0 +1,133 @@
+"""What the thesis recommends (chapter 6 and Appendix IV), tried on the twin: before and after, the same seeds.
+
+Single-row wheels, a stiffer ball, gearboxes with less play, and a fix from outside that is fused with the on-board
+sensors, one at a time and together. The nominal twin has two rows, a hard ball, 1 degree of play and on-board
+sensors only; what a stiffer ball is worth is therefore read from the softer one to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from ballbot.control.controller import Compensation
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import square
+from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.robot.robot import Robot
+from ballbot.simulation.sensors import FixSource
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.twin import Twin
+from ballbot.workflows.comparison import Comparison, compare
+
+#: the controllers: without compensation, and with the better of the thesis's two; of the friction that is true
+COMPENSATIONS: tuple[Compensation, ...] = ("none", "partial")
+
+_LESS_PLAY = math.radians(0.1)  # of a precision gearbox
+_FIX = FixSource(rate=10.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """A robot that differs from the nominal one in what is recommended."""
+
+    name: str
+    scenario: Scenario
+    estimator: EstimatorName = "onboard"
+
+    def twin(self, robot: Robot) -> Twin:
+        """Return the robot."""
+        sample_time = self.scenario.sensors.sample_time
+        estimator = named_estimator(self.estimator, robot, sample_time=sample_time)
+        return Twin(robot, self.scenario, estimator=estimator)
+
+
+def variants(robot: Robot) -> list[Variant]:
+    """Return the nominal robot, a softer ball, and each recommendation by itself and all together."""
+    nominal = Scenario.nominal(robot)
+    single_row = Scenario.single_row(robot)
+    return [
+        Variant(name="softer ball, 30 kN/m", scenario=Scenario.soft_ball(robot)),
+        Variant(name="nominal: hard ball", scenario=nominal),
+        Variant(name="single-row wheels", scenario=single_row),
+        Variant(name="play 0.1 degrees", scenario=replace(nominal, backlash=_LESS_PLAY)),
+        Variant(name="fix at 10 Hz, fused", scenario=replace(nominal, fix=_FIX), estimator="kalman"),
+        Variant(
+            name="all of these",
+            scenario=replace(single_row, backlash=_LESS_PLAY, fix=_FIX),
+            estimator="kalman",
+        ),
+    ]
+
+
+def try_recommendations(
+    robot: Robot,
+    *,
+    seeds: Sequence[int],
+    duration: float = 64.0,
+    threads: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, Comparison]:
+    """Run every variant around a square of 0.5 m and return its scores with and without compensation, by name.
+
+    Parameters
+    ----------
+    robot : Robot
+    seeds : sequence of int
+    duration : float
+        Of a run [s].
+    threads : int
+        Runs at a time.
+    progress : callable, optional
+        Called with the share that is done, from 0 to 1.
+    """
+    knowing = robot.replace(friction=Scenario.nominal(robot).friction)
+    controllers = {kind: nominal_controller(knowing, compensation=kind) for kind in COMPENSATIONS}
+    tried = variants(robot)
+    found: dict[str, Comparison] = {}
+    for k, variant in enumerate(tried):
+
+        def advance(share: float, done: int = k) -> None:
+            if progress:
+                progress((done + share) / len(tried))
+
+        found[variant.name] = compare(
+            lambda variant=variant: variant.twin(robot),
+            controllers,
+            square(side=0.5, period=32.0),
+            duration=duration,
+            seeds=seeds,
+            threads=threads,
+            progress=advance,
+        )
+    return found
+
+
+HEADINGS = (
+    "robot",
+    "RMS (m)",
+    "peak (m)",
+    "RMS, compensated (m)",
+    "peak, compensated (m)",
+    "torque noise (N m)",
+    "compensated (N m)",
+    "falls",
+)
+
+
+def rows(found: dict[str, Comparison]) -> list[list[str]]:
+    """Return the table's rows: means over the seeds; torque noise is the RMS change from sample to sample."""
+    table = []
+    for name, comparison in found.items():
+        none, partial = (comparison.summary(kind) for kind in COMPENSATIONS)
+        numbers = [
+            none.rms_position_error,
+            none.peak_position_error,
+            partial.rms_position_error,
+            partial.peak_position_error,
+            none.rms_torque_change,
+            partial.rms_torque_change,
+        ]
+        table.append([name, *(f"{one:.3f}" for one in numbers), f"{none.falls + partial.falls}"])
+    return table
