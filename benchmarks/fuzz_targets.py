@@ -29,11 +29,10 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
-from ballbot.log.log import LONGEST
+from ballbot.log.formats.text import read_foreign_table
+from ballbot.log.log import LONGEST, summarize
 from ballbot.log.mapping_file import parse_mapping, read_mapping
-from ballbot.log.poses import read_poses
-from ballbot.log.proposal.foreign_table import read_foreign_table
-from ballbot.log.summary import summarize
+from ballbot.log.pose import read_poses
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import derived_quantities

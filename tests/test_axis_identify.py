@@ -12,7 +12,7 @@ from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord, identify_axis
 from ballbot.identification.axis import output_error as ladder
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from ballbot.log.text_table import write_text_table
+from ballbot.log.formats.text import write_text_table
 
 OPTIONS = [
     "--limit",

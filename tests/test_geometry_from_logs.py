@@ -19,8 +19,8 @@ from ballbot.identification.geometry_fits import (
     read_mocap,
     upside_down_geometry,
 )
+from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.columns import STATE_NAMES
-from ballbot.log.kinematic_check import wheel_speeds_of_states
 from ballbot.mechanics.geometry import axles, body_rates_matrix, transforms
 from ballbot.twin.motion_capture import MotionCapture
 

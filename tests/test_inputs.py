@@ -16,33 +16,33 @@ from hypothesis import strategies as st
 from log_examples import smooth_log
 from pyarrow import parquet
 
-from ballbot import InputError, inputs
-from ballbot.cli.main import main
-from ballbot.control.file import controller_text, read_controller
-from ballbot.control.presets import nominal_controller
-from ballbot.identification.axis import record as mat_file
-from ballbot.identification.axis.record import parse_mat, read_mat
-from ballbot.identification.parameters import read_bounds
-from ballbot.identification.sweep import read_sweep
-from ballbot.inputs import parse_toml, read_json, read_text
-from ballbot.log import Log, sampling_times
-from ballbot.log.columns import LARGEST_CELL
-from ballbot.log.local_fit import local_fit
-from ballbot.log.log import LONGEST, SHORTEST
-from ballbot.log.mapping_file import parse_mapping, read_mapping
-from ballbot.log.proposal import foreign_table
-from ballbot.robot import Robot
-from ballbot.robot.file import read_robot, robot_text
-from ballbot.simulation.run import sample_count
-from ballbot.sizes import (
+from ballbot import InputError, files
+from ballbot.arrays import (
     MOST_CELLS,
     MOST_COLUMNS,
     MOST_ROWS,
     SHORTEST_SAMPLE,
     SHORTEST_STEP,
-    length_words,
+    format_duration,
     rows_between,
 )
+from ballbot.cli.main import main
+from ballbot.control.file import controller_text, read_controller
+from ballbot.control.presets import nominal_controller
+from ballbot.files import parse_toml, read_json, read_text
+from ballbot.identification.axis import record as mat_file
+from ballbot.identification.axis.record import parse_mat, read_mat
+from ballbot.identification.parameters import read_bounds
+from ballbot.identification.sweep import read_sweep
+from ballbot.log import Log, sampling_times
+from ballbot.log.columns import LARGEST_CELL
+from ballbot.log.formats import text as text_tables
+from ballbot.log.log import LONGEST, SHORTEST
+from ballbot.log.mapping_file import parse_mapping, read_mapping
+from ballbot.log.signals import local_fit
+from ballbot.robot import Robot
+from ballbot.robot.file import read_robot, robot_text
+from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario_file import read_scenario
 from ballbot.workflows.courses import read_courses
 from ballbot.workflows.excite import deviations_found
@@ -384,7 +384,7 @@ def test_rows_are_counted_or_refused(span, interval, columns):
     ],
 )
 def test_a_length_of_time_in_words(seconds, words):
-    assert length_words(seconds) == words
+    assert format_duration(seconds) == words
 
 
 def test_text_has_line_ends_of_one_kind(tmp_path):
@@ -409,9 +409,9 @@ def test_the_documents_have_the_limits():
     text = (Path(__file__).parents[1] / "docs" / "logs.md").read_text(encoding="utf-8")
     limits = text.partition("## Limits")[2]
     for words in (
-        f"| {inputs.LARGEST_TABLE // 10**6} MB; {foreign_table._LARGEST // 10**6} MB where",
-        f"| {inputs.LARGEST_SETTINGS // 10**6} MB, {inputs.LARGEST_RESULTS // 10**6} MB |",
-        f"in these | {inputs.DEEPEST} |",
+        f"| {files.LARGEST_TABLE // 10**6} MB; {text_tables._LARGEST // 10**6} MB where",
+        f"| {files.LARGEST_SETTINGS // 10**6} MB, {files.LARGEST_RESULTS // 10**6} MB |",
+        f"in these | {files.DEEPEST} |",
         f"{MOST_ROWS // 10**6} million, {MOST_COLUMNS}, {MOST_CELLS // 10**6} million",
         f"last | {LONGEST / 86400.0:g} days |",
         f"{SHORTEST * 1e9:g} ns; {sampling_times.SHORTEST * 1e3:g} ms",

@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.apply_mapping import carried_on
-from ballbot.log.attitude import from_roll_pitch_yaw
-from ballbot.log.drive_input import DutyInput
-from ballbot.log.odometry import with_odometry
+from ballbot.log.apply_mapping import from_roll_pitch_yaw, without_resets
+from ballbot.log.mapping import DutyInput
+from ballbot.log.pose import with_odometry
 from ballbot.robot import Robot
 
 
@@ -66,7 +65,7 @@ def test_an_encoders_reset_is_carried_on(jump):
     t = 0.01 * np.arange(500)
     angle = 3.0 * np.sin(t)
     broken = angle + jump * (t > 2.0)
-    found = carried_on(t, broken, 40.0)
+    found = without_resets(t, broken, 40.0)
     # the step over the jump is lost: at most a row's motion
     np.testing.assert_allclose(found, angle, atol=0.031)
 

@@ -13,13 +13,12 @@ from foreign_log_examples import (
 )
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.apply_mapping import sensor_delay
-from ballbot.log.causal import causal_states
+from ballbot.log.apply_mapping import causal_states, sensor_delay
 from ballbot.log.mapping import LogMapping
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.odometry import with_odometry
-from ballbot.log.proposal.mapping_text import mapping_text
-from ballbot.log.proposal.proposal import propose
+from ballbot.log.mapping_inference.mapping_text import mapping_text
+from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.pose import with_odometry
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from log_examples import smooth_log, with_wheels
 
 from ballbot.log import Finding, Log
 from ballbot.log.checks import check
-from ballbot.log.kinematic_check import wheel_agreement
+from ballbot.log.checks.kinematics import wheel_agreement
 from ballbot.robot import Robot
 
 ALTEN = Robot.load("alten")

@@ -5,7 +5,7 @@ import pytest
 from foreign_log_examples import small_robot, swaying_log
 
 from ballbot.log import Log
-from ballbot.log.disturbance_check import check_disturbance
+from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.robot import Robot
 
 

@@ -11,7 +11,7 @@ from log_examples import smooth_log
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.text_table import TextLayout, read_text_table
+from ballbot.log.formats.text import TextLayout, read_text_table
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
 

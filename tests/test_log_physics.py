@@ -8,10 +8,9 @@ from physics_examples import FRICTION, MISTAKES, balancing, exchanged, scaled
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check, check_logs
-from ballbot.log.physics import examine
-from ballbot.log.physics.lean import AS_LOGGED, READINGS, lean_evidence
-from ballbot.log.physics.motion import motion_of, usable_rows
-from ballbot.log.physics.torque import driving_of, torque_evidence
+from ballbot.log.checks.lean import AS_LOGGED, READINGS, lean_evidence, motion_of, usable_rows
+from ballbot.log.checks.physics import examine
+from ballbot.log.checks.torque_balance import driving_of, torque_evidence
 from ballbot.robot import Robot
 
 

@@ -16,11 +16,11 @@ from foreign_log_examples import (
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.odometry import with_odometry
-from ballbot.log.proposal.findings import findings_of
-from ballbot.log.proposal.lean_test import torque_free_gains
-from ballbot.log.proposal.mapping_text import mapping_text
-from ballbot.log.proposal.proposal import Proposal, propose
+from ballbot.log.mapping_inference.findings import findings_of
+from ballbot.log.mapping_inference.mapping_text import mapping_text
+from ballbot.log.mapping_inference.placement import torque_free_gains
+from ballbot.log.mapping_inference.proposal import Proposal, propose
+from ballbot.log.pose import with_odometry
 
 CASES = {
     "as the robot's": Habits(),

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ballbot.log.local_fit import local_fit
-from ballbot.log.proposal.foreign_table import read_foreign_table
-from ballbot.log.sampling_times import fresh, repaired_noise, sampling_times, speed_noise
+from ballbot.log.formats.text import read_foreign_table
+from ballbot.log.sampling_times import new_messages, repaired_noise, sampling_times, speed_noise
+from ballbot.log.signals import local_fit
 
 COUNT = 2.0 * np.pi / 4480.0  #: [rad], one encoder count of the course robots' wheels
 
@@ -59,7 +59,7 @@ def test_wheels_at_rest_say_nothing():
 
 
 def test_a_message_logged_twice_is_fresh_once():
-    assert fresh(np.array([0.0, 0.0, 0.01, 0.02, 0.0201, 0.03])).tolist() == [
+    assert new_messages(np.array([0.0, 0.0, 0.01, 0.02, 0.0201, 0.03])).tolist() == [
         True,
         False,
         True,

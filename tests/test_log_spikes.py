@@ -7,7 +7,7 @@ from identification_examples import balancing_log
 from ballbot import Log
 from ballbot.identification.windows import cut_windows
 from ballbot.log.checks import check
-from ballbot.log.spikes import spikes
+from ballbot.log.checks.values import spikes
 
 RANDOM = np.random.default_rng(3)
 N = 20_000

@@ -4,8 +4,8 @@ import pytest
 
 from ballbot.control.file import ControllerTable
 from ballbot.errors import InputError
-from ballbot.log.mapping_schema import MappingTable
-from ballbot.schema import validated
+from ballbot.log.mapping_file import MappingTable
+from ballbot.schema import validate_table
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import CourseTable
 
@@ -106,7 +106,7 @@ def mapping(**changes):
 )
 def test_a_mistake_ends_in_our_words(schema, tree, sentence):
     with pytest.raises(InputError) as refused:
-        validated(schema, tree, of="a file")
+        validate_table(schema, tree, of="a file")
     assert sentence in str(refused.value)
     assert "\n" not in str(refused.value)
     for theirs in ("Input should", "input should", "valid ", "tag", "discriminator"):

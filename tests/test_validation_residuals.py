@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from validation_examples import NOISE, noisy_log, true_robot
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.turning_points import turning_points
+from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot, Rollers
 from ballbot.validation import ModelPair

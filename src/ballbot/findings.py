@@ -140,7 +140,7 @@ def in_check_log(_: Finding) -> str:
     return "run `ballbot check-log`"
 
 
-def nowhere(_: Finding) -> str:
+def no_command(_: Finding) -> str:
     """Return nothing, as nothing shows all errors at once."""
     return ""
 

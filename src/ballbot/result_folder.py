@@ -5,13 +5,17 @@ READY, the files of the result before are deleted and the new ones take their pl
 way leaves the old result, or READY, from which the next command that opens the folder finishes the move: never files
 of two results side by side. MANIFEST has the command and each file's checksum, so that files of the user's are known
 from the result's, and are neither replaced nor deleted.
+
+One process at a time holds the folder's lock; the system gives it back when that process ends or dies.
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
+import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -20,7 +24,79 @@ from pathlib import Path, PurePosixPath
 from ballbot.errors import InputError
 from ballbot.files import check_folder, sha256_of, write_text
 from ballbot.fitting.run import uninterrupted
-from ballbot.folder_lock import locked
+
+LOCK = ".ballbot.lock"
+
+#: file systems without locks, as some network drives: work goes on without one
+_NO_LOCKS = {errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.ENOSYS, errno.EBADF, errno.EINVAL}
+
+
+@contextmanager
+def hold_lock(folder: Path) -> Iterator[None]:
+    """Hold the folder's lock while the block runs.
+
+    Raises
+    ------
+    InputError
+        If another process holds it, or the lock's file cannot be made.
+    """
+    path = folder / LOCK
+    descriptor = _acquire(path, folder)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # the folder may have been deleted meanwhile
+            path.unlink()
+        os.close(descriptor)
+
+
+def _acquire(path: Path, folder: Path) -> int:
+    while True:
+        try:
+            # never through a link, and never waiting for the other end of a pipe
+            flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+            descriptor = os.open(path, flags, 0o644)
+        except OSError as error:
+            raise InputError(f"{path} cannot be made: {error.strerror or error}.") from None
+        if not _take(descriptor):
+            holder = os.read(descriptor, 20).decode(errors="replace").strip()
+            os.close(descriptor)
+            by = f" (process {holder})" if holder.isdigit() else ""
+            raise InputError(
+                f"Another ballbot{by} is writing into {folder}; wait until it has finished, or choose another "
+                "folder with --out."
+            )
+        if _is_at(descriptor, path):
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, str(os.getpid()).encode())
+            return descriptor
+        os.close(descriptor)  # its holder deleted it between the opening and the lock
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _take(descriptor: int) -> bool:
+    """Lock an open file without waiting; False if another process has it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # beyond what is written, which others may read
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+            os.lseek(descriptor, 0, os.SEEK_SET)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno in _NO_LOCKS
+    return True
+
 
 MANIFEST = ".ballbot.json"
 STAGED = ".ballbot-staged"
@@ -123,7 +199,7 @@ def result_folder(
     was_there = os.path.exists(out)
     folder = check_folder(out)
     try:
-        with locked(folder):
+        with hold_lock(folder):
             _prepare(folder, command=command, names=names, inputs=inputs, resumes=resumes)
             yield ResultFolder(path=folder, command=command, names=frozenset(names))
     finally:

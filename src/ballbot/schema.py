@@ -70,7 +70,7 @@ class _Mistake:
         return self.error.get("ctx", {})
 
 
-def validated(schema: type[T], tree: object, *, of: str) -> T:
+def validate_table(schema: type[T], tree: object, *, of: str) -> T:
     """Return a file's tables as a model or a dataclass.
 
     Lists become tuples and whole numbers floats; no text becomes a number, and no true or false.
@@ -111,7 +111,7 @@ def _first_sentence(error: ValidationError, schema: object, of: str) -> str:
 def _sentence(mistakes: Sequence[_Mistake], of: str) -> str:
     """Return the sentence on mistakes at one place: several if each member of a union was tried."""
     mistake = mistakes[0]
-    given, place = mistake.error["input"], shown_place(mistake.place)
+    given, place = mistake.error["input"], format_place(mistake.place)
     match mistake.error["type"]:
         case "missing":
             return _missing(mistake, of)
@@ -129,29 +129,31 @@ def _sentence(mistakes: Sequence[_Mistake], of: str) -> str:
             return _choice(place, given, _allowed(mistake))
     wanted = list(dict.fromkeys(one for each in mistakes for one in _wanted(each)))
     below = f": write its keys below a line [{place}]" if wanted == ["a table"] else ""
-    return f"{place} is {shown_value(given)}; it must be {_either(wanted)}{below}."
+    return f"{place} is {format_value(given)}; it must be {_either(wanted)}{below}."
 
 
 def _missing(mistake: _Mistake, of: str) -> str:
     *above, last = mistake.place
     if isinstance(last, int):
-        return f"{shown_place(above)} has {('one entry' if last == 1 else f'{last} entries')}; it needs more."
-    table = f"[{shown_place(above)}]" if above else of
-    return f"{shown_place(mistake.place)} is missing; {table} needs it."
+        return (
+            f"{format_place(above)} has {('one entry' if last == 1 else f'{last} entries')}; it needs more."
+        )
+    table = f"[{format_place(above)}]" if above else of
+    return f"{format_place(mistake.place)} is missing; {table} needs it."
 
 
 def _unknown_key(mistake: _Mistake, of: str) -> str:
     known = list(dict.fromkeys(key for hint in mistake.hints for key in _keys(hint)))
     near = get_close_matches(str(mistake.place[-1]) if mistake.place else "", known, n=1, cutoff=_NEAR)
     hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(known)}."
-    return f"{shown_place(mistake.place)} is not a key of {of}; {hint}"
+    return f"{format_place(mistake.place)} is not a key of {of}; {hint}"
 
 
 def _choice(place: str, given: object, allowed: Sequence[str]) -> str:
     """Return that a value is none of those allowed, and the nearest of them."""
     near = get_close_matches(repr(given), allowed, n=1, cutoff=_NEAR) if isinstance(given, str) else []
     hint = f"did you mean {near[0]}? It" if near else "it"
-    return f"{place} is {shown_value(given)}; {hint} must be {_either(allowed)}."
+    return f"{place} is {format_value(given)}; {hint} must be {_either(allowed)}."
 
 
 def _wanted(mistake: _Mistake) -> list[str]:
@@ -173,7 +175,7 @@ def _allowed(mistake: _Mistake) -> list[str]:
 
 def _tag_place(mistake: _Mistake) -> str:
     """Return the place of the key by which the tables of a union differ."""
-    return f"{shown_place(mistake.place)}.{str(mistake.context['discriminator']).strip(chr(39))}"
+    return f"{format_place(mistake.place)}.{str(mistake.context['discriminator']).strip(chr(39))}"
 
 
 def _tags(mistake: _Mistake) -> list[str]:
@@ -197,12 +199,12 @@ def _either(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
 
 
-def shown_place(place: Sequence[str | int]) -> str:
+def format_place(place: Sequence[str | int]) -> str:
     """Return keys and indices as a file's reader counts: gain[1][3] is the third number of the first row."""
     return "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
 
 
-def shown_value(value: object) -> str:
+def format_value(value: object) -> str:
     """Return a wrong value as a file could write it, cut short."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

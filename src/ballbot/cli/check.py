@@ -25,7 +25,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import is_reference_file, reference_from
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
-from ballbot.findings import Finding, by_severity, check_codes, finding_results, nowhere, stop_on_errors
+from ballbot.findings import Finding, by_severity, check_codes, finding_results, no_command, stop_on_errors
 from ballbot.identification.inertia import (
     Pivot,
     SwingInertia,
@@ -38,7 +38,7 @@ from ballbot.identification.inertia import (
 )
 from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
-from ballbot.log.time_checks import check_gaps, check_jitter
+from ballbot.log.checks.time_and_rates import check_gaps, check_jitter
 from ballbot.report.design import MISTAKEN_MATRICES, state_order
 from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder
@@ -59,7 +59,7 @@ from ballbot.workflows.reference_check import (
 )
 
 if TYPE_CHECKING:
-    from ballbot.log.checked import CheckedLogs
+    from ballbot.log.checks import CheckedLogs
     from ballbot.mechanics.model import LinearModel
     from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
 
@@ -138,7 +138,7 @@ def examine_swing(robot: Robot, options: SwingOptions) -> CheckedSwing:
 
 def _stop_on_swing_errors(findings: Sequence[Finding], options: SwingOptions) -> None:
     named = [replace(one, where=replace(one.where, file=str(options.file))) for one in findings]
-    stop_on_errors(named, accept=check_codes(options.accept), more=nowhere)
+    stop_on_errors(named, accept=check_codes(options.accept), more=no_command)
 
 
 #: how long a reference that has a name is looked at [s]: the longest of them goes once around
@@ -374,7 +374,7 @@ def _examine(
 
 def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> CheckedLogs:
     from ballbot.log import Log
-    from ballbot.log.checked import CheckedLogs
+    from ballbot.log.checks import CheckedLogs
 
     log = Log.read(path)
     return CheckedLogs(

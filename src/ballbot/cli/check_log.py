@@ -17,14 +17,14 @@ from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.checks import check
+from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.formats import is_foreign
-from ballbot.log.kinematic_check import WheelAgreement, wheel_agreement
+from ballbot.log.log import ColumnSummary, summarize
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.odometry import with_odometry
-from ballbot.log.proposal.findings import findings_of
-from ballbot.log.proposal.mapping_text import mapping_text
-from ballbot.log.proposal.proposal import Proposal, propose
-from ballbot.log.summary import ColumnSummary, summarize
+from ballbot.log.mapping_inference.findings import findings_of
+from ballbot.log.mapping_inference.mapping_text import mapping_text
+from ballbot.log.mapping_inference.proposal import Proposal, propose
+from ballbot.log.pose import with_odometry
 from ballbot.printable import shell_line
 from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder

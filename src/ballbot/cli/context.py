@@ -12,7 +12,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import CheckpointError, Memoize, open_checkpoint
 from ballbot.fitting.run import Executor, ExecutorError, Threads
 from ballbot.log import Log
-from ballbot.log.odometry import with_position
+from ballbot.log.pose import with_position
 from ballbot.printable import shell_line
 from ballbot.robot import Robot
 

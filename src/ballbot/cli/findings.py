@@ -15,7 +15,7 @@ from ballbot.cli.output import standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import overcompensation_warning
-from ballbot.findings import Finding, as_options, check_codes, nowhere, stop_on_errors
+from ballbot.findings import Finding, as_options, check_codes, no_command, stop_on_errors
 from ballbot.printable import shell_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import named_robot_findings
@@ -68,7 +68,7 @@ def check_input(
     InputError
         If a log has an error whose code is not accepted, or a code is unknown.
     """
-    from ballbot.log.checked import checked_logs
+    from ballbot.log.checks import checked_logs
 
     named = {str(path): log for path, log in logs.items()}
     used = {str(path): mapping for path, mapping in mappings.items()}
@@ -111,7 +111,7 @@ def check_robot(robot: Robot, source: str, *, accept: Sequence[str] | None) -> t
 
 
 def stop_or_show(
-    findings: Sequence[Finding], *, accept: Sequence[str] | None, more: Callable[[Finding], str] = nowhere
+    findings: Sequence[Finding], *, accept: Sequence[str] | None, more: Callable[[Finding], str] = no_command
 ) -> None:
     """Stop on an error that is not accepted; else print accepted errors and warnings.
 

@@ -35,8 +35,8 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
-from ballbot.log.causal import causal_states
-from ballbot.log.checked import CheckedLogs
+from ballbot.log.apply_mapping import causal_states
+from ballbot.log.checks import CheckedLogs
 from ballbot.printable import shell_line
 from ballbot.report.friction import ladder_figure
 from ballbot.report.page import as_json, provenance

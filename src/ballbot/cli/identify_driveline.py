@@ -25,7 +25,7 @@ from ballbot.identification.driveline import (
 from ballbot.identification.driveline_checks import sweep_findings
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
-from ballbot.log.checked import bench_findings
+from ballbot.log.checks import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.driveline import (
     driveline_findings,

@@ -22,7 +22,7 @@ from ballbot.identification.geometry import (
 )
 from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
-from ballbot.log.checked import bench_findings
+from ballbot.log.checks import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.page import as_json, provenance
 from ballbot.result_folder import result_folder

@@ -20,7 +20,7 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
-from ballbot.log.checked import bench_findings
+from ballbot.log.checks import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.bench import movement_figure, prediction_figure
 from ballbot.report.page import Provenance, as_json, provenance

@@ -12,7 +12,7 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
-from ballbot.log.checked import bench_findings
+from ballbot.log.checks import bench_findings
 from ballbot.printable import shell_line
 from ballbot.report.page import as_json, provenance
 from ballbot.report.spin import difference_figure, spin_results, velocity_figure

@@ -13,7 +13,7 @@ from ballbot.cli.output import progress_bar, standard_output
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
-from ballbot.log.checked import CheckedLogs
+from ballbot.log.checks import CheckedLogs
 from ballbot.printable import shell_line
 from ballbot.report.page import provenance
 from ballbot.report.study import summary

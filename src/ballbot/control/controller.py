@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import real_array
+from ballbot.arrays import SHORTEST_SAMPLE, real_array
 from ballbot.control.law import ALLOWED, control_law
 from ballbot.control.law_row import MEMORY, drag, given_back, pack_law, scales
 from ballbot.control.parts import Parts
@@ -17,7 +17,6 @@ from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
-from ballbot.sizes import SHORTEST_SAMPLE
 
 Compensation = Literal["none", "full", "partial"]
 

@@ -32,11 +32,10 @@ from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
-from ballbot.files import write_text
-from ballbot.inputs import read_toml
+from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot import Friction, Robot
-from ballbot.schema import validated
+from ballbot.schema import validate_table
 
 _IntegralRow = Annotated[tuple[FiniteFloat, ...], Field(min_length=3, max_length=3)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -302,7 +301,7 @@ def read_controller(path: str | Path, robot: Robot) -> Controller:
     """
     tree = read_toml(path)
     try:
-        return _controller(validated(ControllerTable, tree, of="a controller file"), robot)
+        return _controller(validate_table(ControllerTable, tree, of="a controller file"), robot)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

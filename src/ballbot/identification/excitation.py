@@ -38,7 +38,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.windows import Windows, ball_spin, measured_wheel_speeds
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
-from ballbot.log.turning_points import turning_points
+from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 

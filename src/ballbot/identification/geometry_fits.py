@@ -53,7 +53,7 @@ from ballbot.fitting.least_squares import Fit, fit_clustered
 from ballbot.identification.upside_down import BALL_NAMES
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
-from ballbot.log.poses import read_poses
+from ballbot.log.pose import read_poses
 from ballbot.robot import Robot
 
 #: windows on end that count as one cluster together last this long [s]: a roller takes about as long to pass

@@ -52,9 +52,9 @@ from ballbot.identification.stages import (
 from ballbot.identification.sweep import Estimate, SweepFriction, with_sweep
 from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.checked import CheckedLogs, checked_logs
+from ballbot.log.checks import CheckedLogs, checked_logs
+from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
-from ballbot.log.spikes import spiked_rows
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 

@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.files import read_toml
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout, Limits, Quantity, names_in
-from ballbot.inputs import read_toml
 from ballbot.robot import Robot
 
 

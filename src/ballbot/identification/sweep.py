@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ballbot.errors import InputError
+from ballbot.files import read_json
 from ballbot.fitting.checkpoint import digest
 from ballbot.identification.identifiability import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import Layout
-from ballbot.inputs import read_json
 
 #: what the sweep and the logs may differ by, in standard errors of their difference
 CONTRADICTS = 3.0

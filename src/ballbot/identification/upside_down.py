@@ -42,8 +42,8 @@ from ballbot.identification.result import (
 )
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split
 from ballbot.log import Log
+from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
-from ballbot.log.spikes import spiked_rows
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 

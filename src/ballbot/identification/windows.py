@@ -16,8 +16,8 @@ Logs cut into short windows, each predicted from the state measured at its start
 
 An unstable plant's open-loop prediction means something for a fraction of a second only. A window of m samples
 starts at row k: the torques are rows k .. k + m - 1, held as a log says, and states k + 1 .. k + m are compared.
-Windows with a missing value or a spoilt one (`ballbot.log.spikes`), an uneven sampling interval or a lean past recovery
-are left out.
+Windows with a missing value or a spoilt one (`ballbot.log.checks.values`), an uneven sampling interval or a lean past
+recovery are left out.
 
 The start is the measured state as it is. Smoothing it over 35 to 75 ms, which looks ahead, was tried on logs
 with encoder counts and gearbox play: no state's error on other windows changed by more than 1 %.
@@ -35,10 +35,10 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_speed_names
-from ballbot.log.drive_input import DutyInput
+from ballbot.log.mapping import DutyInput
 from ballbot.log.mapping_file import read_mapping
-from ballbot.log.spikes import spiked_rows
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot

@@ -5,6 +5,17 @@ IMU's angles into Ballbot's, differentiate, make torques, keep the spans asked f
 that reached the log `delay` late describes the time t - delay, and a command logged at t acts at t + delay, held until
 the next. Rows at the ends for which a delayed column then has no value are cut off. Rows at even intervals get sensors
 read between the file's rows, and each command's mean over the time to the next row, so that its impulse is kept.
+
+An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ballbot's angles are those of
+R_world_body = Rx(theta) Ry(phi) Rz(psi). An IMU whose x axis stands at an angle `turn` from the robot's, towards the
+left, has R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about
+axes that turn with the heading: they are the same only while the heading is zero.
+
+A mapped log looks ahead, though a little: rates are differences that take in the next row, rows at even intervals lie
+between two of the file's, and the repair of times looks `sampling_times.REACH` to each side. A prediction that starts
+from such a row has seen some of what it predicts. So `causal_states` maps the file's rows anew for each moment, as if
+the file ended there, and includes the row in which a sensor that reports late describes that moment; a rate that the
+mapping differentiates is the slope of a line through the last rows.
 """
 
 from __future__ import annotations
@@ -12,17 +23,48 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import rows_between
 from ballbot.errors import InputError
-from ballbot.log.attitude import from_roll_pitch_yaw
-from ballbot.log.columns import measured, numbered
-from ballbot.log.drive_input import DutyInput
-from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source
-from ballbot.log.sampling_times import fresh, sampling_times
-from ballbot.sizes import rows_between
+from ballbot.log.columns import STATE_NAMES, mark_missing, numbered_names
+from ballbot.log.formats import read_columns
+from ballbot.log.log import Log
+from ballbot.log.mapping import Attitude, DutyInput, LogMapping, MotorInput, Source
+from ballbot.log.mapping_file import read_mapping
+from ballbot.log.pose import with_position
+from ballbot.log.sampling_times import new_messages, sampling_times
+from ballbot.robot import Robot
+
+
+def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
+    """Return theta, phi, psi (N, 3) [rad], psi without jumps.
+
+    Parameters
+    ----------
+    angles : ndarray (N, 3)
+        Roll, pitch and yaw [rad]; NaN goes through.
+    turn : float
+        Angle of the IMU's x axis from the robot's, towards the left [rad].
+    """
+    roll, pitch, yaw = angles.T
+    c_r, s_r, c_p, s_p = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    c_y, s_y = np.cos(yaw), np.sin(yaw)
+    # columns of R_world_imu
+    x = np.stack([c_y * c_p, s_y * c_p, -s_p])
+    y = np.stack([c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r])
+    z = np.stack([c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r])
+    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    theta, phi = np.arctan2(-z[1], z[2]), np.arcsin(np.clip(z[0], -1.0, 1.0))
+    psi = np.arctan2(-y[0], x[0])
+    known = np.isfinite(psi)
+    psi[known] = np.unwrap(psi[known])
+    return np.column_stack([theta, phi, psi])
+
 
 #: [s] by which rounding may move a delayed row past the one it belongs to
 _ROUNDING = 1e-9
@@ -59,7 +101,7 @@ def apply_mapping(
         over="ignore", invalid="ignore"
     ):  # what a scale makes of a cell may be beyond all measure
         columns = _applied(mapping, table, even_from)
-    return {name: values if name == "t" else measured(values) for name, values in columns.items()}
+    return {name: values if name == "t" else mark_missing(values) for name, values in columns.items()}
 
 
 def _applied(
@@ -68,7 +110,7 @@ def _applied(
     t = row_times(mapping, table)
     raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
     if mapping.largest_speed is not None:
-        raw |= {name: carried_on(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
+        raw |= {name: without_resets(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
     sampled = _sampled(mapping, t, raw)
     even = mapping.timing.sample_time
     count = len(mapping.columns) + len(mapping.derivatives) + 10
@@ -92,7 +134,7 @@ def _applied(
     return _kept(columns, mapping.timing.keep)
 
 
-def carried_on(
+def without_resets(
     t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float
 ) -> NDArray[np.float64]:
     """Return an encoder's angle (N,) without the steps that are too fast for the wheel: resets and overflows.
@@ -136,8 +178,8 @@ def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> 
 
 def sensor_delay(mapping: LogMapping) -> float:
     """Return how long after a moment the last of the sensors reports it [s]."""
-    measured, _ = _delays(mapping)
-    return max(measured)
+    mark_missing, _ = _delays(mapping)
+    return max(mark_missing)
 
 
 def _even_rows(
@@ -158,11 +200,11 @@ def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]])
         raise InputError(
             f"The mapping takes {name} from the column {source.column!r}, which does not exist{hint}"
         )
-    return measured(source.factor * table[source.column] + source.offset)
+    return mark_missing(source.factor * table[source.column] + source.offset)
 
 
 def _wheel_angles(columns: Columns) -> tuple[str, ...]:
-    return numbered(columns, prefix="wheel") if "wheel1" in columns else ()
+    return numbered_names(columns, prefix="wheel") if "wheel1" in columns else ()
 
 
 def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArray[np.float64]:
@@ -189,7 +231,7 @@ def _measured_at(
     """Return what a sensor will have reported `delay` after the rows' times (linear in between)."""
     if not (shift or delay):
         return values
-    first = fresh(sampled) if shift else slice(None)
+    first = new_messages(sampled) if shift else slice(None)
     return np.interp(rows + delay, sampled[first], values[first])
 
 
@@ -248,15 +290,17 @@ def _mean_acting(
 
 def _delays(mapping: LogMapping) -> tuple[list[float], list[float]]:
     """Return the delays of what is measured and of what is commanded."""
-    measured = [source.delay for source in mapping.columns.values()]
-    measured += [source.delay for source in mapping.attitude.sources] if mapping.attitude else []
-    return measured, [source.delay for source in mapping.motors.sources] if mapping.motors else []
+    mark_missing = [source.delay for source in mapping.columns.values()]
+    mark_missing += [source.delay for source in mapping.attitude.sources] if mapping.attitude else []
+    return mark_missing, [source.delay for source in mapping.motors.sources] if mapping.motors else []
 
 
-def _cut(columns: Columns, t: NDArray[np.float64], measured: list[float], commanded: list[float]) -> Columns:
+def _cut(
+    columns: Columns, t: NDArray[np.float64], mark_missing: list[float], commanded: list[float]
+) -> Columns:
     """Return the rows for which every delayed column had a value in the file, whose times are t."""
     rows = columns["t"]
-    ahead = [*measured, *(-delay for delay in commanded)]
+    ahead = [*mark_missing, *(-delay for delay in commanded)]
     kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
@@ -292,3 +336,72 @@ def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Co
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     return {name: values[kept] for name, values in columns.items()}
+
+
+#: how much of the past is mapped [s], and the least that tells a state
+_PAST, _LEAST_PAST = 1.0, 0.2
+#: length of the line whose slope is a rate [s]
+_LINE = 0.04
+#: [s] by which rounding may move a row
+_ROW_ROUNDING = 1e-6
+
+
+def causal_states(
+    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the states (m, 10) at rows of a mapped log, by what the file had told by then.
+
+    Parameters
+    ----------
+    path : str or Path
+        The foreign file.
+    mapping : str, Path or LogMapping
+        How it becomes a log.
+    robot : Robot
+        Its wheels tell where the ball went, where the log has no position. That counts from the start of what is
+        mapped: positions on the floor mean nothing, their rates do.
+    moments : ndarray (m,)
+        Times of rows of the log that file and mapping make [s].
+
+    Returns
+    -------
+    ndarray (m, 10)
+        NaN where too little of the file comes before.
+
+    Raises
+    ------
+    InputError
+        Where the file or the mapping cannot be read or does not make a log.
+    """
+    mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
+    table = read_columns(path, mapping.layout)
+    t, late = row_times(mapping, table), sensor_delay(mapping)
+    everything = replace(mapping, timing=replace(mapping.timing, keep=None))
+    states = np.full((len(moments), len(STATE_NAMES)), np.nan)
+    for number, moment in enumerate(moments):
+        first = int(np.searchsorted(t, moment - _PAST))
+        # the rows up to the first that tells of the moment
+        end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
+        if moment - t[first] >= _LEAST_PAST:
+            rows = {name: values[first:end] for name, values in table.items()}
+            past = Log(apply_mapping(everything, rows, even_from=float(t[0])))
+            states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
+    return states
+
+
+def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> NDArray[np.float64]:
+    """Return the state (10,) in the last row."""
+    by_wheels = "x" not in past
+    past = with_position(past, robot)
+    state = past.states[-1]
+    differentiated = set(mapping.derivatives)
+    if by_wheels and "wheel1_dot" in differentiated:
+        differentiated |= {"x_dot", "y_dot"}
+    rows = min(len(past), max(3, 1 + round(_LINE / past.sample_time)))
+    times = past.t[-rows:] - past.t[-1]
+    half = len(STATE_NAMES) // 2
+    for place, name in enumerate(STATE_NAMES[:half]):
+        if f"{name}_dot" in differentiated:
+            slope, value = np.polyfit(times, past[name][-rows:], 1)
+            state[place], state[half + place] = value, slope
+    return state

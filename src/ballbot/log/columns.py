@@ -1,9 +1,10 @@
-"""The names of a log's columns and the unit of each: the one list that files, checks and mappings share.
+"""The columns of a log: their names, the unit of each, and the units of foreign logs that convert to them.
 
-State  x = [x y theta phi psi, and their rates], SI and radians. A simulated run carries what was true beside
-what the sensors said, in columns named `true_` and the state's name.
+State  x = [x y theta phi psi, and their rates], SI and radians. A simulated run also carries the true values beside the
+measured ones, in columns named `true_` and the state's name.
 """
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -58,7 +59,7 @@ def unit_of(name: str) -> str | None:
     return _UNITS.get(name)
 
 
-def measured(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def mark_missing(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return values with NaN for those that no sensor gives: infinite, or beyond `LARGEST_CELL`."""
     none = ~(np.abs(values) <= LARGEST_CELL)
     return np.where(none, np.nan, values) if none.any() else values
@@ -95,7 +96,7 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
     return tuple(f"wheel{i}_dot" for i in range(1, count + 1))
 
 
-def numbered(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
+def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
     """Return those of `names` that are prefix, number, suffix with the numbers 1, 2, 3 .. without a hole.
 
     Raises
@@ -110,3 +111,46 @@ def numbered(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[st
     if not found:
         raise InputError(f"The log has no column {prefix}1{suffix}, which this use needs.")
     return tuple(found)
+
+
+#: by Ballbot's unit, the factors that turn others of the same kind into it
+FACTORS = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "m/s^2": {"m/s^2": 1.0, "g": 9.80665},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0, "turn": 2.0 * math.pi},
+    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": 2.0 * math.pi / 60.0},
+    "N m": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
+}
+
+
+def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) -> float:
+    """Return the factor that turns a value in `given` into one in `unit`.
+
+    Parameters
+    ----------
+    unit : str
+        Ballbot's unit, a key of `FACTORS`.
+    given : str
+        The file's unit; for angles and rates also "counts" and "counts/s" of an encoder.
+    counts_per_turn : float, optional
+        Encoder counts in one turn of what the column describes (of the wheel, gear included).
+
+    Raises
+    ------
+    InputError
+        Where the unit is not one of that kind, or counts come without `counts_per_turn`.
+    """
+    units = FACTORS[unit]
+    if given in units:
+        return units[given]
+    counted = {"rad": "counts", "rad/s": "counts/s"}.get(unit)
+    if given != counted:
+        choices = [*units, *([counted] if counted else [])]
+        raise InputError(
+            f"the unit {given!r} cannot be converted to {unit}; the units that can are {', '.join(choices)}"
+        )
+    if not counts_per_turn:
+        raise InputError(f"the unit {given!r} needs counts_per_turn, the encoder counts in one turn")
+    return 2.0 * math.pi / counts_per_turn

@@ -5,7 +5,8 @@ of strictly increasing time. Row k holds what was measured at t_k and the torque
 
 NaN marks a value that is missing, as one is that is infinite or beyond all measure (`LARGEST_CELL`). Reading keeps it,
 and `log[name]` gives the column as it is; whatever computes asks through `require`, `states`, `torques`,
-`wheel_speeds` or `reference`, and these refuse NaN with a sentence, so that it cannot travel on unseen.
+`wheel_speeds` or `reference`, and these refuse NaN with a sentence, so that it cannot travel on unseen. `summarize`
+gives the range, gaps and rate of change of each column.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import format_duration
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, measured, numbered
-from ballbot.sizes import length_words
+from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, mark_missing, numbered_names, unit_of
 
 if TYPE_CHECKING:
     from ballbot.log.mapping import LogMapping
@@ -151,17 +152,17 @@ class Log:
     @property
     def torques(self) -> NDArray[np.float64]:
         """The wheel torques u1 .. un (N, n) [N m]; NaN refused."""
-        return self._table(numbered(self.names, prefix="u"))
+        return self._table(numbered_names(self.names, prefix="u"))
 
     @property
     def wheel_angles(self) -> NDArray[np.float64]:
         """The wheel angles wheel1 .. (N, n) [rad], what the encoders see; NaN refused."""
-        return self._table(numbered(self.names, prefix="wheel"))
+        return self._table(numbered_names(self.names, prefix="wheel"))
 
     @property
     def wheel_speeds(self) -> NDArray[np.float64]:
         """The wheel speeds wheel1_dot .. (N, n) [rad/s], what the encoders see; NaN refused."""
-        return self._table(numbered(self.names, prefix="wheel", suffix="_dot"))
+        return self._table(numbered_names(self.names, prefix="wheel", suffix="_dot"))
 
     @property
     def reference(self) -> NDArray[np.float64]:
@@ -254,7 +255,7 @@ def _column(name: str, values: ArrayLike) -> NDArray[np.float64]:
         column = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"The log's column {name} does not contain numbers.") from None
-    column = column if name == "t" else measured(column)
+    column = column if name == "t" else mark_missing(column)
     column.flags.writeable = False
     return column
 
@@ -296,7 +297,7 @@ def _check_time(t: NDArray[np.float64]) -> None:
         )
     span = float(t[-1] - t[0])
     if span > LONGEST:
-        raise InputError(f"The log spans {length_words(span)}{_why_long(t)}")
+        raise InputError(f"The log spans {format_duration(span)}{_why_long(t)}")
 
 
 def _why_long(t: NDArray[np.float64]) -> str:
@@ -312,8 +313,8 @@ def _why_long(t: NDArray[np.float64]) -> str:
     units = [word for word, least in _CLOCKS if usual >= least]
     perhaps = f" and is perhaps in {units[0]}" if units else ""
     return (
-        f", with rows every {length_words(usual)}: t is in seconds{perhaps}. "
-        f"Convert it with a mapping file; at most {length_words(LONGEST)} are read."
+        f", with rows every {format_duration(usual)}: t is in seconds{perhaps}. "
+        f"Convert it with a mapping file; at most {format_duration(LONGEST)} are read."
     )
 
 
@@ -323,3 +324,36 @@ def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
     plural = "columns" if len(missing) > 1 else "column"
     columns = f"{plural} {', '.join(missing)}{hint}"
     return f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnSummary:
+    """One column of a log."""
+
+    name: str
+    unit: str | None  #: None for a name that is not Ballbot's
+    least: float | None  #: of the finite values; None where there is none
+    greatest: float | None
+    missing: int  #: cells that are NaN or infinite
+    change_rate: float  #: how often the value changes [1/s]: of a slow sensor, its own rate
+
+
+def summarize(log: Log) -> tuple[ColumnSummary, ...]:
+    """Return a summary of each of the log's columns, in their order."""
+    duration = float(log.t[-1] - log.t[0])
+    summaries = []
+    for name in log.names:
+        values = log[name]
+        finite = values[np.isfinite(values)]
+        changes = int(np.count_nonzero(np.diff(finite)))
+        summaries.append(
+            ColumnSummary(
+                name=name,
+                unit=unit_of(name),
+                least=float(finite.min()) if finite.size else None,
+                greatest=float(finite.max()) if finite.size else None,
+                missing=len(values) - finite.size,
+                change_rate=changes / duration if duration > 0.0 else 0.0,
+            )
+        )
+    return tuple(summaries)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.local_fit import local_fit
+from ballbot.log.signals import local_fit
 
 #: a, the usual error of a row's time [s]: messages come every 5 ms, or 10
 SPREAD = 2e-3
@@ -61,7 +61,7 @@ def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArr
     return times
 
 
-def fresh(times: NDArray[np.float64]) -> NDArray[np.bool_]:
+def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which rows (N,) hold a message that the row before did not."""
     least = REPEATED * float(np.median(np.diff(times)))
     kept = np.ones(len(times), dtype=np.bool_)
@@ -112,7 +112,7 @@ def _noise(
     times: NDArray[np.float64], angles: NDArray[np.float64], *, rows: int
 ) -> NDArray[np.float64] | None:
     """Return speeds between rows minus smooth speeds (K, n) where the wheels turn fast."""
-    kept = fresh(times)
+    kept = new_messages(times)
     times, angles = times[kept], angles[kept]
     _, speeds = local_fit(times, angles, rows=rows)
     between = 0.5 * (speeds[1:] + speeds[:-1])

@@ -14,8 +14,7 @@ import numpy as np
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.errors import InputError
-from ballbot.files import write_text
-from ballbot.inputs import LARGEST_SETTINGS, read_text
+from ballbot.files import LARGEST_SETTINGS, read_text, write_text
 from ballbot.report.page import Provenance, as_json
 from ballbot.report.study import study_report
 from ballbot.report.validation import validation_results

@@ -18,8 +18,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ballbot.errors import InputError
-from ballbot.files import write_text
-from ballbot.inputs import read_toml
+from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
 from ballbot.robot.parameters import DIMENSIONLESS, Parameter, Value, from_si, headings_of, to_si, value_of

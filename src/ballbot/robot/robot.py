@@ -18,10 +18,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import SHORTEST_SAMPLE
 from ballbot.errors import InputError
 from ballbot.robot.checks import check_deviations, check_robot
 from ballbot.robot.parameters import Value, build, components, parameter, parameters_of, table, value_of
-from ballbot.sizes import SHORTEST_SAMPLE
 
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import real_array
+from ballbot.arrays import MOST_CELLS, format_duration, real_array
 from ballbot.control.interface import Feedback
 from ballbot.control.references import Reference
 from ballbot.control.safety import SafeController
@@ -17,7 +17,6 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_an
 from ballbot.mechanics.model import Model
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
-from ballbot.sizes import MOST_CELLS, length_words
 
 #: the reference's columns in a log, and their places in the state
 _REFERENCES = (0, 1, 4)
@@ -107,8 +106,8 @@ def sample_count(duration: float, sample_time: float) -> int:
         )
     if duration / sample_time > _MOST:
         raise InputError(
-            f"A run of {length_words(duration)} has {duration / sample_time:.3g} samples of {sample_time:g} "
-            f"s, and its log would not fit in memory. At most {length_words(_MOST * sample_time)} is "
+            f"A run of {format_duration(duration)} has {duration / sample_time:.3g} samples of {sample_time:g} "
+            f"s, and its log would not fit in memory. At most {format_duration(_MOST * sample_time)} is "
             "possible."
         )
     return round(duration / sample_time)

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.arrays import positive_number, real_array, real_number, whole_number
+from ballbot.arrays import SHORTEST_SAMPLE, positive_number, real_array, real_number, whole_number
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, Reading, named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
@@ -40,7 +40,6 @@ from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant, checked_states
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults, SensorSuite, sensor_samples
-from ballbot.sizes import SHORTEST_SAMPLE
 
 #: samples over which counts may be differenced
 _LONGEST_WINDOW = 10_000

@@ -15,12 +15,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
+from ballbot.arrays import SHORTEST_SAMPLE, SHORTEST_STEP
 from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot.robot import Friction, Robot, Rollers, Sensors
 from ballbot.simulation.conditions import MAX_DELAY
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
-from ballbot.sizes import SHORTEST_SAMPLE, SHORTEST_STEP
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
 WheelContact = Literal["rollers", "point"]

@@ -22,11 +22,10 @@ from types import NoneType
 from typing import get_args, get_type_hints
 
 from ballbot.errors import InputError
-from ballbot.files import write_text
-from ballbot.inputs import read_toml
+from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.robot import Robot
-from ballbot.schema import validated
+from ballbot.schema import validate_table
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin.scenario import (
     LAW_NAMES,
@@ -189,7 +188,7 @@ def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Sc
     _refuse_unknown(tree, Scenario, "")
     laws = tree.pop("driveline_laws", None)
     values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **tree})
-    scenario = validated(Scenario, values, of="a scenario file")
+    scenario = validate_table(Scenario, values, of="a scenario file")
     scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else _laws(laws))
     check_scenario(scenario, robot)
     return scenario
@@ -254,7 +253,7 @@ def _law(table: dict[str, object]) -> BristleLaw:
             near = get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}."
             raise InputError(f"driveline_laws.{key} is not a parameter of the law {name!r}; {hint}")
-    return validated(kind, table, of=f"the law {name!r}")
+    return validate_table(kind, table, of=f"the law {name!r}")
 
 
 _HEADER = (

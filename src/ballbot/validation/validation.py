@@ -12,8 +12,8 @@ from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.checked import checked_logs
-from ballbot.log.disturbance_check import check_disturbance
+from ballbot.log.checks import checked_logs
+from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
@@ -122,7 +122,7 @@ def validate_pair(
 ) -> Validation:
     """Hold any two models against a log in three ways: closed loop, open loop and prediction.
 
-    The log is not checked here; see `ballbot.log.checked.checked_logs`.
+    The log is not checked here; see `ballbot.log.checks.checked_logs`.
 
     Parameters
     ----------

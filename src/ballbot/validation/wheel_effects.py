@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.log.columns import wheel_speed_names
-from ballbot.log.turning_points import turning_points
+from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model
 from ballbot.robot import Rollers
 from ballbot.robot.derived import encoder_step

@@ -1,7 +1,7 @@
 """Why a robot does not do what was predicted: likely causes, ranked by what its log shows.
 
 A log's signature is a few numbers that faults of the robot change. The torques are compared with the motion, and the
-ball's acceleration with the lean (`ballbot.log.physics`), each by a least-squares fit whose factors are one, or zero,
+ball's acceleration with the lean (`ballbot.log.checks`), each by a least-squares fit whose factors are one, or zero,
 for the robot as identified:
 
     u_i = k_i n_i + s f(w_i) + o_i                     n what the motion needs, f the identified friction
@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log import Log
+from ballbot.log.checks.lean import Motion, Rows, as_complex, as_plane, motion_of, usable_rows
+from ballbot.log.checks.torque_balance import SIGN, Driving, driving_of, smoothed_wheel_speeds
 from ballbot.log.columns import torque_names
-from ballbot.log.physics.motion import Motion, Rows, as_complex, as_plane, motion_of, usable_rows
-from ballbot.log.physics.torque import SIGN, Driving, driving_of, smoothed_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot

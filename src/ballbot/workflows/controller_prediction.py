@@ -27,9 +27,9 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import Table, controller_text
 from ballbot.control.references import REFERENCES
 from ballbot.errors import InputError
-from ballbot.inputs import read_json
+from ballbot.files import read_json
 from ballbot.log import Log
-from ballbot.schema import validated
+from ballbot.schema import validate_table
 from ballbot.workflows.controller_causes import OF_FRICTION, signature_of
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse
 from ballbot.workflows.metrics import QUANTITIES, Performance
@@ -292,7 +292,7 @@ def read_prediction(path: str | Path) -> Prediction:
             f"does if it draws {MIN_RUNS} plants or more."
         )
     try:
-        table = validated(_PredictionTable, found, of="the prediction in a results.json")
+        table = validate_table(_PredictionTable, found, of="the prediction in a results.json")
     except InputError as error:
         raise InputError(f"{path}: prediction: {error}") from None
     _check_table(table, path)

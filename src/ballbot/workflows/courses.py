@@ -19,11 +19,11 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, named_estimator
-from ballbot.inputs import read_toml
+from ballbot.files import read_toml
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body, scaled_friction
-from ballbot.schema import validated
+from ballbot.schema import validate_table
 from ballbot.simulation.plant import Plant
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
@@ -227,7 +227,7 @@ def _course(
     name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
 ) -> Course:
     try:
-        said = validated(CourseTable, table, of="a course")
+        said = validate_table(CourseTable, table, of="a course")
         asked = _reference_spec(said.reference, beside)
         asked.reference()  # refused before anything is run
         if plant == "model":

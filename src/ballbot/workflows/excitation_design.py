@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, sampled_reference
 from ballbot.errors import InputError
@@ -37,7 +38,6 @@ from ballbot.fitting.search import evolve
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import sample_count
-from ballbot.sizes import MOST_TRIALS
 from ballbot.workflows.excitation_task import (
     PEAK_UNITS,
     ExcitationTask,

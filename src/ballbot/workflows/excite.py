@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, square
 from ballbot.errors import InputError
+from ballbot.files import read_json
 from ballbot.fitting.checkpoint import Memoize, no_checkpoint
 from ballbot.fitting.run import check_seed
 from ballbot.identification import Bounds, Identification, identify
@@ -26,9 +27,8 @@ from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Coordinates, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
-from ballbot.inputs import read_json
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.checked import CheckedLogs
+from ballbot.log.checks import CheckedLogs
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario

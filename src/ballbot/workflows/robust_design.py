@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
@@ -22,7 +23,6 @@ from ballbot.fitting.checkpoint import Memoize, no_checkpoint
 from ballbot.fitting.run import check_seed
 from ballbot.fitting.search import evolve
 from ballbot.robot import Robot
-from ballbot.sizes import MOST_TRIALS
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
     PerturbationRanges,

@@ -27,7 +27,7 @@ from ballbot.fitting.checkpoint import Memoize, no_checkpoint
 from ballbot.fitting.run import Executor, Progress
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.checked import CheckedLogs, checked_logs
+from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot

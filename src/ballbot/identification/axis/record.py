@@ -8,7 +8,7 @@ The axis is   M a = F - offset - friction(v)   with F held over a sample. For an
 Real numeric variables of a MATLAB file of version 4 to 7; everything else in the file is passed over.
 
 SciPy's reader trusts the sizes that a file states, and damaged files end the interpreter. This one checks each
-against what is there, and reads no more than `ballbot.inputs` allows, packed or unpacked. The formats are those of
+against what is there, and reads no more than `ballbot.files` allows, packed or unpacked. The formats are those of
 "MAT-File Format" (The MathWorks, R2023b).
 
 Axis records from files: named variables of a MATLAB file, or columns of CSV and Parquet.
@@ -28,12 +28,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import real_array, whole_number
+from ballbot.arrays import format_bytes, real_array, whole_number
 from ballbot.errors import InputError
-from ballbot.inputs import LARGEST_TABLE, read_bytes
-from ballbot.log.columns import LARGEST_CELL, measured
+from ballbot.files import LARGEST_TABLE, read_bytes
+from ballbot.log.columns import LARGEST_CELL, mark_missing
 from ballbot.log.formats import read_columns
-from ballbot.sizes import size_words
 
 #: rows that make a record too short for any of the methods
 LEAST_ROWS = 200
@@ -210,7 +209,7 @@ def _variables_5(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]
             unpacked = zlib.decompressobj().decompress(element.content, left + 1)
             left -= len(unpacked)
             if left < 0:
-                raise _DamagedError(f"it unpacks to more than {size_words(LARGEST_TABLE)}")
+                raise _DamagedError(f"it unpacks to more than {format_bytes(LARGEST_TABLE)}")
             inner = list(_elements(memoryview(unpacked), order))
         else:
             inner = [element]
@@ -291,7 +290,7 @@ def _mat_numbers(content: memoryview, stored: str, shape: list[int]) -> NDArray[
         raise _DamagedError(f"a variable has {len(content)} bytes for the shape {shape[:4]}")
     with np.errstate(invalid="ignore"):  # signalling NaN
         values = np.frombuffer(content, stored).astype(np.float64)
-    return measured(values.reshape(shape, order="F").ravel())
+    return mark_missing(values.reshape(shape, order="F").ravel())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.poses import Poses, read_poses
+from ballbot.log.pose import Poses, read_poses
 from ballbot.validation.alignment.clock import (
     ANGLE_NAMES,
     LARGEST_RATE,

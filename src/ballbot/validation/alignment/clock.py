@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.poses import Poses
+from ballbot.log.pose import Poses
 
 GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 ANGLE_NAMES = ("theta", "phi", "psi")

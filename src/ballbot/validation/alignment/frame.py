@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.poses import Poses
+from ballbot.log.pose import Poses
 from ballbot.validation.alignment.clock import Clock, log_rotations, longest_bridge, whole_rows
 from ballbot.validation.alignment.motion import SPAN, MotionFit, fit_linear
 

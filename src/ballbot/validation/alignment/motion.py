@@ -26,7 +26,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.poses import Poses
+from ballbot.log.pose import Poses
 from ballbot.validation.alignment.clock import Clock, Turning, broken
 
 #: length of a block [s], and how many there are at least

@@ -1,0 +1,323 @@
+"""Wheel columns against the states: order, sign and gain, and what other than wheels and gravity moved the robot.
+
+Wheel speed seen by an encoder = A (z - w), z = R^T Omega, Omega = (-y_dot, x_dot, 0)/r_b, w = B(Phi)
+Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (A foreign log,
+that has no states yet, is for `ballbot.log.mapping_inference`.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_names
+from ballbot.log.log import Log
+from ballbot.robot import Robot
+
+#: standard deviation of the wheel speed that the motion must make [rad/s] before it says anything
+LEAST_MOTION = 0.05
+#: an order must correlate better than the columns' own by this much on average to be preferred
+CLEAR_MARGIN = 0.05
+CLEAR_CORRELATION = 0.9
+#: gains within these of one are right (slip, play and noise take a few percent)
+GAIN_RANGE = (0.9, 1.1)
+#: gains within this factor of each other have one cause, which is an error from the second factor on
+ALIKE, WRONG_GAIN = 1.12, 1.2
+#: a gain that no slip makes
+IMPOSSIBLE_GAIN = 3.0
+#: rows that are judged as one, and the fewest such blocks
+BLOCK_ROWS, FEWEST_BLOCKS = 50, 10
+#: rows that are enough for it, taken evenly from the log
+ENOUGH_ROWS = 1500
+#: blocks with less squared wheel speed than this share of the mean are at rest
+MOVING = 0.02
+#: another reading of columns must leave this many times less unexplained, this share at most, and be clearer by this
+#: many standard errors; readings within `AS_GOOD` of each other cannot be told apart
+MUCH_MORE, UNEXPLAINED, CLEARLY_BETTER, AS_GOOD = 2.0, 0.3, 5.0, 1.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelAgreement:
+    """The order and signs under which the wheels' columns fit the states best, and how well."""
+
+    order: tuple[int, ...]  #: Ballbot's wheel i is the log's wheel order[i-1]
+    signs: tuple[int, ...]  #: of the log's wheel order[i-1]
+    gains: tuple[float, ...]  #: logged speed over the states', by least squares; after order and sign
+    correlations: tuple[float, ...]  #: after order and sign
+
+
+def wheel_speeds_of_states(states: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+    """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without slip."""
+    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+
+    theta, phi, psi = states[:, 2], states[:, 3], states[:, 4]
+    x_dot, y_dot = states[:, 5], states[:, 6]
+    Omega = np.column_stack([-y_dot, x_dot, np.zeros_like(x_dot)]) / robot.ball.radius
+    z = np.einsum("nji,nj->ni", rotation(theta, phi, psi), Omega)
+    w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), states[:, 7:10])
+    return (z - w) @ transforms(robot).T_owb.T
+
+
+def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
+    """Compare the wheels' columns with the states.
+
+    Parameters
+    ----------
+    log : Log
+        With the ten states and the wheels' speeds.
+    robot : Robot
+        Gives the geometry.
+
+    Returns
+    -------
+    WheelAgreement or None
+        None where the log lacks those columns or holds too little motion to tell.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if not {*STATE_NAMES, *names} <= set(log.names):
+        return None
+    states = np.column_stack([log[name] for name in STATE_NAMES])
+    logged = np.column_stack([log[name] for name in names])
+    finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
+    states, logged = states[finite], logged[finite]
+    made = wheel_speeds_of_states(states, robot)
+    if len(made) < 2 or made.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
+        return None
+    n = robot.wheel_count
+    correlation = np.corrcoef(logged, made, rowvar=False)[:n, n:]  # [logged, made]
+    order = _best_order(correlation)
+    wheels = range(n)
+    signs = [1 if correlation[order[j], j] >= 0.0 else -1 for j in wheels]
+    gains = [signs[j] * float(logged[:, order[j]] @ made[:, j] / (made[:, j] @ made[:, j])) for j in wheels]
+    return WheelAgreement(
+        order=tuple(i + 1 for i in order),
+        signs=tuple(signs),
+        gains=tuple(gains),
+        correlations=tuple(abs(float(correlation[order[j], j])) for j in wheels),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Alternative:
+    """One way in which columns may be meant, and what of the wheels' speeds it leaves unexplained."""
+
+    words: str  #: what is wrong with the columns, if this is right
+    columns: tuple[str, ...]
+    left: NDArray[np.float64]  #: (B,) squared speed left unexplained, by blocks of `BLOCK_ROWS` rows
+
+
+def misread_axes(log: Log, robot: Robot) -> Finding | None:
+    """Return the error of ball or heading columns that must be negated or exchanged to fit the wheels.
+
+    The wheels tell the ball's velocity and the heading's rate in the body's frame. x_dot, y_dot and psi are tried with
+    every exchange and sign; one that fits clearly better than the columns as they are is the right one, unless the
+    wheels' own order or signs would do as well.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if not {*STATE_NAMES, *names} <= set(log.names):
+        return None
+    states = np.column_stack([log[name] for name in STATE_NAMES])
+    logged = np.column_stack([log[name] for name in names])
+    finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
+    every = max(1, int(finite.sum()) // ENOUGH_ROWS)
+    states, logged = states[finite][::every], logged[finite][::every]
+    if len(states) < FEWEST_BLOCKS * BLOCK_ROWS or logged.std(axis=0).min() < LEAST_MOTION:
+        return None
+    own = _left(states, logged, robot)
+    found = min(_alternatives(states, logged, robot), key=lambda one: one.left.sum())
+    moving = _by_blocks(np.sum(logged**2, axis=1))
+    moving = moving > MOVING * moving.mean()  # at rest, the states' noise is all there is
+    gained = ((own - found.left) / np.maximum(own + found.left, 1e-30))[moving]
+    if len(gained) < FEWEST_BLOCKS:
+        return None
+    clear = gained.mean() > CLEARLY_BETTER * gained.std(ddof=1) / np.sqrt(len(gained))
+    power = float(np.sum(logged**2))
+    if own.sum() < MUCH_MORE * found.left.sum() or not clear or found.left.sum() > UNEXPLAINED * power:
+        return None
+    agreement = wheel_agreement(log, robot)
+    causes = [found.words]
+    as_logged = tuple(range(1, robot.wheel_count + 1))
+    if agreement and (agreement.order != as_logged or min(agreement.signs) < 0):
+        ordered = logged[:, [i - 1 for i in agreement.order]] * np.array(agreement.signs)
+        left = float(_left(states, ordered, robot).sum())
+        if left < found.left.sum() / AS_GOOD:
+            return None
+        if left < AS_GOOD * found.left.sum():
+            causes.append(
+                f"the wheels are in the order {list(agreement.order)} with signs {list(agreement.signs)}"
+            )
+    sentence = f"The ball does not move as the wheels turn: {', or '.join(causes)}. Correct the columns or the mapping."
+    where = Place(columns=found.columns)
+    if "psi" in found.columns:
+        return Finding(code="heading-sign", severity="error", text=sentence, where=where)
+    return Finding(code="ball-axes", severity="error", text=sentence, where=where)
+
+
+def _alternatives(
+    states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot
+) -> list[_Alternative]:
+    found = []
+    for swapped, a, b in product((False, True), (1.0, -1.0), (1.0, -1.0)):
+        if (swapped, a, b) == (False, 1.0, 1.0):
+            continue
+        tried = states.copy()
+        first, second = (6, 5) if swapped else (5, 6)
+        tried[:, 5], tried[:, 6] = a * states[:, first], b * states[:, second]
+        parts = ["x and y are swapped"] if swapped else []
+        if a == b == -1.0:
+            parts.append("x and y have the opposite sign")
+        elif min(a, b) < 0.0:
+            parts.append(f"{'x' if (a < 0.0) != swapped else 'y'} has the opposite sign")
+        rates = "its rate" if parts[0].endswith("has the opposite sign") else "their rates"
+        words, columns = f"{' and '.join(parts)}, with {rates}", ("x", "y", "x_dot", "y_dot")
+        left = _left(tried, logged, robot)
+        found.append(_Alternative(words=words, columns=columns, left=left))
+    tried = states.copy()
+    tried[:, [4, 9]] *= -1.0
+    left = _left(tried, logged, robot)
+    columns = ("psi", "psi_dot")
+    words = "psi has the opposite sign, with its rate"
+    return [*found, _Alternative(words=words, columns=columns, left=left)]
+
+
+def _left(states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
+    """Return the squares of wheel speed that states leave unexplained, by blocks; a common gain is free."""
+    made = wheel_speeds_of_states(states, robot)
+    gain = max(float(np.sum(made * logged) / max(np.sum(made * made), 1e-30)), 0.0)
+    return _by_blocks(np.sum((logged - gain * made) ** 2, axis=1))
+
+
+def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sums over blocks of `BLOCK_ROWS` rows."""
+    whole = len(values) // BLOCK_ROWS * BLOCK_ROWS
+    return values[:whole].reshape(-1, BLOCK_ROWS).sum(axis=1)
+
+
+def check_wheels(log: Log, robot: Robot) -> list[Finding]:
+    """Return what is wrong with the wheels' columns for this robot: order, sign, gain, or that nothing can be said."""
+    columns = wheel_speed_names(robot.wheel_count)
+    misread = misread_axes(log, robot)
+    if misread:
+        return [misread]
+    found = wheel_agreement(log, robot)
+    if found is None:
+        sentence = (
+            "The order and signs of the wheels cannot be checked: that "
+            "needs the ten states, the speed of every wheel, and motion."
+        )
+        return [Finding(severity="note", code="wheels", text=sentence)]
+    evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
+    if min(found.correlations) < CLEAR_CORRELATION:
+        sentence = (
+            "The wheel speeds hardly follow the states (correlations "
+            f"{evidence}): another robot, much slip, or a delay."
+        )
+        return [Finding(severity="warning", code="wheels", text=sentence, where=Place(columns=columns))]
+    if found.order != tuple(range(1, robot.wheel_count + 1)) or min(found.signs) < 0:
+        signs = [found.signs[found.order.index(i)] for i in range(1, robot.wheel_count + 1)]
+        sentence = (
+            "The wheel columns do not fit this robot; a mapping with [wheels] order = "
+            f"{list(found.order)} and sign = {signs} would fit (correlations {evidence})."
+        )
+        return [Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))]
+    low, high = GAIN_RANGE
+    return [] if all(low < gain < high for gain in found.gains) else [_gain_finding(found.gains, robot)]
+
+
+def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
+    """Return the finding on gains that are not one: an error if no slip makes them."""
+    listed = ", ".join(f"{gain:.4g}" for gain in gains)
+    seen = f"The wheels turn {listed} times as fast as the states imply for this robot"
+    columns = wheel_speed_names(len(gains))
+    common, alike = float(np.median(gains)), max(gains) < ALIKE * min(gains)
+    unit = _unit_of_wheels(common, robot) if alike else None
+    if unit:
+        sentence = f"{seen}: {unit}."
+        return Finding(severity="error", code="wheels", text=sentence, where=Place(columns=columns))
+    scaled = alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN
+    far = any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
+    cause = (
+        "the radius of the wheels or the ball, the tilt, the gear ratio or the encoder "
+        "counts differ from the robot file, or x and y were computed with another radius"
+        if scaled
+        else "a radius, the tilt or a unit is wrong, or the ball slips or pivots"
+    )
+    severity = "error" if scaled or far else "warning"
+    return Finding(severity=severity, code="wheels", text=f"{seen}: {cause}.", where=Place(columns=columns))
+
+
+def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
+    """Return the mistake of unit that a gain common to all wheels is the size of."""
+    ratio = robot.drive.gear_ratio
+    counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
+    causes = {
+        60.0 / (2.0 * np.pi): "their speeds are in rpm, not in rad/s",
+        float(np.degrees(1.0)): "their speeds are in degrees per second, not in rad/s",
+        1.0 / (2.0 * np.pi): "their speeds are in turns per second, not in rad/s",
+        ratio: f"they are the motors' speeds; divide by the gear ratio {ratio:g}",
+        1.0 / ratio: f"they were divided once too often by the gear ratio {ratio:g}",
+        counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
+    }
+    return next((cause for size, cause in causes.items() if 1.0 / ALIKE < gain / size < ALIKE), None)
+
+
+def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
+    """Return, for each wheel of the robot, which logged column fits; the columns' own order where none is clearer."""
+    n = len(correlation)
+    size = np.abs(correlation)
+    own = tuple(range(n))
+    scores = {
+        order: float(np.mean([size[order[j], j] for j in range(n)])) for order in permutations(range(n))
+    }
+    best = max(scores, key=lambda order: scores[order])
+    return best if scores[best] > scores[own] + CLEAR_MARGIN else own
+
+
+#: unmodelled torque over gravity's, over a quarter of a second, from which a closed-loop verdict is refused
+LARGEST_DISTURBANCE = 1.0
+_ATTITUDE = ("theta", "phi", "psi")
+
+
+def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
+    """Return a warning where the torque that neither wheels nor gravity explain is more than gravity's.
+
+    It takes theta, phi, psi and the encoders' angles; see `ballbot.log.mapping_inference.placement`.
+    """
+    from ballbot.log.mapping_inference.placement import lean_test
+    from ballbot.log.signals import balancing_rows, even_rows, smooth
+
+    names = (*_ATTITUDE, *wheel_angle_names(robot.wheel_count))
+    if robot.wheel_count < 3 or not set(names) <= set(log.names) or len(log) < 2:
+        return []
+    table = np.column_stack([log[name] for name in names])
+    known = np.isfinite(table).all(axis=1)
+    if known.sum() < 2:
+        return []
+    t, table = log.t[known], table[known]
+    # a lean about the world's axes, seen from the body
+    lean = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2])
+    rows = even_rows(t)
+    tilt = smooth(rows, t, np.column_stack([lean.real, lean.imag]))
+    wheels = smooth(rows, t, table[:, 3:])
+    heading = smooth(rows, t, table[:, 2:3])
+    usable = balancing_rows(tilt.value, wheels.rate, None)
+    # rows that a gap was drawn over are not balancing
+    usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < 0.05
+    tested = lean_test(robot, tilt, wheels, heading, usable)
+    return [] if tested is None else disturbance_findings(tested.disturbance)
+
+
+def disturbance_findings(disturbance: float) -> list[Finding]:
+    """Return the warning that a disturbance, in parts of gravity's, asks for; none where it is small."""
+    if disturbance < LARGEST_DISTURBANCE:
+        return []
+    sentence = (
+        f"Something other than wheels and gravity moves the lean, {disturbance:.1f} "
+        "times as strongly as gravity: the log is good for predictions of a "
+        "fraction of a second, but not for closed-loop or long open-loop validation."
+    )
+    return [Finding(severity="warning", code="disturbance", text=sentence)]

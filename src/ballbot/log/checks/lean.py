@@ -1,0 +1,471 @@
+"""The filtered motion in a log of balancing, and the lean axes against the ball's acceleration.
+
+All signals pass one filter (a local cubic fit with Gaussian weights), so that a linear relation between them is
+kept, whatever the filter removes. Horizontal vectors are in the heading frame, which turns with psi, and are stored
+as complex numbers, x + j y:
+
+    ball velocity       v = (x_dot + j y_dot) e^{-j psi}
+    upward direction    g = (-sin phi + j sin theta) e^{-j psi}
+    lean rate           w = (theta_dot + j phi_dot) e^{-j psi}
+
+g and w are kept in the parts that theta and phi (or their rates) contribute, so that a check can ask what the motion
+would be with these columns exchanged or negated.
+
+The law is that of the momentum about the floor's contact,
+
+    d/dt (v + C w) = -Lambda g                    (`ballbot.mechanics.contact_momentum`)
+
+No torque and no driveline friction is in it: the robot accelerates towards its lean whatever the motors do. The law is
+evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then
+both terms get a free complex gain, whose size is a scale and whose angle is a turn about the vertical.
+
+How clear a comparison is comes from blocks of the log: neighbouring rows are not independent, blocks nearly are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place
+from ballbot.log.columns import torque_names
+from ballbot.log.log import Log
+from ballbot.log.signals import INTERVAL, REACH, Smooth, smooth
+from ballbot.mechanics.model import contact_momentum
+from ballbot.robot import Robot
+
+Number = TypeVar("Number", np.float64, np.complex128)
+
+
+def block_sums(values: NDArray[np.float64], block: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the sums (B,) over blocks of values (N,)."""
+    return np.asarray(np.bincount(block, weights=values), dtype=np.float64)
+
+
+def clarity(advantage: NDArray[np.float64]) -> float:
+    """Return the mean over its standard error of what one explanation gains on another in each block (B,)."""
+    spread = float(advantage.std(ddof=1)) if len(advantage) > 1 else 0.0
+    mean = float(advantage.mean())
+    if spread == 0.0:
+        return float(np.copysign(np.inf, mean)) if mean else 0.0
+    return mean / (spread / np.sqrt(len(advantage)))
+
+
+def unexplained(columns: NDArray[Number], values: NDArray[Number]) -> NDArray[Number]:
+    """Return values (N,) or (N, c) less their least-squares fit by columns (N, m)."""
+    fit = columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return (values - fit).astype(values.dtype)
+
+
+#: standard deviation of the filter's weights [s]; encoder and gyro noise would hide the accelerations with less
+WIDTH = 0.12
+#: rows that are kept, one in this many: neighbours within the filter's width say the same
+EVERY = 4
+#: blocks by which the clarity of a result is judged [s]; longer than the filter's memory
+BLOCK = 1.0
+#: rows this near a gap, a missing value or a large lean are left out, in widths of the filter
+AWAY = 2.5
+LONGEST_GAP = 0.05  #: [s]
+LARGEST_LEAN = 0.3  #: [rad]
+LONGEST_SAMPLE_TIME = 0.03  #: [s], beyond which the filter sees too few rows
+LEAST_BLOCKS = 4
+#: what of a log is looked at, from its start [s]
+LONGEST_LOG = 600.0
+
+COLUMNS = ("x_dot", "y_dot", "theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot")
+
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filtered:
+    """A complex signal (N,) and its rate, both filtered."""
+
+    value: Complex
+    rate: Complex
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Filtered motion at N rows that are usable."""
+
+    t: NDArray[np.float64]  #: (N,) [s]
+    block: NDArray[np.intp]  #: (N,) number of the block that a row is in, from 0 without holes
+    velocity: Filtered  #: v [m/s]
+    lean: tuple[Complex, Complex]  #: sin theta e^{-j psi}, sin phi e^{-j psi}
+    lean_rate: tuple[Filtered, Filtered]  #: theta_dot e^{-j psi}, phi_dot e^{-j psi} [rad/s]
+    turning: NDArray[np.float64]  #: (N,) psi_dot [rad/s]
+    turning_rate: NDArray[np.float64]  #: (N,) [rad/s^2]
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.block[-1]) + 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rows:
+    """The rows on which signals are filtered, and which of them are usable."""
+
+    even: NDArray[np.float64]  #: (M,) [s], at `INTERVAL`
+    usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
+    known: NDArray[np.bool_]  #: rows of the log without a missing value in what is needed
+    width: float = WIDTH  #: standard deviation of the filter's weights [s]
+
+    def filtered(self, log: Log, values: NDArray[np.float64], *, late: float = 0.0) -> Smooth:
+        """Return signals (len(log), c) filtered at the usable rows; `late` is when they hold after their row [s]."""
+        found = smooth(self.even, log.t[self.known] + late, values[self.known], width=self.width)
+        return Smooth(
+            value=found.value[self.usable],
+            rate=found.rate[self.usable],
+            acceleration=found.acceleration[self.usable],
+        )
+
+
+def usable_rows(log: Log, robot: Robot) -> Rows | None:
+    """Return the rows on which the physics of a log can be checked.
+
+    Returns
+    -------
+    Rows or None
+        None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has less than `LEAST_BLOCKS` seconds
+        of balancing.
+    """
+    if not set(COLUMNS) <= set(log.names) or len(log) < 2 or log.sample_time > LONGEST_SAMPLE_TIME:
+        return None
+    torques = [name for name in torque_names(robot.wheel_count) if name in log]
+    table = np.column_stack([log[name] for name in (*COLUMNS, *torques)])
+    known = np.isfinite(table).all(axis=1) & (log.t <= log.t[0] + LONGEST_LOG)
+    t = log.t[known]
+    if len(t) < 2 or t[-1] - t[0] < LEAST_BLOCKS * BLOCK:
+        return None
+    even = np.arange(t[0], t[-1], INTERVAL)
+    before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
+    lean = np.hypot(log["theta"][known], log["phi"][known])
+    # a lean in degrees is another check's matter, and still a lean
+    leaning = lean > (LARGEST_LEAN if np.median(lean) < LARGEST_LEAN else np.degrees(LARGEST_LEAN))
+    bad = (np.diff(t)[before] > LONGEST_GAP) | leaning[before]
+    reach = round(AWAY * WIDTH / INTERVAL)
+    near = np.convolve(bad, np.ones(2 * reach + 1), mode="same") > 0.5
+    near[:reach] = near[len(near) - reach :] = True
+    usable = np.flatnonzero(~near)[::EVERY]
+    if len(usable) * EVERY * INTERVAL < LEAST_BLOCKS * BLOCK:
+        return None
+    return Rows(even=even, usable=usable, known=known)
+
+
+def motion_of(log: Log, rows: Rows) -> Motion:
+    """Return the filtered motion of a log at its usable rows."""
+    turn = np.exp(-1j * log["psi"])
+    signals = {
+        "v": (log["x_dot"] + 1j * log["y_dot"]) * turn,
+        "theta": np.sin(log["theta"]) * turn,
+        "phi": np.sin(log["phi"]) * turn,
+        "theta_dot": log["theta_dot"] * turn,
+        "phi_dot": log["phi_dot"] * turn,
+        "psi_dot": log["psi_dot"] + 0j,
+    }
+    table = np.column_stack([part for z in signals.values() for part in (z.real, z.imag)])
+    found = rows.filtered(log, table)
+    made = {
+        name: Filtered(
+            value=found.value[:, 2 * i] + 1j * found.value[:, 2 * i + 1],
+            rate=found.rate[:, 2 * i] + 1j * found.rate[:, 2 * i + 1],
+        )
+        for i, name in enumerate(signals)
+    }
+    t = rows.even[rows.usable]
+    _, block = np.unique(np.floor((t - t[0]) / BLOCK).astype(int), return_inverse=True)
+    return Motion(
+        t=t,
+        block=block,
+        velocity=made["v"],
+        lean=(made["theta"].value, made["phi"].value),
+        lean_rate=(made["theta_dot"], made["phi_dot"]),
+        turning=made["psi_dot"].value.real,
+        turning_rate=made["psi_dot"].rate.real,
+    )
+
+
+def filter_reach() -> int:
+    """Return the rows on each side that the filter takes in."""
+    return round(REACH * WIDTH / INTERVAL)
+
+
+def as_plane(z: Complex) -> NDArray[np.float64]:
+    """Return complex numbers (N,) as vectors (N, 2)."""
+    return np.column_stack([z.real, z.imag])
+
+
+def as_complex(vectors: NDArray[np.float64]) -> Complex:
+    """Return vectors (N, 2) as complex numbers (N,)."""
+    return vectors[:, 0] + 1j * vectors[:, 1]
+
+
+#: another reading must leave this many times less unexplained, and be clearer by this many standard errors
+CLEARLY_LESS, CLEARLY_BETTER = 1.8, 4.0
+#: readings within this of the best cannot be told apart
+AS_GOOD = 1.15
+#: share of the ball's acceleration that the best reading must explain before anything is concluded
+EXPLAINED = 0.5
+#: gains of gravity's term that are an error, beyond their standard error times `SURE`; correct logs have 0.9 to 1.1
+GAIN_RANGE = (0.87, 1.15)
+LARGEST_TURN = np.radians(12.0)
+SURE = 3.0
+#: relative standard error of gravity's gain from which nothing can be concluded
+KNOWN = 0.15
+#: gains of gravity beyond these, or a turn that another reading of the columns would have taken away, are believed only
+#: if the law explains nearly all
+USUAL, BETWEEN, MOSTLY = (0.3, 3.0), np.radians(50.0), 0.85
+#: gain of the rates over gravity's on a correct log: the filter and a gyro's noise take from the rates' term
+RATE_SHARE = (0.55, 1.2)
+#: ball speed under which the direction of rolling friction is not known [m/s]
+ROLLING = 0.005
+
+_LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How two columns may be meant: the logged first and second, exchanged or not, with signs."""
+
+    swapped: bool = False
+    signs: tuple[int, int] = (1, 1)  #: of the first and the second quantity, after the exchange
+
+    def words(self, names: tuple[str, str]) -> str:
+        """Return what is wrong with the columns of these names in words."""
+        first, second = names
+        parts = [f"{first} and {second} are swapped"] if self.swapped else []
+        if self.signs == (-1, -1):
+            parts.append(f"{first} and {second} have the opposite sign")
+        elif -1 in self.signs:
+            # the column that is at fault: after an exchange the first quantity is logged in the second column
+            at_fault = (self.signs[0] == -1) != self.swapped
+            parts.append(f"{first if at_fault else second} has the opposite sign")
+        return " and ".join(parts)
+
+    @property
+    def changes(self) -> int:
+        """Number of separate faults it takes."""
+        return self.swapped + (-1 in self.signs)
+
+
+AS_LOGGED = Reading()
+READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, True), (1, -1), (1, -1)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeanEvidence:
+    """What the law of the contact's momentum says of the lean columns of one log."""
+
+    angles: tuple[Reading, ...]  #: of theta and phi, the best explanations, simplest first
+    rates: tuple[Reading, ...]  #: of their rates, in the same order
+    clearness: float  #: of the best against the columns as logged, in standard errors
+    ratio: float  #: of what is left unexplained, as logged over best
+    explained: float  #: share of the ball's acceleration that the best reading with free gains explains
+    rate_gain: complex  #: of the term of the lean rates
+    gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
+    gravity_error: float  #: standard error of the latter
+    reverse_gain: (
+        float  #: size of the latter if the lean is regressed on the acceleration; noise of the lean lowers
+    )
+    #: the gain itself and raises this one
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether the log shows anything about the lean; wheels that slip or shake show accelerations of their own."""
+        size = abs(self.gravity_gain)
+        usual = USUAL[0] < size < USUAL[1] and abs(np.angle(self.gravity_gain)) < BETWEEN
+        enough = EXPLAINED if usual else MOSTLY
+        return self.explained >= enough and self.gravity_error < KNOWN * size
+
+    @property
+    def misread(self) -> bool:
+        """Whether another reading of the columns is clearly the right one."""
+        return (
+            self.conclusive
+            and (self.angles[0], self.rates[0]) != (AS_LOGGED, AS_LOGGED)
+            and self.ratio > CLEARLY_LESS
+            and self.clearness > CLEARLY_BETTER
+        )
+
+
+def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
+    """Evaluate the law for every reading of the lean columns."""
+    terms, block = _terms(motion, robot), motion.block
+    gram = np.array([[np.bincount(block, weights=(a.conj() * b).real) for b in terms] for a in terms])
+    pairs = [(a, r) for a in READINGS for r in READINGS]
+    weights = np.array([_weights(angles, rates) for angles, rates in pairs])
+    left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
+    total = left.sum(axis=1)
+    best = int(np.argmin(total))
+    good = [k for k in range(len(pairs)) if total[k] <= AS_GOOD * total[best]]
+    good.sort(key=lambda k: (pairs[k][0].changes + pairs[k][1].changes, total[k]))
+    own = pairs.index((AS_LOGGED, AS_LOGGED))
+    gains = _gains(terms, weights[good[0]], block)
+    return LeanEvidence(
+        angles=tuple(pairs[k][0] for k in good),
+        rates=tuple(pairs[k][1] for k in good),
+        clearness=clarity((left[own] - left[best]) / (left[own] + left[best])),
+        ratio=float(total[own] / total[best]),
+        explained=gains.explained,
+        rate_gain=gains.rates,
+        gravity_gain=gains.gravity,
+        gravity_error=gains.error,
+        reverse_gain=gains.reverse,
+    )
+
+
+def lean_findings(found: LeanEvidence) -> list[Finding]:
+    """Return what is wrong with the lean columns: signs, exchange, scale, a turn of the IMU."""
+    if not found.conclusive:
+        return []
+    if found.misread:
+        return [_misread(found.angles, found.rates)]
+    size, turn = abs(found.gravity_gain), float(np.angle(found.gravity_gain))
+    low, high = GAIN_RANGE
+    sure = SURE * found.gravity_error
+    if found.reverse_gain + sure < low or size - sure > high:
+        return [_scaled(size, found.rate_gain)]
+    if abs(turn) - sure / size > LARGEST_TURN:
+        degrees = np.degrees(turn)
+        sentence = (
+            f"The ball accelerates {abs(degrees):.0f} degrees to the "
+            f"{('left' if degrees > 0.0 else 'right')} of the lean: the IMU is mounted turned about the "
+            "vertical, or psi has another zero than x and y. Rotate the lean ([attitude] turn in a mapping)."
+        )
+        return [Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=_LEAN))]
+    return []
+
+
+def _terms(motion: Motion, robot: Robot) -> list[Complex]:
+    """Return the law's terms (N,): acceleration; lever of each rate in either place; pull of each angle likewise."""
+    law = contact_momentum(robot)
+    v, turning = motion.velocity, 1j * motion.turning
+
+    def lever(w: Complex) -> Complex:
+        return as_complex(as_plane(w) @ law.lever[:, :2].T)
+
+    def pull(g: Complex) -> Complex:
+        return as_complex(as_plane(g) @ law.pull.T)
+
+    rates = [
+        lever(place * w.rate) + turning * lever(place * w.value)
+        for w in motion.lean_rate
+        for place in (1.0, 1j)
+    ]
+    # sin theta in theta's place is +j of g, in phi's place -1
+    angles = [pull(place * lean) for lean in motion.lean for place in (1j, -1.0)]
+    rolling = v.value / np.maximum(np.abs(v.value), ROLLING)
+    nuisance = np.column_stack(
+        [rolling, np.ones_like(rolling)]
+    )  # rolling friction, and a slope or a lean's zero
+    return [unexplained(nuisance, term) for term in (v.rate + turning * v.value, *rates, *angles)]
+
+
+def _weights(angles: Reading, rates: Reading) -> NDArray[np.float64]:
+    """Return the factors (9,) of the terms whose sum is zero by the law."""
+    return np.concatenate(([1.0], _placed(rates), _placed(angles)))
+
+
+def _placed(reading: Reading) -> NDArray[np.float64]:
+    first, second = reading.signs
+    # [first column as first, as second; second column as first, as second]
+    return np.array([0, second, first, 0] if reading.swapped else [first, 0, 0, second], dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Gains:
+    """Complex gains of both terms of the law; see `LeanEvidence`."""
+
+    rates: complex
+    gravity: complex
+    error: float
+    reverse: float
+    explained: float
+
+
+def _gains(terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArray[np.intp]) -> _Gains:
+    """Fit the gains of rates and gravity; the standard error is that of blocks, whose rows are not independent."""
+    y = terms[0]
+    rates, gravity = (
+        -np.tensordot(weights[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9))
+    )
+    X = np.column_stack([rates, gravity])
+    gains = np.linalg.lstsq(X, y, rcond=None)[0]
+    residual = y - X @ gains
+    # gravity's gain by itself, with the rates' term removed from both sides
+    alone, left = unexplained(rates[:, None], gravity), unexplained(rates[:, None], y)
+    scores = block_sums((alone.conj() * residual).real, block) + 1j * block_sums(
+        (alone.conj() * residual).imag, block
+    )
+    common = abs(np.vdot(alone, left))
+    return _Gains(
+        rates=complex(gains[0]),
+        gravity=complex(gains[1]),
+        error=float(np.sqrt(np.sum(np.abs(scores) ** 2)) / np.vdot(alone, alone).real),
+        reverse=float(np.vdot(left, left).real / common) if common > 0.0 else float("inf"),
+        explained=1.0 - float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(y) ** 2)),
+    )
+
+
+def _misread(angles: Sequence[Reading], rates: Sequence[Reading]) -> Finding:
+    """Return the finding that names every reading that explains the motion as well as the best."""
+    causes = [_cause(a, r) for a, r in zip(angles, rates, strict=True)]
+    simplest = [
+        c
+        for c, a, r in zip(causes, angles, rates, strict=True)
+        if a.changes + r.changes <= _fewest(angles, rates)
+    ]
+    columns = tuple(name for name in (*_LEAN, *_RATES) if any(name in _words(c) for c in simplest))
+    sentence = (
+        f"The lean does not fit the ball's acceleration: {', or '.join(simplest)}. With this correction "
+        "the ball accelerates towards the lean, as under every balancing robot (the same mistake in "
+        "x_dot, y_dot and the wheels would look the same). Correct the columns or the mapping."
+    )
+    return Finding(code="lean-axes", severity="error", text=sentence, where=Place(columns=columns))
+
+
+def _fewest(angles: Sequence[Reading], rates: Sequence[Reading]) -> int:
+    return min(a.changes + r.changes for a, r in zip(angles, rates, strict=True))
+
+
+def _cause(angles: Reading, rates: Reading) -> str:
+    if angles == rates:
+        single = not angles.swapped and angles.signs != (-1, -1)
+        return f"{angles.words(_LEAN)}, with {'its rate' if single else 'their rates'}"
+    parts = [angles.words(_LEAN), rates.words(_RATES)]
+    return " and ".join(part for part in parts if part)
+
+
+def _words(sentence: str) -> set[str]:
+    return set(sentence.replace(",", " ").split())
+
+
+def _scaled(size: float, rate_gain: complex) -> Finding:
+    """Return the finding on a scale between lean and acceleration."""
+    share = abs(rate_gain) / size
+    degrees = np.degrees(1.0)
+    seen = f"The ball accelerates {size:.3g} times as much as the lean implies"
+    of_lean = f"theta and phi are scaled by {1.0 / size:.3g}"
+    of_ball = (
+        "the ball's velocity is scaled (wheel radius, ball radius, gear ratio or encoder counts per turn)"
+    )
+    of_robot = "the height of the centre of mass differs from the robot file"
+    if 0.75 < size * degrees < 1.33:
+        cause = "theta and phi are in degrees, not in radians"
+    elif 0.75 < size / degrees < 1.33:
+        cause = "theta and phi were converted to radians twice"
+    elif RATE_SHARE[0] < share < RATE_SHARE[1]:
+        cause = f"{of_ball}, or {of_robot}, or {of_lean} with their rates"
+    else:
+        cause = f"{of_lean}, or t is stretched, or {of_robot}, or {of_ball}"
+    columns = ("theta", "phi", "x_dot", "y_dot")
+    return Finding(
+        code="lean-scale", severity="error", text=f"{seen}: {cause}.", where=Place(columns=columns)
+    )

@@ -1,0 +1,268 @@
+"""Whether logs agree with the robot's own equations: one log by itself, several logs with each other.
+
+`examine` runs the checks of one log in the order in which one rests on another: how late the torques are, the lean axes
+against the ball's acceleration, the torques against the torques that the motion needs. None takes friction or the
+controller. `different_robots` compares several logs: a log's own scales (torque over what the motion needs, ball
+acceleration over the lean's, wheel speed over the ball's) are those of its robot over the robot file's. They need not
+be one, but they must be the same in every log of a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ballbot.findings import Finding, Place
+from ballbot.log.checks.kinematics import wheel_agreement
+from ballbot.log.checks.lean import (
+    LeanEvidence,
+    Motion,
+    Rows,
+    lean_evidence,
+    lean_findings,
+    motion_of,
+    usable_rows,
+)
+from ballbot.log.checks.torque_balance import (
+    TorqueEvidence,
+    driving_of,
+    gain_findings,
+    torque_evidence,
+    torque_findings,
+    torque_gains,
+)
+from ballbot.log.checks.torques import delay_findings, torque_delay
+from ballbot.log.columns import torque_names
+from ballbot.log.log import Log
+from ballbot.robot import Robot
+
+#: share of the rows at a torque's largest value from which it is clipped; a motor at its limit is there, too, but then
+#: the motion needs no more
+CLIPPED = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhysicsOfLog:
+    """What one log says by itself; None where it says nothing or an earlier check failed."""
+
+    findings: tuple[Finding, ...] = ()
+    lean: LeanEvidence | None = None
+    torque: TorqueEvidence | None = None
+    wheel_gain: float | None = None  #: wheel speeds over those that the states make, the wheels' mean
+
+
+def examine(log: Log, robot: Robot) -> PhysicsOfLog:
+    """Return what is wrong with a log of balancing by the robot's own equations, and the scales that it shows.
+
+    The torques are held against a motion that the lean confirms: if the lean does not fit the ball's acceleration, or
+    shows nothing of it, nothing is said of the torques.
+
+    Parameters
+    ----------
+    log : Log
+        If it lacks the states or the torques, the checks that need them are left out.
+    robot : Robot
+        Its rigid body and geometry; its friction is not used.
+    """
+    late = delay_findings(torque_delay(log, robot), names=torque_names(robot.wheel_count))
+    rows = usable_rows(log, robot)
+    if rows is None:
+        return PhysicsOfLog(findings=tuple(late))
+    motion = motion_of(log, rows)
+    lean = lean_evidence(motion, robot)
+    gain = _wheel_gain(log, robot)
+    if findings := lean_findings(lean):
+        return PhysicsOfLog(findings=(*late, *findings), lean=lean, wheel_gain=gain)
+    if late:
+        return PhysicsOfLog(findings=tuple(late), lean=lean, wheel_gain=gain)
+    if not lean.conclusive:
+        sentence = (
+            "The signs and scales of lean and torques cannot be checked: the "
+            "acceleration of the ball does not follow the lean clearly enough "
+            "(too little motion, slipping wheels, or a robot that is held)."
+        )
+        return PhysicsOfLog(
+            findings=(Finding(code="physics", severity="note", text=sentence),), wheel_gain=gain
+        )
+    torque, findings = _torque(log, rows, motion, robot)
+    return PhysicsOfLog(findings=tuple(findings), lean=lean, torque=torque, wheel_gain=gain)
+
+
+def _torque(
+    log: Log, rows: Rows, motion: Motion, robot: Robot
+) -> tuple[TorqueEvidence | None, list[Finding]]:
+    """Return what the torques say and what is wrong; their scale only if nothing else is."""
+    driving = driving_of(log, rows, motion, robot)
+    if driving is None:
+        return None, []
+    found = torque_evidence(driving)
+    names = torque_names(robot.wheel_count)
+    findings = torque_findings(found, names=names)
+    if any(finding.code != "torque-scale" for finding in findings):
+        return None, findings
+    if findings and found.scale[1] < 1.0 and (clipped := _clipped(log, names)):
+        return found, [clipped]
+    gains = torque_gains(driving, motion, robot)
+    return found, (gain_findings(gains, found, names=names) if gains else []) or findings
+
+
+def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
+    """Return the error of torques that are too small because they stand at their largest value for long."""
+    peaks = {name: float(np.nanmax(np.abs(log[name]))) for name in names}
+    shares = {name: float(np.mean(np.abs(log[name]) == peak)) for name, peak in peaks.items()}
+    clipped = [name for name, share in shares.items() if share > CLIPPED]
+    if not clipped:
+        return None
+    values = ", ".join(
+        f"{name} at {peaks[name]:.3g} N m in {100 * shares[name]:.0f} % of the rows" for name in clipped
+    )
+    sentence = (
+        f"The torques were clipped in the recording: they are at their largest value ({values}) "
+        "while the motion needs more. Record them without that limit, or remove these intervals."
+    )
+    return Finding(
+        code="torque-clipped", severity="error", text=sentence, where=Place(columns=tuple(clipped))
+    )
+
+
+def _wheel_gain(log: Log, robot: Robot) -> float | None:
+    found = wheel_agreement(log, robot)
+    if found is None or min(found.correlations) < 0.98 or min(found.signs) < 0:
+        return None
+    if list(found.order) != sorted(found.order):
+        return None
+    return float(np.mean(found.gains))
+
+
+#: two scales are of different robots if they differ by more than this factor beside their uncertainty
+APART = 1.18
+#: an uncertainty beside that of the brackets and errors, relative
+MARGIN = 0.03
+#: standard errors
+SURE = 3.0
+#: relative uncertainty of wheel gains [-]: play, slip and noise
+WHEEL_ERROR = 0.04
+#: widest bracket (of the two regressions) that is compared, and the part of its logarithm that is left uncertain on
+#: each side of its middle: a whole half if nothing is known of the noises' sizes
+WIDEST, TORQUE_SHARE, LEAN_SHARE = 1.6, 0.25, 0.3
+#: share of the torques that must be explained: with less, friction that follows the need is large
+EXPLAINED = 0.85
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """A scale that one log shows, over the robot file's."""
+
+    middle: float
+    systematic: float  #: relative, to each side
+    error: float  #: standard error, relative
+
+    @property
+    def words(self) -> str:
+        """The scale with its uncertainty."""
+        return f"{self.middle:.2f} +- {self.middle * (self.systematic + SURE * self.error):.2f}"
+
+
+def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
+    """Return an error for each scale in which logs differ more than one robot's can.
+
+    Parameters
+    ----------
+    examined : mapping of str to Examined
+        What each log said by itself, by the names that messages use.
+    """
+    findings = []
+    for scale_of, what, cause in _SCALES:
+        known = {name: scale for name, one in examined.items() if (scale := scale_of(one))}
+        finding = _compared(known, what, cause)
+        if finding:
+            findings.append(finding)
+    return findings
+
+
+def _compared(scales: Mapping[str, Scale], what: str, cause: str) -> Finding | None:
+    """Return the finding on the two logs that are clearest apart; None if none are."""
+    apart = {
+        pair: margin
+        for pair in combinations(scales, 2)
+        if (margin := _margin(*(scales[n] for n in pair))) > 0.0
+    }
+    if not apart:
+        return None
+    first, second = max(apart, key=lambda pair: apart[pair])
+    odd = _odd_one(scales, first, second)
+    other = second if odd == first else first
+    ratio = scales[odd].middle / scales[other].middle
+    sentence = (
+        f"{odd} and {other} are of different robots: {what} is {ratio:.2f} times as large "
+        f"in {odd} (relative to the robot file it is {scales[odd].words} in {odd} and "
+        f"{scales[other].words} in {other}). {cause} Use logs of one robot in one condition."
+    )
+    return Finding(code="robots", severity="error", text=sentence, where=Place(file=odd))
+
+
+def _margin(one: Scale, other: Scale) -> float:
+    """Return by how much the logarithms of two scales differ beyond what they may."""
+    difference = abs(np.log(one.middle / other.middle))
+    uncertain = one.systematic + other.systematic + SURE * np.hypot(one.error, other.error) + MARGIN
+    return float(difference - max(uncertain, np.log(APART)))
+
+
+def _odd_one(scales: Mapping[str, Scale], first: str, second: str) -> str:
+    """Return the one of two logs that more others contradict; with a tie, the one that is farther from the file."""
+
+    def contradicted(name: str) -> tuple[int, float]:
+        number = sum(_margin(scales[name], other) > 0.0 for other in scales.values())
+        return number, abs(np.log(scales[name].middle))
+
+    return max(first, second, key=contradicted)
+
+
+def _bracket(forward: float, reverse: float, error: float, *, share: float) -> Scale | None:
+    if not (forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward):
+        return None
+    return Scale(
+        middle=float(np.sqrt(forward * reverse)),
+        systematic=share * abs(float(np.log(reverse / forward))),
+        error=error / forward,
+    )
+
+
+def _torque_scale(one: PhysicsOfLog) -> Scale | None:
+    if one.torque is None or one.torque.explained < EXPLAINED:
+        return None
+    return _bracket(*one.torque.scale, one.torque.scale_error, share=TORQUE_SHARE)
+
+
+def _lean_scale(one: PhysicsOfLog) -> Scale | None:
+    if one.lean is None or not one.lean.conclusive or one.lean.misread:
+        return None
+    return _bracket(
+        abs(one.lean.gravity_gain), one.lean.reverse_gain, one.lean.gravity_error, share=LEAN_SHARE
+    )
+
+
+def _wheel_scale(one: PhysicsOfLog) -> Scale | None:
+    return None if one.wheel_gain is None else Scale(middle=one.wheel_gain, systematic=WHEEL_ERROR, error=0.0)
+
+
+_SCALES: tuple[tuple[Callable[[PhysicsOfLog], Scale | None], str, str], ...] = (
+    (
+        _torque_scale,
+        "the torque that the motion needs",
+        "One is heavier, or has another gear ratio or torque constant.",
+    ),
+    (
+        _lean_scale,
+        "the ball's acceleration at a lean",
+        "They differ in wheel or ball radius, gear ratio, encoder counts or height of the centre of mass.",
+    ),
+    (
+        _wheel_scale,
+        "the wheels' speed at the same motion of the ball",
+        "They differ in wheel or ball radius, gear ratio or encoder counts.",
+    ),
+)

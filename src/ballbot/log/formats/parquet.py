@@ -1,0 +1,88 @@
+"""Tables of numbers as Parquet; needs pyarrow (the extra `formats`)."""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.arrays import check_table, format_bytes
+from ballbot.errors import InputError
+from ballbot.files import LARGEST_TABLE, read_bytes, write_bytes
+from ballbot.log.columns import check_column_names, mark_missing
+
+_NO_PYARROW = "Parquet files need pyarrow: pip install 'ballbot[formats]'. Or use CSV."
+
+
+def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
+    """Read the columns (N,) of a Parquet file; a null, or a value beyond all measure, is NaN.
+
+    Raises
+    ------
+    InputError
+        Where pyarrow is missing, the file cannot be read, or a column is not one of numbers.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise InputError(_NO_PYARROW) from None
+    content = read_bytes(path)
+    try:
+        file = parquet.ParquetFile(io.BytesIO(content))
+        _check_size(path, file.metadata, file.schema_arrow)
+        table = file.read()
+    except (OSError, ValueError, pyarrow.ArrowException, MemoryError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path} cannot be read: it is not a complete Parquet file.") from None
+    if not len(table):
+        raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
+    return {name: _numbers(table.column(name)) for name in table.column_names}
+
+
+def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMetaData and Schema
+    """Refuse by what a file says of itself, before its columns are read."""
+    import pyarrow
+
+    names = schema.names
+    if len(set(names)) < len(names):
+        raise InputError(f"{path} has two columns of the same name.")
+    if not names or not metadata.num_rows:
+        raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
+    check_table(metadata.num_rows, len(names), source=str(path))
+    check_column_names(names, source=str(path))
+    for field in schema:
+        if not (pyarrow.types.is_floating(field.type) or pyarrow.types.is_integer(field.type)):
+            raise InputError(
+                f"{path}: the column {field.name} contains {field.type}; it must contain numbers."
+            )
+    # not by columns, whose damaged statistics would end the interpreter
+    unpacked = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
+    if unpacked > LARGEST_TABLE:
+        raise InputError(
+            f"{path} unpacks to {format_bytes(unpacked)}; at most {format_bytes(LARGEST_TABLE)} are read."
+        )
+
+
+def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write columns (N,) to a Parquet file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        Where pyarrow is missing or the file cannot be written.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise InputError(_NO_PYARROW) from None
+    stream = io.BytesIO()
+    parquet.write_table(pyarrow.table(dict(columns)), stream)
+    write_bytes(path, stream.getvalue())
+
+
+def _numbers(column) -> NDArray[np.float64]:  # column: pyarrow.ChunkedArray
+    return mark_missing(column.to_numpy(zero_copy_only=False).astype(np.float64))

@@ -1,0 +1,327 @@
+"""Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
+
+A well-formed file is read by NumPy's compiled parser. Where that refuses, the rows are read one at a time, which
+allows missing values and finds the line that a sentence can point to. `read_foreign_table` finds separator, header,
+widths and damaged rows of a table by itself.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.arrays import check_table
+from ballbot.errors import InputError
+from ballbot.files import decode_text, read_bytes, read_text, write_text
+from ballbot.log.columns import check_column_names, mark_missing
+from ballbot.log.formats.parquet import read_parquet_table
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextLayout:
+    """How a text file lays out its table. The defaults are Ballbot's own CSV."""
+
+    separator: str | None = ","  #: between cells; None is any run of blanks
+    missing: tuple[str, ...] = ()  #: what marks a missing value, beside an empty cell and "nan"
+    header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
+    names: tuple[str, ...] | None = None  #: the columns' names where the header has none or wrong ones
+    drop_damaged: bool = False  #: leave out rows of another width or with words, where they would be refused
+    rows: tuple[int, int] | None = (
+        None  #: first and last of the rows to take, from 1, damaged ones not counted
+    )
+
+
+def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[np.float64]]:
+    """Read a table of numbers.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, UTF-8.
+    layout : TextLayout
+        How it is laid out.
+
+    Returns
+    -------
+    dict of str to (N,) array
+        The columns by name, in the file's order; a cell without a value, or with one beyond all measure, is NaN.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or is not such a table, with the line.
+    """
+    lines = _read_lines(path)
+    names = _names(path, lines, layout)
+    check_table(len(lines), len(names), source=str(path))
+    body = lines[layout.header_lines :]
+    table = _parse_fast(body, names, layout)
+    if table is None:
+        table = _parse_by_line(path, body, names, layout)
+    if layout.rows is not None:
+        table = table[layout.rows[0] - 1 : layout.rows[1]]
+    if not len(table):
+        raise InputError(
+            f"{path} has a header and no rows{('' if layout.rows is None else ' of those to take')}."
+        )
+    table = mark_missing(table)
+    return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+
+
+def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    """Write columns (N,) as CSV, in the fewest digits that read back to the same bits; NaN becomes `nan`.
+
+    Raises
+    ------
+    InputError
+        Where a column's name would not survive, or the file cannot be written.
+    """
+    for name in columns:
+        if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
+            raise InputError(
+                f"The column name {name!r} cannot be written to CSV; use letters, digits and underscores."
+            )
+    rows = np.column_stack(list(columns.values())).tolist()
+    text = io.StringIO()
+    text.write(",".join(columns) + "\n")
+    text.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+    write_text(path, text.getvalue())
+
+
+def _read_lines(path: str | Path) -> list[str]:
+    text = read_text(path)
+    if not text.strip():
+        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
+    return text.split("\n")
+
+
+def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
+    if layout.names is not None:
+        return list(layout.names)
+    number = layout.header_lines
+    header = lines[number - 1] if 0 < number <= len(lines) else ""
+    names = _cells(header, layout.separator)
+    check_table(0, len(names), source=str(path))
+    check_column_names(names, source=f"{path}, line {number}")
+    if all(_is_number(name) for name in names):
+        raise InputError(
+            f"{path}, line {number}: this line has numbers; it must be the header with the column names."
+        )
+    if "" in names:
+        raise InputError(f"{path}, line {number}: column {names.index('') + 1} of the header has no name.")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise InputError(f"{path}, line {number}: the column name {twice[0]} appears twice.")
+    if len(names) == 1 and len(header.replace(";", "\t").split()) > 1:
+        raise InputError(
+            f"{path}, line {number}: the header is not separated by "
+            f"{_word(layout.separator)}; name another separator in a mapping file."
+        )
+    return names
+
+
+def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
+    """Return the table where NumPy's parser takes it as it is, else None."""
+    first = next((line for line in body if line.strip()), None)
+    # a row of another width may be millions of cells wide
+    if layout.missing or first is None or len(_cells(first, layout.separator)) != len(names):
+        return None
+    try:
+        table = np.loadtxt(body, delimiter=layout.separator, comments=None, quotechar='"', ndmin=2)
+    except ValueError:
+        return None
+    return table if table.shape[1] == len(names) else None
+
+
+def _parse_by_line(
+    path: str | Path, body: list[str], names: list[str], layout: TextLayout
+) -> NDArray[np.float64]:
+    missing = {"", *layout.missing}
+    rows = []
+    for number, line in enumerate(body, start=layout.header_lines + 1):
+        if not line.strip():
+            continue
+        cells = _cells(line, layout.separator)
+        if layout.drop_damaged and not _is_row(cells, len(names), missing):
+            continue
+        if len(cells) != len(names):
+            raise InputError(
+                f"{path}, line {number}: the row has {len(cells)} cells, but the header has {len(names)}."
+            )
+        rows.append([_number(path, number, names[i], cell, missing) for i, cell in enumerate(cells)])
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
+
+
+def _is_row(cells: list[str], width: int, missing: set[str]) -> bool:
+    return len(cells) == width and all(cell in missing or _is_number(cell) for cell in cells)
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
+
+
+def _number(path: str | Path, line: int, name: str, cell: str, missing: set[str]) -> float:
+    if cell in missing:
+        return math.nan
+    if _is_number(cell):
+        return float(cell)
+    raise InputError(
+        f"{path}, line {line}: {cell!r} in column {name} is not a "
+        "number; name a marker of missing values in a mapping file."
+    )
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell  # Python's float takes 1_000, which no table means as a number
+
+
+def _word(separator: str | None) -> str:
+    return {",": "commas", ";": "semicolons", "\t": "tabs", None: "blanks"}.get(separator, repr(separator))
+
+
+_SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
+#: lines looked at to find the separator and the header
+_LOOKED_AT = 200
+#: bytes; every cell of an unknown layout is looked at
+_LARGEST = 100_000_000
+_NOT_A_NUMBER = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForeignTable:
+    """The file's columns and what had to be assumed to read them."""
+
+    layout: TextLayout
+    separator: str  #: its word in a mapping file
+    columns: dict[str, NDArray[np.float64]]
+    named: bool  #: whether the file has a header
+    notes: tuple[str, ...]  #: sentences on what is odd about the file
+
+
+def read_foreign_table(path: str | Path) -> ForeignTable:
+    """Read a table of text, or Parquet, whatever its layout.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or holds no table of numbers.
+    """
+    if Path(path).suffix.lower() == ".parquet":
+        return ForeignTable(
+            layout=TextLayout(),
+            separator="comma",
+            columns=read_parquet_table(path),
+            named=True,
+            notes=(),
+        )
+    lines = _foreign_lines(path)
+    separator = _likely_separator(lines)
+    mark = _SEPARATORS[separator]
+    cells = [_ragged_cells(line, mark) for line in lines]
+    numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in cells]
+    if sum(numeric) < 2:
+        raise InputError(f"{path} contains no table of numbers: no two of its lines are all numbers.")
+    first = _first_row(cells, numeric)
+    widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
+    width = max(widths, key=lambda count: widths[count])
+    check_table(len(lines), width, source=str(path))
+    names, notes = _guessed_names(cells[:first], width)
+    words = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
+    damaged = sum(
+        1
+        for row, good in zip(cells[first:], numeric[first:], strict=True)
+        if row and not (good and len(row) == width)
+    )
+    if damaged:
+        notes.append(
+            f"{damaged} rows that do not have {width} cells, or contain words among the numbers, are skipped."
+        )
+    layout = TextLayout(
+        separator=mark,
+        missing=tuple(words),
+        header_lines=first,
+        names=tuple(names),
+        drop_damaged=damaged > 0,
+    )
+    return ForeignTable(
+        layout=layout,
+        separator=separator,
+        columns=read_text_table(path, layout),
+        named=any(cells[:first]),
+        notes=tuple(notes),
+    )
+
+
+def _foreign_lines(path: str | Path) -> list[str]:
+    text = decode_text(read_bytes(path, largest=_LARGEST), source=str(path), errors="replace")
+    if not text.strip():
+        raise InputError(f"{path} is empty; a log needs rows of numbers.")
+    return text.split("\n")
+
+
+def _likely_separator(lines: list[str]) -> str:
+    """Return the separator under which the most lines are rows of two numbers or more."""
+    looked_at = [line for line in lines if line.strip()][: 2 * _LOOKED_AT][-_LOOKED_AT:]
+
+    def rows(mark: str | None) -> int:
+        found = [_ragged_cells(line, mark) for line in looked_at]
+        return sum(len(row) > 1 and all(_number_like(cell) for cell in row) for row in found)
+
+    return max(_SEPARATORS, key=lambda word: rows(_SEPARATORS[word]))
+
+
+def _ragged_cells(line: str, mark: str | None) -> list[str]:
+    if not line.strip():
+        return []
+    cells = [cell.strip().strip('"').strip() for cell in line.strip().split(mark)]
+    return cells[:-1] if mark and cells[-1] == "" else cells  # a separator at the line's end
+
+
+def _number_like(cell: str) -> bool:
+    if cell.lower() in _NOT_A_NUMBER:
+        return True
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return "_" not in cell
+
+
+def _first_row(cells: list[list[str]], numeric: list[bool]) -> int:
+    """Return the line of the first row: the first of two rows of numbers that are equally wide."""
+    for k in range(len(cells) - 1):
+        if numeric[k] and numeric[k + 1] and len(cells[k]) == len(cells[k + 1]):
+            return k
+    return numeric.index(True)
+
+
+def _guessed_names(head: list[list[str]], width: int) -> tuple[list[str], list[str]]:
+    """Return a name for each column, and notes, from the lines before the first row."""
+    named = [row for row in head if row and not all(_number_like(cell) for cell in row)]
+    notes: list[str] = []
+    if not named:
+        notes.append(f"The file has no header; its columns are called column_1 to column_{width}.")
+        return [f"column_{place}" for place in range(1, width + 1)], notes
+    given = [cell.lstrip("#%").strip() for cell in named[-1]]
+    given = [cell for cell in given if cell]
+    if len(given) != width:
+        notes.append(
+            f"The header names {len(given)} columns and the rows have {width}: "
+            + ("the last columns have no name." if len(given) < width else "the last names are unused.")
+        )
+    names: list[str] = []
+    for place in range(width):
+        name = given[place] if place < len(given) and given[place].isprintable() else f"column_{place + 1}"
+        names.append(f"{name}_{place + 1}" if name in names else name)
+    return names, notes
