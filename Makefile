@@ -16,19 +16,19 @@ test: .venv/.test  ## all tests, the fast ones first
 	$(BIN)/python -m pytest -m "not slow" -n auto --dist worksteal
 	$(BIN)/python -m pytest -m slow -n auto --dist worksteal
 
-bench: .venv/.bench  ## timings against peers, into benchmarks/README.md
+bench: .venv/.bench  ## timings against peers, into docs/generated/benchmarks.md
 	$(BIN)/python -m benchmarks.run
 
-evidence: .venv/.test  ## long campaigns, into docs/evidence.md
-	$(BIN)/python -m benchmarks.evidence
+evidence: .venv/.test  ## long campaigns, into docs/generated/evidence.md
+	$(BIN)/python -m campaigns.evidence
 
 format: .venv/.dev  ## put the code into its form
-	$(BIN)/ruff check --fix src tests examples benchmarks
-	$(BIN)/ruff format src tests examples benchmarks
+	$(BIN)/ruff check --fix src tests examples benchmarks campaigns
+	$(BIN)/ruff format src tests examples benchmarks campaigns
 
 types: .venv/.dev  ## style and types, nothing changed
-	$(BIN)/ruff check src tests examples benchmarks
-	$(BIN)/ruff format --check src tests examples benchmarks
+	$(BIN)/ruff check src tests examples benchmarks campaigns
+	$(BIN)/ruff format --check src tests examples benchmarks campaigns
 	$(BIN)/pyright
 
 clean:

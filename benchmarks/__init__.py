@@ -1,1 +1,1 @@
-"""Timings against peers (`make bench`) and long campaigns (`make evidence`)."""
+"""Timings against peers (`make bench`); docs/generated/benchmarks.md is made from them."""

@@ -1,4 +1,4 @@
-"""The engine's timings beside its peers', in one run: writes benchmarks/README.md.
+"""The engine's timings beside its peers', in one run: writes docs/generated/benchmarks.md.
 
 .venv/bin/python -m benchmarks.run          (make bench)
 """
@@ -31,7 +31,7 @@ from benchmarks.numpy_form import rate_of_change
 from benchmarks.operations import operations_of_a_step, peak_rate
 from benchmarks.workloads import balancing, nominal_robot, smooth
 
-PAGE = Path(__file__).with_name("README.md")
+PAGE = Path(__file__).parents[1] / "docs" / "generated" / "benchmarks.md"
 STEPS = 5
 _FIRST_CALL = """
 import time; t = time.perf_counter()

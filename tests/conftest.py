@@ -6,7 +6,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
-# the same examples in every run; `python -m benchmarks.evidence exploration` looks at other ones
+# the same examples in every run; `python -m campaigns.evidence exploration` looks at other ones
 hypothesis.settings.register_profile("same", derandomize=True, database=None, deadline=None)
 hypothesis.settings.register_profile("exploring", database=None, deadline=None, print_blob=True)
 hypothesis.settings.load_profile(os.environ.get("BALLBOT_EXAMPLES", "same"))

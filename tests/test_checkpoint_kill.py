@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.resume import OUTPUTS, Identification, answers_on_file
 from benchmarks.workloads import measured_square, nominal_robot
+from campaigns.resume import OUTPUTS, Identification, answers_on_file
 
 #: fewer parameters are found sooner
 OPTIONS = ("--bounds", "bounds.toml")

@@ -1,9 +1,9 @@
-"""A small sample of the campaign in benchmarks/compensation.py; `make evidence` runs the whole."""
+"""A small sample of the campaign in campaigns/compensation.py; `make evidence` runs the whole."""
 
 import pytest
 
 from ballbot import Robot
-from benchmarks.compensation import compare_compensations, halvings, identified_robot
+from campaigns.compensation import compare_compensations, halvings, identified_robot
 
 pytest.importorskip("mujoco")
 

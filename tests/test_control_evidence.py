@@ -1,4 +1,4 @@
-"""A small sample of the campaigns on control in benchmarks/; `make evidence` runs them."""
+"""A small sample of the campaigns on control; `make evidence` runs them."""
 
 import numpy as np
 import pytest
@@ -10,10 +10,10 @@ from ballbot.workflows.metrics import cycle_amplitude
 
 pytest.importorskip("mujoco")
 
-from benchmarks.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio, warm_jobs, warm_rows
-from benchmarks.adaptation import run as run_over_a_change
-from benchmarks.control_parts import interval
-from benchmarks.control_targets import ALTEN, another, run
+from campaigns.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio, warm_jobs, warm_rows
+from campaigns.adaptation import run as run_over_a_change
+from campaigns.control_parts import interval
+from campaigns.control_targets import ALTEN, another, run
 
 #: a friction that somebody has found: a fifth too large
 KNOWN = alten(scaled_friction(FRICTION, 1.2))

@@ -1,4 +1,4 @@
-"""The predictive controller that the bound on the lean is held against (benchmarks/predictive.py)."""
+"""The predictive controller that the bound on the lean is held against (campaigns/predictive.py)."""
 
 import numpy as np
 import pytest
@@ -8,9 +8,10 @@ pytest.importorskip("daqp")  # of the extra "peers"; the toolkit itself has no u
 from scipy.optimize import minimize
 
 from ballbot import Controller
-from benchmarks import predictive
-from benchmarks.feedback_options import PRECISE_TORQUE_WEIGHT, ROBOT, bound_of_any, stiff
-from benchmarks.predictive import Predictive, heading_error
+from ballbot.control.presets import PRECISE_TORQUE_WEIGHT
+from campaigns import predictive
+from campaigns.feedback_options import ROBOT, bound_of_any, stiff
+from campaigns.predictive import Predictive, heading_error
 
 STIFF = stiff()
 

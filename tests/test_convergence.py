@@ -1,4 +1,4 @@
-"""The order of the whole method, and one wheel held: samples of docs/evidence.md."""
+"""The order of the whole method, and one wheel held: samples of docs/generated/evidence.md."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from ballbot import Model
-from benchmarks.convergence import (
+from campaigns.convergence import (
     SAMPLE_TIME,
     changes,
     errors,
@@ -20,7 +20,7 @@ from benchmarks.convergence import (
     sticking_cases,
     sticks,
 )
-from benchmarks.event_driven import EventDriven
+from campaigns.event_driven import EventDriven
 
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 
@@ -78,7 +78,7 @@ def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: floa
 
 def test_mujoco_s_friction_creeps_as_its_constraint_s_compliance_says_and_ours_does_not() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed")
-    from benchmarks.sticking import BREAK_AWAY, ENGINES, inertia, mujoco_creep, our_creep
+    from campaigns.sticking import BREAK_AWAY, ENGINES, inertia, mujoco_creep, our_creep
 
     for engine in ENGINES[:2]:
         for share in (0.1, 0.9):
@@ -95,7 +95,7 @@ def test_mujoco_s_friction_creeps_as_its_constraint_s_compliance_says_and_ours_d
 
 def test_a_campaign_rewrites_its_own_section_alone(tmp_path, monkeypatch) -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed")
-    from benchmarks import evidence
+    from campaigns import evidence
 
     page = tmp_path / "evidence.md"
     page.write_text("# Evidence\n\n<!-- convex_step -->\n## Kept\n\nwords\n", encoding="utf-8")

@@ -1,8 +1,8 @@
-"""A small sample of the campaign in benchmarks/coverage.py; `make evidence` runs the whole."""
+"""A small sample of the campaign in campaigns/coverage.py; `make evidence` runs the whole."""
 
 import pytest
 
-from benchmarks.coverage import TRUTHS, held, repeat, truth_of
+from campaigns.coverage import TRUTHS, held, repeat, truth_of
 
 
 @pytest.mark.slow

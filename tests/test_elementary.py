@@ -108,7 +108,7 @@ def test_binary_logarithm(x):
 
 def test_the_polynomials_are_those_of_the_command():
     pytest.importorskip("mpmath", reason="mpmath, which SymPy brings, is not installed")
-    from benchmarks.polynomials import fits
+    from campaigns.polynomials import fits
 
     for name, (coefficients, _) in fits().items():
         assert getattr(elementary, name) == tuple(coefficients), name

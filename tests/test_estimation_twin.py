@@ -17,7 +17,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
-from benchmarks.estimation import ALONE, BIASED, FIXED, THESIS, side_by_side
+from campaigns.estimation import ALONE, BIASED, FIXED, THESIS, side_by_side
 
 ALTEN = Robot.load("alten")
 NOMINAL = Scenario.nominal(ALTEN)
@@ -68,7 +68,7 @@ def test_filter_steers_more_quietly_than_the_thesis_s_way() -> None:
 
 @pytest.mark.slow
 def test_drift_is_a_third_of_the_thesis_s() -> None:
-    """A sample of the campaign in docs/evidence.md: the issue's two numbers, on a minute and a half.
+    """A sample of the campaign in docs/generated/evidence.md: the issue's two numbers, on a minute and a half.
 
     That leaves half a minute of instants with another a minute later; measured: drift 0.12 to 0.14 of the thesis's,
     heading 0.08 to 0.13.

@@ -1,11 +1,11 @@
-"""Correct logs are not stopped: a sample of the campaign `python -m benchmarks.evidence false_alarms`."""
+"""Correct logs are not stopped: a sample of the campaign `python -m campaigns.evidence false_alarms`."""
 
 from dataclasses import replace
 
 import pytest
 
-from benchmarks.correct_logs import PRESETS, drawn, record
-from benchmarks.false_alarms import checked, section
+from campaigns.correct_logs import PRESETS, drawn, record
+from campaigns.false_alarms import checked, section
 
 DURATION = 6.0  # [s], a quarter of the campaign's logs
 

@@ -1,4 +1,4 @@
-"""A sample of the fuzzed inputs (`benchmarks.fuzz`), and that the fuzzer sees what it is there to see."""
+"""A sample of the fuzzed inputs (`campaigns.fuzz`), and that the fuzzer sees what it is there to see."""
 
 import sys
 import warnings
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from benchmarks.fuzz import COUNTS, outcomes, run
-from benchmarks.fuzz_targets import targets
-from benchmarks.fuzz_worker import attempt, limits, outcome, target_names
+from campaigns.fuzz import COUNTS, outcomes, run
+from campaigns.fuzz_targets import targets
+from campaigns.fuzz_worker import attempt, limits, outcome, target_names
 
 #: inputs of each loader; the campaign has thousands
 COUNT, COMMANDS = 25, 30

@@ -18,7 +18,7 @@ from ballbot.workflows import league as league_module
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import League, league_results, overall, run_league, standing
-from benchmarks.league import section
+from campaigns.league import section
 
 #: two short courses on the model, so that a league takes seconds
 COURSES = """\

@@ -174,7 +174,7 @@ def test_mistakes_are_numbered_as_in_the_list() -> None:
         (equations.derivative_of_angles, 3, 0, 0.0),
         (mechanics.rates_of_angles, 4, 0, math.sqrt(2.0)),  # two unit vectors at right angles
         (mechanics.inertia_counted_twice, 5, 0, 17.076 * 0.393**2),
-        (mechanics.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),  # docs/published_models.md
+        (mechanics.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),  # docs/generated/published_models.md
         (mechanics.inertia_counted_twice, 5, 2, 5.2015 / 5.2676),
         (mechanics.no_counter_torque, 6, 0, 0.173 / 0.11),
         (mechanics.no_counter_torque, 6, 1, 9.5038 / 5.8293),
@@ -278,8 +278,8 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
 
 @pytest.mark.slow
 def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
-    """All that needs no recording, and the first of the twin's runs; benchmarks/reproduce.py compares the whole."""
-    page = Path(__file__).parents[1].joinpath("docs", "reproduce.md").read_text(encoding="utf-8")
+    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py compares the whole."""
+    page = Path(__file__).parents[1].joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
     recorded = {"rounded_constants", "residual_pairs"}
     for make in MISTAKES:
         if make.__name__ not in recorded:

@@ -22,7 +22,7 @@ from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TOR
 from ballbot.mechanics.engine.run import robust_lane
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.stick_slip import minimise
-from benchmarks.convex_problems import (
+from campaigns.convex_problems import (
     KINDS,
     Kind,
     Problem,
@@ -53,7 +53,7 @@ def minimised(problem: Problem, rng: np.random.Generator) -> NDArray[np.float64]
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_minimiser_is_the_reference_solver_s(wheel_count: int, pivoting: bool, kind: Kind) -> None:
     pytest.importorskip("clarabel", reason="clarabel is not installed")
-    from benchmarks.convex_reference import reference
+    from campaigns.convex_reference import reference
 
     rng = np.random.default_rng(41)
     for _ in range(15):

@@ -1,11 +1,11 @@
-"""Samples of the campaigns of `benchmarks.twin_*`: convergence to the exact model, and what the thesis saw."""
+"""Samples of the campaigns of `campaigns.twin_*`: convergence to the exact model, and what the thesis saw."""
 
 import numpy as np
 import pytest
 
 from ballbot.twin import Scenario
-from benchmarks import observations, twin_convergence
-from benchmarks.twin_observed import PLAY, RESONANCE, Run, closed_loop
+from campaigns import observations, twin_convergence
+from campaigns.twin_observed import PLAY, RESONANCE, Run, closed_loop
 
 
 def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter() -> None:

@@ -146,7 +146,7 @@ def design_integral_gain(
 def precise_controller(
     robot: Robot, *, compensation: Compensation = "full", design: IntegralDesign | None = None
 ) -> Controller:
-    """Return the controller with this gain and every part that earned its place; see docs/evidence.md.
+    """Return the controller with this gain and every part that earned its place; see docs/generated/evidence.md.
 
     Parameters
     ----------

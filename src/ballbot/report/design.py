@@ -22,14 +22,14 @@ from ballbot.workflows.robust_design import RobustDesign
 if TYPE_CHECKING:
     from ballbot.mechanics.model import LinearModel, Model
 
-#: what is wrong with each matrix that the thesis's mistakes are in; the numbers are those of docs/reproduce.md
+#: what is wrong with each matrix that the thesis's mistakes are in; numbers: docs/generated/reproduce.md
 MISTAKEN_MATRICES = {
     "T_trw": "the thesis's mistake 6: without the motors' counter-torque; the exact model does not use it",
     "T_owr": "the thesis's mistake 8: absolute spin, where motor, friction and encoder have the speed against the "
     "body; the exact model does not use it",
 }
 MISTAKEN_LINEARIZATION = (
-    "the thesis's mistakes 5, 6, 7 and 17 (docs/reproduce.md): to compare with, not to design with"
+    "the thesis's mistakes 5, 6, 7 and 17 (docs/generated/reproduce.md): to compare with, not to design with"
 )
 
 

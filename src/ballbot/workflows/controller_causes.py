@@ -274,7 +274,7 @@ class _Symptom:
     number: str  #: of `Signature`
     cause: CauseName
     #: difference on a robot without faults; of a ratio, its logarithm. Chosen on the development set of
-    #: `benchmarks.controller_prediction`: no robot without faults comes near `POSSIBLE` usual sizes
+    #: `campaigns.controller_prediction`: no robot without faults comes near `POSSIBLE` usual sizes
     usual: float
     words: str  #: with {seen} and {expected}
     ratio: bool = False

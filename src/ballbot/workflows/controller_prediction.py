@@ -42,7 +42,7 @@ _MAX_COURSE = 3600.0
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the plants drawn, at the 2.5th
 #: and 97.5th percentile of the faulty twins whose run did not end early, beyond the spread of the draws; of the torque
-#: margin, by which the share of the torque limit that is used differs. `python -m benchmarks.controller_prediction`
+#: margin, by which the share of the torque limit that is used differs. `python -m campaigns.controller_prediction`
 #: prints them: of the precise controller, and of the nominal gain without compensation, which stands for all
 #: candidates with that gain.
 DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {

@@ -1,4 +1,4 @@
-"""The command that regenerates docs/published_models.md."""
+"""The command that regenerates docs/generated/published_models.md."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ballbot.errors import InputError
 from ballbot.thesis.published.page import write_published_page
 
 
-def main(*, out: Path = Path("docs/published_models.md")) -> int:
+def main(*, out: Path = Path("docs/generated/published_models.md")) -> int:
     """Compute the page on published models.
 
-    Example: python -m ballbot.thesis.published --out docs/published_models.md
+    Example: python -m ballbot.thesis.published --out docs/generated/published_models.md
 
     Parameters
     ----------

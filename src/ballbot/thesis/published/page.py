@@ -105,7 +105,7 @@ def presets_section() -> str:
     return "## All presets, by the exact equations\n\n" + markdown_table(headings, rows) + "\n"
 
 
-COMMAND = "python -m ballbot.thesis.published --out docs/published_models.md"
+COMMAND = "python -m ballbot.thesis.published --out docs/generated/published_models.md"
 
 _HEAD = f"""\
 # Published models: what they print, what they should print, and why

@@ -1,0 +1,130 @@
+"""The precise controller against its targets, over hundreds of seeds of the twin.
+
+.venv/bin/python -m campaigns.evidence control_targets
+
+The friction compensated is identified from two logs of the nominal twin (`campaigns.compensation`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ballbot import Robot, simulate
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.references import Reference, change_pose, hold, square
+from ballbot.estimation.interface import named_estimator
+from ballbot.fitting.run import worker_pool
+from ballbot.robot.robot import scaled_body, scaled_friction
+from ballbot.twin import Scenario, Twin
+from ballbot.workflows.comparison import initial_state_of
+from ballbot.workflows.metrics import cycle_amplitude, score
+from campaigns.compensation import identified_robot
+from campaigns.section import Section
+
+ALTEN = Robot.load("alten")
+SAMPLE_TIME = 0.005
+OFF = 0.2  # by how much mass, height and friction are off
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What a robot is asked to do, over many seeds."""
+
+    reference: Reference
+    duration: float  #: [s]
+    seeds: range
+    off: bool = (
+        False  #: whether the twin's mass, height and friction are each 20 % above or below what is known
+    )
+    precise: bool = True  #: or the nominal gain, uncompensated, with the thesis's state
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """One run in numbers."""
+
+    peak: float  #: position error once settled [m]
+    cycle: float  #: amplitude of the strongest periodic motion [m]
+    heading: float  #: error at the end, by the robot's own sensors [rad]
+    fell: bool
+
+
+SQUARE, SPOT, CHANGE = square(side=0.5, period=32.0), hold(), change_pose(ramp=0.0)
+TASKS = {
+    "square, nominal gain, no compensation": Task(
+        reference=SQUARE, duration=32.0, seeds=range(300, 320), precise=False
+    ),
+    "square": Task(reference=SQUARE, duration=32.0, seeds=range(300, 500)),
+    "hold": Task(reference=SPOT, duration=60.0, seeds=range(300, 320)),
+    "step to [1 -1 pi]": Task(reference=CHANGE, duration=20.0, seeds=range(300, 400)),
+    "square, robot 20 % off": Task(reference=SQUARE, duration=32.0, seeds=range(300, 500), off=True),
+}
+
+
+def another(seed: int) -> tuple[Robot, Scenario]:
+    """Return a robot whose mass, height and friction are each 20 % above or below what is known, by chance."""
+    mass, height, friction = 1.0 + OFF * np.random.default_rng([seed, 20]).choice([-1.0, 1.0], 3)
+    robot = ALTEN.replace(body=scaled_body(ALTEN.body, mass=mass, height=height))
+    nominal = Scenario.nominal(robot)
+    return robot, replace(nominal, friction=scaled_friction(nominal.friction, friction))
+
+
+def run(known: Robot, job: tuple[str, int]) -> Outcome:
+    """Make one run: the task's name and a seed; `known` has the friction that was identified."""
+    name, seed = job
+    task = TASKS[name]
+    robot, scenario = another(seed) if task.off else (ALTEN, Scenario.nominal(ALTEN))
+    controller = precise_controller(known) if task.precise else nominal_controller(known)
+    estimator = named_estimator(controller.estimator, ALTEN, sample_time=SAMPLE_TIME)
+    log = simulate(
+        Twin(robot, scenario, estimator=estimator),
+        controller,
+        task.reference,
+        duration=task.duration,
+        initial_state=initial_state_of(seed),
+        seed=seed,
+    )
+    stood = log.ended is None
+    return Outcome(
+        peak=score(log).peak_position_error,
+        cycle=cycle_amplitude(log) if stood else np.nan,
+        heading=float(abs(log["psi"][-1] - log["ref_psi"][-1])),
+        fell=not stood,
+    )
+
+
+def campaign() -> Section:
+    """Run every task with every seed and return the table."""
+    jobs = [(name, seed) for name, task in TASKS.items() for seed in task.seeds]
+    known = identified_robot(ALTEN)
+    with worker_pool(os.cpu_count()) as pool:
+        outcomes = list(pool.map(partial(run, known), jobs))
+    by_name = {
+        name: [one for (of, _), one in zip(jobs, outcomes, strict=True) if of == name] for name in TASKS
+    }
+    return Section(
+        title="Control that stands still and goes where it is told: the targets",
+        before="The precise controller on the nominal twin, friction identified from two of its logs, on-board sensors "
+        "only (Kalman filter), 200 Hz. Errors of the true position once settled (6 s after the start and every jump) "
+        "[mm]. The cycle of a hold is its strongest periodic motion faster than 0.5 Hz, its amplitude [mm].",
+        columns=["task", "runs", "falls", "mean peak", "95 % below", "worst peak", "worst cycle"],
+        rows=[_row(name, found) for name, found in by_name.items()],
+    )
+
+
+def _row(name: str, found: Sequence[Outcome]) -> list[str]:
+    peaks = 1e3 * np.array([one.peak for one in found if not one.fell])
+    cycle = max((1e3 * one.cycle for one in found if not one.fell), default=np.nan)
+    numbers = [peaks.mean(), np.quantile(peaks, 0.95), peaks.max()] if len(peaks) else [np.nan] * 3
+    return [
+        name,
+        f"{len(found)}",
+        f"{len(found) - len(peaks)}",
+        *(f"{number:.1f}" for number in numbers),
+        f"{cycle:.2f}" if name == "hold" else "",
+    ]

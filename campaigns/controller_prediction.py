@@ -1,0 +1,268 @@
+"""Whether a study's prediction of its controller holds on robots with faults that the study did not know.
+
+.venv/bin/python -m campaigns.evidence prediction
+.venv/bin/python -m campaigns.controller_prediction        the constants, from the development set
+
+The study is of the nominal twin. Each faulty twin (`campaigns.faulty_twins`) runs the square once with the precise
+controller, whose log is judged, and once without compensation, which says what is true of the verdict. The constants
+of `ballbot.workflows.controller_prediction` and `controller_causes` are those of the development set, whose seeds
+are others. Logs are kept in build/controller_prediction: a campaign that was ended goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log import Log
+from ballbot.workflows.comparison import fraction_with_interval
+from ballbot.workflows.controller_causes import SYMPTOMS, Cause, clearness, signature_of
+from ballbot.workflows.controller_prediction import Prediction, lognormal_interval, predict
+from ballbot.workflows.controller_verdict import (
+    QUANTITY_NAMES,
+    QuantityResult,
+    Verdict,
+    causes_in,
+    evaluate_log,
+)
+from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
+from campaigns.faulty_twins import (
+    CONTROLLERS,
+    KINDS,
+    FaultyTwin,
+    Studied,
+    drawn,
+    healthy,
+    recorded,
+    studied,
+    study_logs,
+)
+from campaigns.section import Section
+
+#: seeds of twins without faults, of those that the constants are made from, and of those that are judged
+HEALTHY, DEVELOPMENT, JUDGED = range(900, 910), range(1000, 1076), range(2000, 2050)
+#: causes of a fault that a verdict names
+NAMED = ("delay", "grip", "friction", "sensor", "mapping")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """A faulty twin, the verdict on its log, and what is true."""
+
+    twin: FaultyTwin
+    verdict: Verdict
+    seen: Performance  #: with the precise controller
+    fell: bool
+    without: Performance  #: without compensation
+    without_fell: bool
+    causes: tuple[Cause, ...]  #: whether or not a quantity lies outside
+
+    @property
+    def good(self) -> bool:
+        """Whether the controller is better than none on this twin, and does not fall."""
+        return not self.fell and (self.without_fell or self.seen.peak_error < self.without.peak_error)
+
+    @property
+    def rank(self) -> int | None:
+        """Place of the true cause, from 1; None if it is not named."""
+        names = [cause.name for cause in self.causes]
+        cause = KINDS[self.twin.kind][1]
+        return names.index(cause) + 1 if cause in names else None
+
+
+def prediction_of(study: Studied) -> Prediction:
+    """Return what the study predicts of the precise controller."""
+    made = predict(replace(study.choice, chosen="precise"), logs=study_logs())
+    assert made is not None
+    return made
+
+
+def outcomes(seeds: Sequence[int], *, of: str) -> list[Outcome]:
+    """Return what becomes of the twins of seeds, whose logs are kept in the folder of that name."""
+    study, twins = studied(), [drawn(seed) for seed in seeds]
+    prediction = prediction_of(study)
+    return [
+        _outcome(study, prediction, twin, logs)
+        for twin, logs in zip(twins, recorded(twins, of=of), strict=True)
+    ]
+
+
+def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dict[str, Log]) -> Outcome:
+    controller, robot = study.controllers["precise"], study.found.robot
+    log, without = logs["precise"], logs["none"]
+    return Outcome(
+        twin=twin,
+        verdict=evaluate_log(prediction, log, robot, controller),
+        seen=performance_of(log, controller),
+        fell=log.ended is not None,
+        without=performance_of(without, study.controllers["none"]),
+        without_fell=without.ended is not None,
+        causes=causes_in(log, robot, prediction, ended=log.ended is not None),
+    )
+
+
+def campaign() -> Section:
+    """Judge the fifty twins and return the section of docs/generated/evidence.md."""
+    return section(outcomes(JUDGED, of="judged"), outcomes(DEVELOPMENT, of="development"))
+
+
+def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section:
+    """Return the section of the page that the judged twins and those of the development set make."""
+    stood = [one for one in found if not one.fell]
+    inside = [sum(_quantity(one, name).place == "inside" for one in stood) for name in QUANTITIES]
+    rows = [
+        _row(QUANTITY_NAMES[name], count, len(stood), _outside(stood, name), _ratios(stood, name))
+        for name, count in zip(QUANTITIES, inside, strict=True)
+    ]
+    every = sum(one.place == "inside" for each in found for one in each.verdict.quantities)
+    rows += [
+        _row("all", sum(inside), len(QUANTITIES) * len(stood)),
+        _row("all, with the runs that ended early", every, len(QUANTITIES) * len(found)),
+    ]
+    return Section(
+        title="A study's prediction of its controller on robots with unknown faults",
+        before=f"One study of the nominal twin predicts the precise controller's square (32 s) from 20 perturbed"
+        f" plants; {len(found)} twins with faults that the study did not know ({len(KINDS)} kinds, mild to severe, half"
+        " of them with a second, mild fault) run it once each. The model discrepancy and the usual sizes of symptoms"
+        f" were chosen on {len(development)} other faulty twins and {len(HEALTHY)} without faults. The interval of a"
+        " share of all quantities takes them for independent, which those of one run are not. Errors are those of the"
+        " logged state, as the robot itself has them.",
+        columns=[
+            "quantity",
+            "inside its 95 % interval",
+            "95 % interval of the share",
+            "better, worse",
+            "measured over predicted",
+        ],
+        rows=rows,
+        after=f"{_verdict_words(found)}\n\n{_cause_words('the judged twins', found)}"
+        f" {_cause_words('the development set', development)}",
+    )
+
+
+def _row(name: str, count: int, runs: int, outside: str = "", ratios: str = "") -> list[str]:
+    share = f"{count} of {runs} ({100 * count / runs:.0f} %)"
+    return [name, share, _share(count, runs), outside, ratios]
+
+
+def _outside(found: Sequence[Outcome], name: str) -> str:
+    places = [_quantity(one, name) for one in found if _quantity(one, name).place != "inside"]
+    worse = sum(one.worse for one in places)
+    return f"{len(places) - worse}, {worse}"
+
+
+def _verdict_words(found: Sequence[Outcome]) -> str:
+    bad, good = [one for one in found if not one.good], [one for one in found if one.good]
+    reverted = [one for one in bad if one.verdict.recommendation == "revert"]
+    wrong = [one for one in good if one.verdict.recommendation == "revert"]
+    counts = {
+        name: sum(one.verdict.recommendation == name for one in found)
+        for name in ("keep", "weaken", "revert")
+    }
+    kinds = ", ".join(f"{one.twin.kind} (seed {one.twin.seed})" for one in bad) or "none"
+    return (
+        f"Verdicts: {', '.join(f'{count} {name}' for name, count in counts.items())}."
+        f" {len(bad)} controllers fall ({sum(one.fell for one in bad)}) or have a larger peak error than none on the"
+        f" same twin ({sum(not one.fell for one in bad)}): {kinds}; {len(reverted)} of them get `revert`. Of the"
+        f" {len(good)} good ones {len(wrong)} do ({_share(len(wrong), len(good))}){_named(wrong)}."
+    )
+
+
+def _named(wrong: Sequence[Outcome]) -> str:
+    """Return which good controllers are wrongly reverted, and how good they are."""
+    words = [
+        f"{one.twin.kind} (seed {one.twin.seed}), peak error {one.seen.peak_error:.2f} m and without compensation"
+        f" {one.without.peak_error:.2f} m"
+        for one in wrong
+    ]
+    return f": {'; '.join(words)}" if words else ""
+
+
+def _cause_words(of: str, found: Sequence[Outcome]) -> str:
+    named = [one for one in found if KINDS[one.twin.kind][1] in NAMED]
+    first = sum(one.rank == 1 for one in named)
+    second = sum(one.rank == 2 for one in named)
+    later = sum((one.rank or 0) > 2 for one in named)
+    outside = [one for one in named if one.verdict.outside or one.fell]
+    clear = sum(one.rank in (1, 2) for one in outside)
+    return (
+        f"Of {of}, {len(named)} have a fault of delay, grip, friction, sensor or mapping. The true cause is ranked"
+        f" first {first} times, second {second} times, later {later} times, and"
+        f" {len(named) - first - second - later} times nothing in the log shows it. Where a quantity lies outside it"
+        f" is first or second {clear} of {len(outside)} times."
+    )
+
+
+def _quantity(one: Outcome, name: str) -> QuantityResult:
+    return next(each for each in one.verdict.quantities if each.name == name)
+
+
+def _ratios(found: Sequence[Outcome], name: str) -> str:
+    pairs = [(one.value, one.predicted.median) for each in found for one in [_quantity(each, name)]]
+    ratios = [_used(name, value) / _used(name, median) for value, median in pairs]
+    low, middle, high = np.quantile(ratios, (0.0, 0.5, 1.0))
+    return f"{low:.2f} to {high:.2f}, median {middle:.2f}"
+
+
+def _used(name: str, value: float) -> float:
+    return 1.0 - value if name == "torque_margin" else value
+
+
+def _share(count: int, runs: int) -> str:
+    low, high = fraction_with_interval(count, runs)
+    return f"{100 * low:.1f} to {100 * high:.1f} %"
+
+
+def calibrate() -> None:
+    """Print the constants that the development set gives."""
+    study = studied()
+    logs = recorded([drawn(seed) for seed in DEVELOPMENT], of="development")
+    for controller in CONTROLLERS:
+        of_controller = [one[controller] for one in logs]
+        _print_discrepancy(study, controller, [log for log in of_controller if log.ended is None])
+    expected = prediction_of(study).signature
+    print("usual differences of a robot without faults:")
+    runs = [one["precise"] for one in recorded([healthy(seed) for seed in HEALTHY], of="healthy")]
+    numbers = [asdict(one) for log in runs if (one := signature_of(log, study.found.robot))]
+    for symptom in SYMPTOMS:
+        away = [
+            symptom.usual * clearness(symptom, one[symptom.number], expected[symptom.number])
+            for one in numbers
+        ]
+        print(f"    {symptom.number}: RMS {np.sqrt(np.mean(np.square(away))):.3g}, now {symptom.usual:g}")
+
+
+def _print_discrepancy(study: Studied, controller: str, logs: Sequence[Log]) -> None:
+    seen = [performance_of(log, study.controllers[controller]) for log in logs]
+    drawn_runs = study.choice.trials[controller].performances
+    print(f"{controller}, {len(logs)} runs that did not end early:")
+    for name in QUANTITIES:
+        actual, predicted = (
+            np.array([_used(name, getattr(one, name)) for one in runs]) for runs in (seen, drawn_runs)
+        )
+        low, high = discrepancy(predicted, actual)
+        print(f'    "{name}": ({low:.2g}, {high:.2g}),')
+
+
+def discrepancy(predicted: NDArray[np.float64], actual: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the factors (lower, upper) with which an interval of the predicted values holds 95 % of the actual ones.
+
+    Split conformal: on each side the score of rank ceil(0.975 (n + 1)), the largest if there are too few, less what
+    the spread of the predicted values covers.
+    """
+    plain = lognormal_interval(predicted)
+    ratios = np.sort(np.log(np.maximum(actual, 1e-9) / plain.median))
+    rank = min(int(np.ceil(0.975 * (len(ratios) + 1))), len(ratios))
+    up, down = ratios[rank - 1], -ratios[len(ratios) - rank]
+    already_up, already_down = np.log(plain.high / plain.median), np.log(plain.median / plain.low)
+    return (
+        float(np.exp(-np.sqrt(max(down * abs(down) - already_down**2, 0.0)))),
+        float(np.exp(np.sqrt(max(up * abs(up) - already_up**2, 0.0)))),
+    )
+
+
+if __name__ == "__main__":
+    calibrate()

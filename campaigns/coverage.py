@@ -1,0 +1,249 @@
+"""Whether 95 % intervals hold the truth 95 % of the time: logs with noise simulated and identified, 200 times.
+
+.venv/bin/python -m campaigns.evidence coverage
+
+Done repeats are kept in build/coverage.json, each as soon as it is there, and are not done again: a campaign that
+was ended goes on. Delete the file after a change of what is measured.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from ballbot.control.controller import Controller
+from ballbot.control.presets import design_gain
+from ballbot.control.references import square
+from ballbot.estimation.interface import Reading
+from ballbot.estimation.onboard import OnboardState
+from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.run import ProgressReporter, Threads, worker_pool
+from ballbot.identification.gauss_newton import at_bound
+from ballbot.identification.identifiability import Interval, assess
+from ballbot.identification.parameters import scale_between
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.stages import Effort, prepare, refine, stages_of, states_counted
+from ballbot.log import Log
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.plant import Measurement
+from ballbot.simulation.run import simulate
+from ballbot.thesis.reproduce.recordings import sources_of
+from benchmarks.workloads import nominal_robot
+from campaigns.section import Section
+
+KEPT = Path(__file__).parents[1] / "build" / "coverage.json"
+DURATION = 32.0  # [s] of each log, twice around the square
+STEP = 2.5e-3  # [s], inner step of the truth and of the fits
+SAMPLE_TIME = 5e-3
+ATTITUDE_NOISE, GYRO_NOISE, WHEEL_NOISE = (
+    6e-4,
+    4e-3,
+    9e-3,
+)  # [rad], [rad/s], [rad/s]: those of ../shared/data/bbr
+
+#: all of it at work; and without break-away friction, where v_s and delta have no influence
+TRUTHS = {
+    "all": nominal_robot().friction,
+    "no break-away": replace(nominal_robot().friction, stribeck=(0.0, 0.0, 0.0)),
+}
+REPEATS = {"all": 200, "no break-away": 40}
+
+#: where the fits begin, far from any of the truths, so that reaching them is their own work
+BEGIN = np.array([0.03] * 3 + [0.08] * 3 + [0.03] * 3 + [1.0, 1.5, 0.004])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repeat:
+    """What one log told."""
+
+    estimates: Mapping[str, float | None]  #: by label; None where the parameter was given no number
+    intervals: Mapping[str, Interval]  #: of those that have one
+
+
+class NoisyPlant:
+    """The exact model seen through white noise of attitude, gyro and wheel speeds, by the thesis's on-board state."""
+
+    def __init__(self, model: Model) -> None:
+        self._plant = ModelPlant(model)
+        self._random = np.random.default_rng(0)
+        self._onboard = OnboardState(model.robot, sample_time=SAMPLE_TIME)
+
+    @property
+    def robot(self) -> Robot:
+        """The model's robot."""
+        return self._plant.robot
+
+    def reset(self, initial_state: NDArray[np.float64] | None = None, *, seed: int = 0) -> Measurement:
+        """Start; all noise follows from the seed."""
+        self._random = np.random.default_rng(seed)
+        self._onboard.reset()
+        return self._seen(self._plant.reset(initial_state))
+
+    def step(self, torques: NDArray[np.float64], duration: float) -> Measurement:
+        """Hold the torques (n,) [N m] for a duration [s]."""
+        return self._seen(self._plant.step(torques, duration))
+
+    def _seen(self, true: Measurement) -> Measurement:
+        def noise(size: float, count: int) -> NDArray[np.float64]:
+            return size * self._random.standard_normal(count)
+
+        reading = Reading(
+            wheel_angles=true.wheel_angles,
+            wheel_speeds=true.wheel_speeds + noise(WHEEL_NOISE, len(true.wheel_speeds)),
+            gyro=true.gyro + noise(GYRO_NOISE, 3),
+            attitude=true.truth[2:5] + noise(ATTITUDE_NOISE, 3),
+        )
+        state = self._onboard.update(reading)
+        return replace(true, state=state, wheel_speeds=reading.wheel_speeds, gyro=reading.gyro)
+
+
+def noisy_log(truth: Friction, *, seed: int) -> Log:
+    """Return a log of a robot with that friction, balanced around a square by what its sensors say."""
+    robot = Robot.load("alten")
+    random = np.random.default_rng([seed, 1])
+    start = np.zeros(10)
+    start[2:4] = 0.01 * random.standard_normal(2)  # lean: N(0, 0.01 rad)
+    start[5:7] = 0.05 * random.standard_normal(2)  # velocity: N(0, 0.05 m/s)
+    plant = NoisyPlant(Model(robot.replace(friction=truth), step=STEP))
+    controller = Controller(robot, design_gain(robot).gain)
+    reference = square(side=0.5, period=DURATION / 2)
+    log = simulate(plant, controller, reference, duration=DURATION, initial_state=start, seed=seed)
+    return log.without_truth()
+
+
+def repeat(truth: Friction, *, seed: int) -> Repeat:
+    """Simulate a log and identify it, in one thread."""
+    robot = Robot.load("alten")
+    coordinates = scale_between(robot)
+    effort = Effort()
+    prepared = prepare(
+        Predictor(robot=robot, formulation="exact", step=STEP, layout=coordinates.layout, threads=1),
+        coordinates,
+        [noisy_log(truth, seed=seed)],
+        window=0.25,
+        held_out=0.02,
+        seed=seed,
+        effort=effort,
+        counted=states_counted(()),
+        spread=Threads(count=1),
+    )
+    told = ProgressReporter(None, stages_of(prepared, effort))
+    estimate = refine(prepared, coordinates.scaled(BEGIN), effort=effort, told=told)
+    stands = at_bound(estimate.finished.point) & ~estimate.unknown
+    sure = assess(
+        prepared.problem, estimate.finished, estimated=estimate.estimated, at_bound=stands, seed=seed
+    )
+    numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)
+    return Repeat(
+        estimates={label: None if unknown else value for label, value, unknown in numbers},
+        intervals=sure.intervals,
+    )
+
+
+def repeats(name: str, *, count: int, kept: Path | None = None, processes: int = 1) -> Iterator[Repeat]:
+    """Yield repeats of the truth of that name, those first that are in the file kept; the others go into it."""
+    code = sources_of("identification", "mechanics", "simulation", "control", "robot", "log")
+    known = json.loads(read_sealed(kept, of=code)) if kept is not None and kept.exists() else {}
+    keys = [f"{name} {seed}" for seed in range(count)]
+    yield from (_from_plain(known[key]) for key in keys if key in known)
+    missing = [seed for seed, key in enumerate(keys) if key not in known]
+    with worker_pool(processes) as pool:
+        for seed, one in zip(missing, pool.map(partial(_repeat_of, name), missing), strict=True):
+            known[keys[seed]] = _plain(one)
+            if kept is not None:
+                write_sealed(kept, json.dumps(known).encode(), of=code)
+            yield one
+
+
+def _repeat_of(name: str, seed: int) -> Repeat:
+    return repeat(TRUTHS[name], seed=seed)
+
+
+def truth_of(name: str) -> dict[str, float]:
+    """Return the true parameters by label."""
+    robot = Robot.load("alten").replace(friction=TRUTHS[name])
+    coordinates = scale_between(robot)
+    return dict(zip(coordinates.labels, coordinates.before.tolist(), strict=True))
+
+
+def held(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list[bool]:
+    """Return whether the interval held the truth, for each repeat that gave the parameter one."""
+    return [truth[label] in one.intervals[label] for one in done if label in one.intervals]
+
+
+def campaign() -> Section:
+    """Run what is not yet done and return the section of docs/generated/evidence.md."""
+    done: dict[str, list[Repeat]] = {}
+    for name, count in REPEATS.items():
+        done[name] = []
+        for one in repeats(name, count=count, kept=KEPT, processes=os.cpu_count() or 1):
+            done[name].append(one)
+            print(f"\r{name}: {len(done[name])} of {count}", end="", file=sys.stderr, flush=True)
+        print(file=sys.stderr)
+    truth, everything = truth_of("all"), done["all"]
+    least, most = binom.interval(0.95, len(everything), 0.95)
+    rows = [_row(label, everything, truth) for label in truth]
+    bare = done["no break-away"]
+    given = {label: sum(one.estimates[label] is not None for one in bare) for label in ("v_s", "delta")}
+    false = {label: f"{given[label]} of {len(bare)}" for label in given}
+    return Section(
+        title="Coverage of identification's intervals",
+        before=f"{len(everything)} logs of {DURATION:g} s of the exact model around a square, balanced by what noisy "
+        f"sensors say (attitude {ATTITUDE_NOISE:g} rad, gyro {GYRO_NOISE:g} rad/s, wheel speeds {WHEEL_NOISE:g} rad/s, "
+        "white, on-board state), each identified from a start far from the truth. By chance alone, right 95 % "
+        f"intervals hold the truth in {least:.0f} to {most:.0f} of {len(everything)}.",
+        columns=["", "truth", "bias / deviation", "deviation / half width x 1.96", "truth held", "from"],
+        rows=rows,
+        after=f"Without break-away friction v_s and delta act on nothing; they were given a number in {false['v_s']} "
+        f"and {false['delta']} repeats.",
+    )
+
+
+def _row(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list[str]:
+    values = np.array([value for one in done if (value := one.estimates[label]) is not None])
+    inside = held(label, done, truth)
+    widths = [
+        one.intervals[label].upper - one.intervals[label].lower for one in done if label in one.intervals
+    ]
+    methods = Counter(one.intervals[label].method for one in done if label in one.intervals)
+    deviation = values.std(ddof=1)
+    return [
+        label,
+        f"{truth[label]:g}",
+        f"{(values.mean() - truth[label]) / deviation:+.2f}",
+        f"{deviation / (np.median(widths) / 2 / 1.96):.2f}",
+        f"{sum(inside)} of {len(inside)}",
+        ", ".join(f"{method} {count}" for method, count in methods.most_common()),
+    ]
+
+
+def _plain(one: Repeat) -> dict[str, object]:
+    intervals = {label: interval.to_dict() for label, interval in one.intervals.items()}
+    return {"estimates": dict(one.estimates), "intervals": intervals}
+
+
+def _from_plain(plain: dict) -> Repeat:
+    def limit(value: float | None, otherwise: float) -> float:
+        return otherwise if value is None else value
+
+    return Repeat(
+        estimates=plain["estimates"],
+        intervals={
+            label: Interval(
+                lower=limit(one["lower"], -np.inf), upper=limit(one["upper"], np.inf), method=one["from"]
+            )
+            for label, one in plain["intervals"].items()
+        },
+    )

@@ -1,0 +1,225 @@
+"""The Kalman filter beside the thesis's on-board state: the same runs of the twin, the same readings.
+
+.venv/bin/python -m campaigns.evidence estimation
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.presets import design_gain, nominal_controller
+from ballbot.control.references import Reference, named_reference, square
+from ballbot.estimation.interface import Estimator, Reading, StateErrors, state_errors
+from ballbot.estimation.kalman import KalmanFilter
+from ballbot.estimation.kalman_model import FilterNoise
+from ballbot.estimation.onboard import OnboardState
+from ballbot.robot import Robot
+from ballbot.simulation.run import simulate
+from ballbot.simulation.sensors import FixSource, SensorFaults
+from ballbot.twin import Scenario, Twin
+from ballbot.workflows.comparison import Comparison, compare, initial_state_of
+from campaigns.section import Section
+
+REFERENCES = ("square", "hold", "figure_eight")
+SEEDS = range(11, 14)  # those on which the noise was sized were 1 and 2
+DURATION = 180.0  # of each run [s]: the thesis's three minutes
+THREADS = 2
+
+THESIS, ALONE, FIXED = "thesis", "filter", "filter, a fix every 10 s"
+SURE = "filter, sure of the lean"
+SURE_LEAN = np.radians(0.02)  # in place of the filter's 0.2 degrees of slow lean error
+_FIXES = FixSource(rate=0.1, position_noise=0.01, heading_noise=0.02)
+
+#: a worse AHRS than the nominal: a bias that turns its frame away, a slow lean error, a sample late
+BIASED = SensorFaults(gyro_bias=0.0015, gyro_bias_walk=1e-5, lean_error=np.radians(0.3), latency=0.005)
+
+
+@dataclass
+class Listener:
+    """An estimator that hears every reading of a run, or all but the fix, and what it made of them."""
+
+    estimator: Estimator
+    hears_fixes: bool = False
+    states: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def hear(self, reading: Reading) -> NDArray[np.float64]:
+        """Take one reading in."""
+        heard = reading if self.hears_fixes else replace(reading, fix=None)
+        self.states.append(self.estimator.update(heard))
+        return self.states[-1]
+
+
+class SideBySide:
+    """Estimators on one robot; one steers, so that all see the same run."""
+
+    def __init__(self, steering: Listener, others: Sequence[Listener]) -> None:
+        self._steering, self._others = steering, others
+
+    def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Forget the past."""
+        for listener in (self._steering, *self._others):
+            listener.estimator.reset(position=position)
+            listener.states.clear()
+
+    def update(self, reading: Reading) -> NDArray[np.float64]:
+        """Return what the one that steers makes of the reading."""
+        for listener in self._others:
+            listener.hear(reading)
+        return self._steering.hear(reading)
+
+
+def side_by_side(
+    robot: Robot, scenario: Scenario, reference: Reference, *, seed: int, duration: float = DURATION
+) -> dict[str, StateErrors]:
+    """Return each estimator's errors on one run that the thesis's own steers."""
+    h = scenario.sensors.sample_time
+    thesis = Listener(OnboardState(robot, sample_time=h))
+    alone, fixed = (
+        Listener(KalmanFilter(robot, sample_time=h), hears_fixes=hears) for hears in (False, True)
+    )
+    listeners = {THESIS: thesis, ALONE: alone, FIXED: fixed}
+    twin = Twin(robot, replace(scenario, fix=_FIXES), estimator=SideBySide(thesis, [alone, fixed]))
+    controller = nominal_controller(robot)
+    log = simulate(
+        twin, controller, reference, duration=duration, seed=seed, initial_state=initial_state_of(seed)
+    )
+    if log.ended:
+        raise RuntimeError(f"seed {seed}: {log.ended}")
+    truth = log.truth().states
+    return {
+        name: state_errors(log.t, np.array(listener.states[: len(log)]), truth)
+        for name, listener in listeners.items()
+    }
+
+
+def in_closed_loop(robot: Robot, *, seeds: Sequence[int], duration: float = 64.0) -> dict[str, Comparison]:
+    """Return how near to a square the robot stays where the estimator steers; compensation of the true friction."""
+    nominal = Scenario.nominal(robot)
+    biased = replace(nominal, name="biased", sensor_faults=BIASED)
+    knowing = robot.replace(friction=nominal.friction)
+    controllers = {kind: nominal_controller(knowing, compensation=kind) for kind in ("none", "partial")}
+    h = nominal.sensors.sample_time
+    sure = replace(FilterNoise.of(robot), lean_error=SURE_LEAN)
+    loops: dict[str, tuple[Scenario, Callable[[], Estimator]]] = {
+        THESIS: (nominal, lambda: OnboardState(robot, sample_time=h)),
+        ALONE: (nominal, lambda: KalmanFilter(robot, sample_time=h)),
+        FIXED: (replace(nominal, fix=_FIXES), lambda: KalmanFilter(robot, sample_time=h)),
+        SURE: (nominal, lambda: KalmanFilter(robot, sample_time=h, noise=sure)),
+        f"biased AHRS: {THESIS}": (biased, lambda: OnboardState(robot, sample_time=h)),
+        f"biased AHRS: {ALONE}": (biased, lambda: KalmanFilter(robot, sample_time=h)),
+    }
+    return {
+        name: compare(
+            lambda scenario=scenario, estimator=estimator: Twin(robot, scenario, estimator=estimator()),
+            controllers,
+            square(),
+            duration=duration,
+            seeds=seeds,
+            threads=THREADS,
+        )
+        for name, (scenario, estimator) in loops.items()
+    }
+
+
+def rows(name: str, found: Sequence[dict[str, StateErrors]]) -> list[list[str]]:
+    """Return a row for each estimator: means over the runs, and the worst drift over the thesis's on the same run."""
+    table = []
+    for estimator in found[0]:
+        errors = [run[estimator] for run in found]
+        drift = [one.position_drift for one in errors]
+        ratio = max(one / run[THESIS].position_drift for one, run in zip(drift, found, strict=True))
+        table.append(
+            [
+                f"{name}: {estimator}",
+                f"{np.degrees(np.mean([one.lean for one in errors])):.3f}",
+                f"{np.degrees(np.mean([one.rate for one in errors])):.3f}",
+                f"{1e3 * np.mean([one.velocity for one in errors]):.1f}",
+                f"{np.degrees(np.mean([one.heading for one in errors])):.2f}",
+                f"{1e3 * np.mean(drift):.1f}",
+                f"{1e3 * max(drift):.1f}",
+                f"{ratio:.2f}",
+            ]
+        )
+    return table
+
+
+def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Section:
+    """Return the errors of the estimators on the same runs, and of the loops that they close."""
+    robot = Robot.load("alten")
+    nominal = Scenario.nominal(robot)
+    biased = replace(nominal, name="biased", sensor_faults=BIASED)
+    cases = [(name, nominal, name) for name in REFERENCES] + [("square, biased AHRS", biased, "square")]
+
+    def run(job: tuple[tuple[str, Scenario, str], int]) -> dict[str, StateErrors]:
+        (_, scenario, reference), seed = job
+        return side_by_side(robot, scenario, named_reference(reference), seed=seed, duration=duration)
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(run, product(cases, seeds)))
+    count = len(seeds)
+    table = [
+        row for k, (name, _, _) in enumerate(cases) for row in rows(name, found[k * count : (k + 1) * count])
+    ]
+    return Section(
+        title="The on-board state: the thesis's way and a Kalman filter on the same runs",
+        before=f"{duration:g} s on the nominal twin, {count} seeds, steered by the thesis's way; means over the seeds "
+        "of RMS errors against the truth. Position drift is the RMS change of the position's error within a minute; "
+        "the last column is the drift over the thesis's, the worst of the seeds. The issue asks for a third at most, "
+        "and for less than 0.3 degrees of lean. A fix has 1 cm and 1.1 degrees.",
+        columns=[
+            "run",
+            "lean (deg)",
+            "rate (deg/s)",
+            "velocity (mm/s)",
+            "heading (deg)",
+            "drift (mm/min)",
+            "worst",
+            "over the thesis's",
+        ],
+        rows=table,
+        after=f"{_loops(in_closed_loop(robot, seeds=seeds))}\n\n{_why(robot)}",
+    )
+
+
+def _loops(found: dict[str, Comparison]) -> str:
+    lines = [
+        "With the estimator in the loop, two rounds of the square, true position from the reference once settled; "
+        "torque noise is the torque's RMS change from sample to sample.",
+        "",
+        "| estimator | RMS (mm) | peak (mm) | torque noise (N m) | RMS, compensated | peak, compensated "
+        "| torque noise, compensated | falls |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    for name, comparison in found.items():
+        none, partial = (comparison.summary(kind) for kind in ("none", "partial"))
+        cells = [
+            f"{scale * value:{shape}}"
+            for one in (none, partial)
+            for scale, value, shape in (
+                (1e3, one.rms_position_error, ".0f"),
+                (1e3, one.peak_position_error, ".0f"),
+                (1.0, one.rms_torque_change, ".3f"),
+            )
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} | {none.falls + partial.falls} |")
+    return "\n".join(lines)
+
+
+def _why(robot: Robot) -> str:
+    gain = np.abs(design_gain(robot).gain)
+    moved = np.radians(gain[:, 3].max() / gain[:, 0].max())
+    return (
+        f"A lean that is wrong by a degree moves the spot where the robot rests by {moved:.2f} m (the gain's lean over "
+        "its position). The nominal AHRS's lean is right but for white noise, so that the thesis's way has nothing to "
+        "lose by believing it. The filter is ready for a slow lean error of "
+        f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees and takes a part of the rolling friction for one; "
+        f"told that the lean is right (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) it stays "
+        "nearer than the thesis's way. An AHRS whose lean does err slowly shows what that readiness is for. The torque "
+        "noise of the thesis's way is not all loss: it dithers the dry friction."
+    )

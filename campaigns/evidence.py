@@ -1,0 +1,103 @@
+"""Long campaigns, each a section of docs/generated/evidence.md.
+
+.venv/bin/python -m campaigns.evidence                 all of them (make evidence)
+.venv/bin/python -m campaigns.evidence convex_step     these only; the other sections stay as they are
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+
+import numba
+import numpy as np
+import scipy
+
+from ballbot.files import write_text
+
+PAGE = Path(__file__).parents[1] / "docs" / "generated" / "evidence.md"
+
+#: sections in the page's order, and the module whose `campaign()`, or the function after the colon, returns each
+CAMPAIGNS = {
+    "convex_step": "campaigns.convex_step",
+    "convergence": "campaigns.convergence",
+    "one_wheel": "campaigns.sticking",
+    "twin_convergence": "campaigns.twin_convergence",
+    "twin_balance": "campaigns.twin_balance",
+    "twin_observed": "campaigns.twin_observed",
+    "twin_recommendations": "campaigns.twin_recommendations",
+    "estimation": "campaigns.estimation",
+    "twin_speed": "campaigns.twin_speed",
+    "compensation": "campaigns.compensation",
+    "prediction": "campaigns.controller_prediction",
+    "league": "campaigns.league",
+    "limits": "campaigns.limits",
+    "robust_design": "campaigns.robust_design",
+    "control_parts": "campaigns.control_parts",
+    "control_targets": "campaigns.control_targets",
+    "choice": "campaigns.controller_choice:choice",
+    "ablation": "campaigns.controller_choice:ablation",
+    "friction_share": "campaigns.controller_choice:friction_share",
+    "adaptation": "campaigns.adaptation",
+    "delay": "campaigns.delay",
+    "feedback_options": "campaigns.feedback_options",
+    "coverage": "campaigns.coverage",
+    "one_axis": "campaigns.one_axis",
+    "drivelines": "campaigns.drivelines",
+    "resume": "campaigns.resume",
+    "identified_errors": "campaigns.identified_errors",
+    "identified_friction": "campaigns.identified_friction",
+    "spin": "campaigns.spin",
+    "fuzz": "campaigns.fuzz",
+    "validation_bbr": "campaigns.validation_bbr",
+    "false_alarms": "campaigns.false_alarms",
+    "exploration": "campaigns.exploration",
+    "reproduce": "campaigns.reproduce",
+}
+
+_HEAD = """# Evidence
+
+What the tests sample, at length. `make evidence` writes this page; the command under a section writes that one alone.
+
+"""
+
+
+def main(names: Sequence[str]) -> None:
+    """Run the campaigns of those names, or all, and write their sections."""
+    unknown = sorted(set(names) - set(CAMPAIGNS))
+    if unknown:
+        raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
+    for name in names or CAMPAIGNS:
+        started = perf_counter()
+        module, _, function = CAMPAIGNS[name].partition(":")
+        section = getattr(import_module(module), function or "campaign")().markdown()
+        sections = written_sections()  # another run may have written meanwhile
+        sections[name] = f"{section}\n{_origin(name, perf_counter() - started)}\n"
+        print(section)
+        parts = [f"<!-- {known} -->\n{sections[known]}" for known in CAMPAIGNS if known in sections]
+        write_text(PAGE, _HEAD + "\n".join(parts))
+
+
+def written_sections() -> dict[str, str]:
+    """Return the sections that the page has, by name."""
+    if not PAGE.exists():
+        return {}
+    parts = re.split(r"^<!-- (\w+) -->\n", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return {name: text.rstrip("\n") + "\n" for name, text in zip(parts[::2], parts[1::2], strict=True)}
+
+
+def _origin(name: str, seconds: float) -> str:
+    versions = f"NumPy {np.__version__}, SciPy {scipy.__version__}, Numba {numba.__version__}"
+    return (
+        f"`python -m campaigns.evidence {name}`, {seconds:.0f} s on {platform.machine()} {platform.system()}, "
+        f"Python {platform.python_version()}, {versions}."
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

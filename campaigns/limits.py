@@ -1,0 +1,122 @@
+"""How far the robot can go: leans and blows, on the model and on the twin, and what a million runs cost.
+
+Model and twin have the same friction here, so that they differ in what the model leaves out: wheels that slip and lift,
+play, rollers, sensors.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from time import perf_counter, process_time
+
+import numpy as np
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.presets import nominal_controller
+from ballbot.report.limits import directions_figure, heights_figure, planes_figure
+from ballbot.robot import Robot
+from ballbot.twin import Scenario
+from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits, leaning_state, twin_edges
+from ballbot.workflows.recovery_region import Loop
+from campaigns.pictures import write_picture
+from campaigns.section import Section
+
+#: compensation and torque limit [N m]
+CASES: tuple[tuple[Compensation, float], ...] = (
+    ("none", 6.0),
+    ("full", 6.0),
+    ("partial", 6.0),
+    ("none", 4.0),
+    ("none", 3.0),
+    ("none", 2.0),
+)
+#: directions tried on the twin, of 36
+ON_TWIN = (0, 9, 18, 27)
+#: outcomes held against runs that are not cut short
+CHECKED = 20_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One closed loop's limits."""
+
+    name: str
+    loop: Loop
+    model: RobotLimits
+    twin: list[TwinEdge]
+
+
+def campaign() -> Section:
+    """Find the limits and return the section of docs/generated/evidence.md."""
+    robot = Robot.load("alten")
+    robot = robot.replace(friction=Scenario.nominal(robot).friction)
+    cases = [_case(robot, compensation, limit) for compensation, limit in CASES]
+    drawn = cases[:2]
+    model, twin = {one.name: one.model for one in drawn}, {one.name: one.twin for one in drawn}
+    pictures = [
+        write_picture("limits_planes", lambda: planes_figure(model)),
+        write_picture("limits_directions", lambda: directions_figure(model, twin)),
+        write_picture("limits_heights", lambda: heights_figure(model)),
+    ]
+    edges = [edge for one in cases for edge in one.twin]
+    return Section(
+        title="How far the robot can go",
+        before="The least over four directions of the lean at rest, and of the blow at the height of the centre of"
+        " mass, that is survived with the nominal gain: on the model up to where no wheel lets go of the ball (grip 1),"
+        " on the nominal twin, and on the model with wheels that always hold. A blow on the twin lasts 20 ms.",
+        columns=[
+            "compensation, torque limit",
+            *(f"{kind}: {which}" for kind in ("lean (°)", "blow (N s)") for which in _EDGES),
+        ],
+        rows=[_row(one) for one in cases],
+        after=f"The twin's limit lies between the model's two in {sum(edge.agrees for edge in edges)} of {len(edges)}"
+        f" cases, to 5 %. {_cost(cases[0])}\n\n"
+        + "\n\n".join(f"![{alt}]({path})" for alt, path in zip(_ALTS, pictures, strict=True)),
+    )
+
+
+_EDGES = ("no wheel lets go", "twin", "wheels always hold")
+_ALTS = (
+    "Leans and lean rates that are survived in the worst direction",
+    "Leans and blows that are survived over all directions",
+    "Blows that are survived over the height at which they strike",
+)
+
+
+def _case(robot: Robot, compensation: Compensation, limit: float) -> Case:
+    nominal = nominal_controller(robot, compensation=compensation)
+    controller = Controller(robot, nominal.gain, compensation=compensation, torque_limit=limit)
+    loop = Loop(robot=robot, controller=controller)
+    drawn = limit == robot.drive.torque_limit
+    model = find_limits(loop, refinements=5 if drawn else 0)
+    edges = twin_edges(robot, controller, Scenario.nominal(robot), model, directions=ON_TWIN)
+    return Case(name=f"{compensation}, {limit:g} N m", loop=loop, model=model, twin=edges)
+
+
+def _row(one: Case) -> list[str]:
+    cells = [one.name]
+    for kind, unit in (("lean", 180.0 / np.pi), ("blow", 1.0)):
+        edges = [edge for edge in one.twin if edge.kind == kind]
+        cells += [
+            f"{unit * min(getattr(edge, which) for edge in edges):.1f}" for which in ("sure", "twin", "most")
+        ]
+    return cells
+
+
+def _cost(one: Case) -> str:
+    """Say what a map of a million runs costs, blind and refined, and whether outcomes change by cutting runs short."""
+    region, direction = one.model.sure_plane, one.model.plane_direction
+    lean, rate = (grid.ravel() for grid in np.meshgrid(region.across, region.along, indexing="ij"))
+    starts = leaning_state(direction, lean, rate)
+    began, used = perf_counter(), process_time()
+    blind = one.loop.survives(starts)
+    took, used = perf_counter() - began, process_time() - used
+    differing = int((blind != region.kept.ravel()).sum())
+    some = np.random.default_rng(0).integers(0, len(starts), CHECKED)
+    whole = one.loop.survives(starts[some], cut_short=False)
+    return (
+        f"A blind map of {len(starts)} runs took {took:.0f} s ({used:.0f} s of processor time, {os.cpu_count()} cores),"
+        f" the map refined along its edge {region.runs} runs; they differ in {differing} points. Of {CHECKED} of the"
+        f" runs, {int((whole != blind[some]).sum())} end otherwise when they are not cut short."
+    )
