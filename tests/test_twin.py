@@ -228,7 +228,7 @@ def test_four_wheels_stand() -> None:
     ("change", "sentence"),
     [
         ({"rollers": {"rows": 3}}, "one or two rows"),
-        ({"rollers": {"radius": 0.09}}, "above 0 and below the wheel's"),
+        ({"rollers": {"radius": 0.09}}, "below the wheel's"),
         ({"sensors": {"sample_time": 0.0051234}}, "whole multiple"),
         ({"friction": {"coulomb": (0.1, 0.1)}}, "friction for 2 wheels"),
     ],

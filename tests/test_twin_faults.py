@@ -248,7 +248,7 @@ DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
         ({"timing": Timing(jitter=0.003)}, "half a sample"),
         ({"timing": Timing(delay=-1)}, r"timing\.delay"),
         ({"asymmetry": 1.5}, "between -1 and 1"),
-        ({"load_dependence": LoadDependence(share=1.5)}, "between 0 and 1"),
+        ({"load_dependence": LoadDependence(share=1.5)}, "must be at most 1"),
         ({"floor_tilt": (0.5, 0.0)}, "floor_tilt"),
         ({"driveline_laws": (DAHL,)}, "1 driveline laws"),
         ({"driveline_laws": (DAHL,) * 3, "asymmetry": 0.1}, "classical"),

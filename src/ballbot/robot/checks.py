@@ -54,7 +54,7 @@ def check_robot(robot: Robot) -> None:
     _check_texts(robot)
     for parameter in parameters_of(type(robot)):
         for label, value in _numbers(robot, parameter):
-            _check_number(parameter, label, value)
+            check_number(parameter, label, value)
     _check_ball(robot.ball)
     _check_body(robot.body)
     _check_wheels(robot.wheels)
@@ -136,8 +136,16 @@ def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]
     yield from ((f"{parameter.name}[{index}]", number) for index, number in enumerate(value))
 
 
-def _check_number(parameter: Parameter, label: str, value: object) -> None:
-    """Refuse what is no finite number, has the wrong sign or is larger than any robot's."""
+def check_number(parameter: Parameter, label: str, value: object) -> None:
+    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    label : str
+        Its name, with the place of the value in a list.
+    value : object
+    """
     if isinstance(value, bool) or not isinstance(value, Real):
         raise InputError(f"{label} is {value!r}; it must be a number.")
     if parameter.shape == "whole number" and not isinstance(value, Integral):
@@ -156,6 +164,8 @@ def _check_number(parameter: Parameter, label: str, value: object) -> None:
         raise InputError(
             f"{said}, less than any ball-balancing robot has; it must be at least {parameter.least:g}."
         )
+    if abs(number) > parameter.most and parameter.unit == DIMENSIONLESS:
+        raise InputError(f"{said}; it must be at most {parameter.most:g}.")
     if abs(number) > parameter.most:
         meant = _meant(number, parameter.unit, parameter.most)
         hint = f"did you mean {meant}?" if meant else f"it must be at most {parameter.most:g}."
@@ -164,7 +174,7 @@ def _check_number(parameter: Parameter, label: str, value: object) -> None:
 
 def _meant(number: float, si_unit: str, largest: float) -> str:
     """Return, in words, the number in the first unit that brings it below `largest` ("" where none does)."""
-    for unit in UNITS[si_unit]:
+    for unit in UNITS.get(si_unit, ()):
         converted = to_si(number, unit, si_unit)
         if unit != si_unit and abs(converted) <= largest:
             return f"{number:g} {unit} ({converted:g} {si_unit})"

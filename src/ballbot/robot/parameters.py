@@ -17,13 +17,13 @@ from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from decimal import Decimal
 from functools import cache
 from operator import attrgetter
-from typing import Literal, TypeVar, get_origin, get_type_hints
+from typing import Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from ballbot.errors import InputError
 
 T = TypeVar("T")
 
-Shape = Literal["number", "whole number", "list"]
+Shape = Literal["number", "whole number", "list", "truth value", "text"]
 Value = float | int | tuple[float, ...]
 
 #: kinds of source; a file may add detail after a colon ("data sheet: Maxon 449470")
@@ -34,7 +34,7 @@ DIMENSIONLESS = "1"
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One line of a robot file: a number, or a list with one for each wheel."""
+    """One line of a file: a number, a list of numbers (in a robot file one for each wheel), a truth value or a text."""
 
     meaning: str  #: symbol, then what it is
     unit: str  #: SI, as the dataclass holds it
@@ -48,7 +48,7 @@ class Parameter:
     field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
     place: int | None = None  #: of the part within such a field
     shape: Shape = "number"
-    default: Value | None = None  #: of a file that omits the parameter; None if it may not
+    default: Value | None = None  #: of a file that omits the parameter; None if it may not be omitted
 
     @property
     def table(self) -> str:
@@ -108,14 +108,21 @@ def components(heading: str, parts: Mapping[str, Mapping[str, object]]) -> Mappi
     return {"heading": heading, "components": parts}
 
 
-def table(heading: str) -> Mapping[str, object]:
-    """Return the metadata of a field that is a table of a robot file; the heading stands above it as a comment."""
-    return {"heading": heading}
+def table(heading: str, *, example: object = None) -> Mapping[str, object]:
+    """Return the metadata of a field that is a table of a file; the heading stands above it as a comment.
+
+    Parameters
+    ----------
+    heading : str
+    example : dataclass, optional
+        What a file shows commented out if the table is off.
+    """
+    return {"heading": heading, "example": example}
 
 
 @cache
 def parameters_of(kind: type) -> tuple[Parameter, ...]:
-    """Return the parameters of a dataclass and of the dataclasses in it, in the order of a robot file."""
+    """Return the parameters of a dataclass and of the dataclasses in it, in the order of a file."""
     # TOML wants what stands in no table at the top
     return tuple(sorted(_parameters(kind, ""), key=lambda one: bool(one.table)))
 
@@ -157,6 +164,35 @@ def build(kind: Callable[..., T], values: Mapping[str, object], *, place: str = 
     return kind(**arguments)
 
 
+def markdown_table(kind: type, *, si_only: bool = False) -> str:
+    """Return the parameters of a dataclass as the documentation's table; `si_only` of a file without other units."""
+    lines = ["| key | meaning | unit | allowed | default |", "|---|---|---|---|---|"]
+    for one in parameters_of(kind):
+        unit = "" if one.unit == DIMENSIONLESS else one.unit
+        if not si_only and one.written_in != one.unit:
+            unit = f"{unit}; written in {one.written_in}"
+        default = "" if one.default is None else f"`{_shown(one.default)}`"
+        meaning = one.meaning.replace("|", "\\|")
+        lines.append(f"| `{one.name}` | {meaning} | {unit} | {_allowed(one)} | {default} |")
+    return "\n".join(lines) + "\n"
+
+
+def _shown(default: Value | str) -> str:
+    if isinstance(default, tuple):
+        return f"[{', '.join(f'{one:g}' for one in default)}]"
+    return str(default).lower() if isinstance(default, bool | str) else f"{default:g}"
+
+
+def _allowed(one: Parameter) -> str:
+    if one.shape in ("text", "truth value"):
+        return one.shape
+    if one.least < 0.0:
+        return "any" if math.isinf(one.most) else f"-{one.most:.4g} to {one.most:.4g}"
+    if math.isinf(one.most):
+        return f"{one.least:g} or more" if one.least_is_allowed else "above 0"
+    return f"{one.least:g} to {one.most:g}" if one.least_is_allowed else f"above 0, at most {one.most:.4g}"
+
+
 def _fields(kind: type) -> tuple[Field[object], ...]:
     assert is_dataclass(kind)
     return fields(kind)
@@ -170,13 +206,27 @@ def _parameters(kind: type, place: str) -> Iterator[Parameter]:
             for index, (key, metadata) in enumerate(one.metadata["components"].items()):
                 yield replace(metadata["parameter"], name=f"{name}.{key}", field=name, place=index)
         elif "parameter" in one.metadata:
-            shape: Shape = (
-                "list" if get_origin(hint) is tuple else "whole number" if hint is int else "number"
-            )
             default = None if one.default is MISSING else one.default
-            yield replace(one.metadata["parameter"], name=name, field=name, shape=shape, default=default)
-        elif is_dataclass(hint) and isinstance(hint, type):
-            yield from _parameters(hint, f"{name}.")
+            stated = one.metadata["parameter"]
+            yield replace(stated, name=name, field=name, shape=_shape(hint), default=default)
+        elif below := _table_of(hint):
+            yield from _parameters(below, f"{name}.")
+
+
+def _shape(hint: object) -> Shape:
+    if get_origin(hint) is tuple:
+        return "list"
+    if hint is str or get_origin(hint) is Literal:
+        return "text"
+    return "truth value" if hint is bool else "whole number" if hint is int else "number"
+
+
+def _table_of(hint: object) -> type | None:
+    """Return the dataclass that a field holds, may hold or holds several of; None for a union of several."""
+    if is_dataclass(hint) and isinstance(hint, type):
+        return hint
+    found = [one for one in map(_table_of, get_args(hint)) if one]
+    return found[0] if len(found) == 1 else None
 
 
 def _headings(kind: type, place: str) -> Iterator[tuple[str, str]]:
@@ -185,8 +235,8 @@ def _headings(kind: type, place: str) -> Iterator[tuple[str, str]]:
         hint = hints[one.name]
         if "heading" in one.metadata:
             yield f"{place}{one.name}", one.metadata["heading"]
-        if is_dataclass(hint) and isinstance(hint, type):
-            yield from _headings(hint, f"{place}{one.name}.")
+        if below := _table_of(hint):
+            yield from _headings(below, f"{place}{one.name}.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from ballbot.estimation.attitude import turned_about_vertical
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot.derived import encoder_step
+from ballbot.robot.parameters import parameter
 from ballbot.robot.robot import Robot, Sensors
 
 
@@ -76,11 +77,28 @@ class SensorFaults:
     drift that the robot's file says.
     """
 
-    gyro_bias: float = 0.0  #: standard deviation of each axis's bias at the start [rad/s]
-    gyro_bias_walk: float = 0.0  #: how the biases wander [rad/s/sqrt(s)]
-    lean_error: float = 0.0  #: standard deviation of a slow error of theta and of phi [rad]
-    lean_error_time: float = 10.0  #: over which that forgets itself [s]
-    latency: float = 0.0  #: gyro and attitude come later by this, in whole samples [s]
+    gyro_bias: float = field(
+        default=0.0,
+        metadata=parameter(
+            "standard deviation of each axis at the start; it makes the heading drift",
+            unit="rad/s",
+            least=0.0,
+        ),
+    )
+    gyro_bias_walk: float = field(
+        default=0.0, metadata=parameter("random walk of the biases", unit="rad/s/sqrt(s)", least=0.0)
+    )
+    lean_error: float = field(
+        default=0.0,
+        metadata=parameter("standard deviation of a slow error of theta and phi", unit="rad", least=0.0),
+    )
+    lean_error_time: float = field(
+        default=10.0, metadata=parameter("correlation time of that error", unit="s", most=1e6)
+    )
+    latency: float = field(
+        default=0.0,
+        metadata=parameter("delay of gyro and attitude, in whole samples", unit="s", least=0.0, most=10.0),
+    )
 
     def __post_init__(self) -> None:
         for name in ("gyro_bias", "gyro_bias_walk", "lean_error", "latency"):
@@ -186,8 +204,13 @@ class _SlowErrors:
 class Accelerometer:
     """Where an accelerometer sits and how noisy it is."""
 
-    position: tuple[float, float, float] = (0.0, 0.0, 0.3)  #: from the ball's centre, body frame [m]
-    noise: float = 0.02  #: standard deviation of each sample [m/s^2]
+    position: tuple[float, float, float] = field(
+        default=(0.0, 0.0, 0.3),
+        metadata=parameter("from the ball's centre: forward, left, up", unit="m", least=-math.inf),
+    )
+    noise: float = field(
+        default=0.02, metadata=parameter("standard deviation of each sample", unit="m/s^2", least=0.0)
+    )
 
 
 class AccelerationSensor:
@@ -251,12 +274,16 @@ class AccelerationSensor:
 class FixSource:
     """How often a fix comes and how good it is; in the world's frame and at once."""
 
-    rate: float  #: [Hz]
-    position: bool = True  #: whether it says x and y
-    heading: bool = True  #: whether it says psi
-    position_noise: float = 0.005  #: standard deviation of x and of y [m]
-    heading_noise: float = 0.02  #: standard deviation of psi [rad]
-    missing: float = 0.0  #: share of fixes that do not come, 0 to 1
+    rate: float = field(metadata=parameter("fixes per second", unit="Hz"))
+    position: bool = field(default=True, metadata=parameter("whether it measures x and y"))
+    heading: bool = field(default=True, metadata=parameter("whether it measures psi"))
+    position_noise: float = field(
+        default=0.005, metadata=parameter("standard deviation of x and of y", unit="m")
+    )
+    heading_noise: float = field(default=0.02, metadata=parameter("standard deviation of psi", unit="rad"))
+    missing: float = field(
+        default=0.0, metadata=parameter("fraction of fixes that are lost", least=0.0, most=1.0)
+    )
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.rate) and self.rate > 0):

@@ -9,15 +9,17 @@ nor into the steps, and so costs nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
-from ballbot.arrays import SHORTEST_SAMPLE, SHORTEST_STEP
+from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
+from ballbot.robot.checks import check_number
+from ballbot.robot.parameters import parameter, parameters_of, table
 from ballbot.robot.robot import Friction, Robot, Rollers, Sensors
 from ballbot.simulation.conditions import MAX_DELAY
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
@@ -42,23 +44,25 @@ LAW_NAMES: dict[str, type[BristleLaw]] = {
 class Softness:
     """A ball that gives way under the wheels: a spring and a damper at each contact, along its normal."""
 
-    stiffness: float  #: [N/m]
-    damping: float  #: [N s/m]
+    stiffness: float = field(metadata=parameter("of each contact", unit="N/m"))
+    damping: float = field(metadata=parameter("of each contact", unit="N s/m", least=0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance:
     """A driveline that twists: a spring and a damper between the motor's side and the wheel's, beyond the play."""
 
-    frequency: float  #: at which motor and robot swing against each other, the robot on its ball [Hz]
-    damping_ratio: float  #: of that mode [-]
+    frequency: float = field(
+        metadata=parameter("at which motor and balancing robot oscillate against each other", unit="Hz")
+    )
+    damping_ratio: float = field(metadata=parameter("of that mode", least=0.0, most=2.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentLoop:
-    """A motor driver that takes its time: the torque follows its command through a first-order lag."""
+    """A motor driver with a lag: the torque follows its command through a first-order filter."""
 
-    bandwidth: float  #: at which the torque has fallen to 71 % [Hz]
+    bandwidth: float = field(metadata=parameter("at which the torque has fallen to 71 %", unit="Hz"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +73,10 @@ class Supply:
     current I = sum (T w + R i^2) / V_0. The nominal twin has a fixed speed limit instead.
     """
 
-    winding_resistance: float  #: R of one motor [ohm]
-    internal_resistance: float  #: R_i of the battery and its leads [ohm]; 0 does not sag
+    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
+    internal_resistance: float = field(
+        metadata=parameter("of the battery, by which it sags", unit="ohm", least=0.0)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,25 +86,35 @@ class LoadDependence:
     It is 1 - share + share N / N_0 times its size, where N_0 is the force at rest, upright.
     """
 
-    share: float  #: part of the dry friction that follows the force, 0 to 1 [-]
+    share: float = field(metadata=parameter("fraction of it that follows the force", least=0.0, most=1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
     """A force on the body for a while, in the world's frame; it starts and ends with a sample."""
 
-    time: float  #: when it begins [s]
-    duration: float  #: [s]
-    force: tuple[float, float, float]  #: [N]
-    height: float  #: of the point of attack above the ball's centre, along the body's axis [m]
+    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
+    duration: float = field(metadata=parameter("of the push", unit="s"))
+    force: tuple[float, float, float] = field(
+        metadata=parameter("in the world's x, y, z", unit="N", least=-math.inf)
+    )
+    height: float = field(
+        metadata=parameter(
+            "of its point of action above the ball's centre, along the body's axis", unit="m", least=0.0
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Payload:
     """Something carried: a solid ball of aluminium's density, fixed to the body."""
 
-    mass: float  #: [kg]
-    position: tuple[float, float, float]  #: of its centre from the ball's centre, body frame [m]
+    mass: float = field(metadata=parameter("of the payload", unit="kg"))
+    position: tuple[float, float, float] = field(
+        metadata=parameter(
+            "of its centre from the ball's centre: forward, left, up", unit="m", least=-math.inf
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,55 +125,163 @@ class Roughness:
     all directions, between one and four times the shortest wavelength.
     """
 
-    height: float  #: root mean square [m]
-    wavelength: float  #: the shortest [m]
-    seed: int  #: of the floor; the robot's run has its own
+    height: float = field(metadata=parameter("root mean square", unit="m", least=0.0))
+    wavelength: float = field(metadata=parameter("the shortest; the longest is four times this", unit="m"))
+    seed: int = field(metadata=parameter("of the floor; the robot's run has its own", least=-math.inf))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
     """A controller that is late or unsteady."""
 
-    delay: int = 0  #: samples by which torques come later than they were computed
-    jitter: float = 0.0  #: largest deviation of a sampling instant from its place on the grid [s]
+    delay: int = field(
+        default=0,
+        metadata=parameter("whole samples by which torques are delayed", least=0.0, most=float(MAX_DELAY)),
+    )
+    jitter: float = field(
+        default=0.0, metadata=parameter("largest deviation of a sampling instant", unit="s", least=0.0)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
     """The faults of a twin, their sizes, and how finely it is simulated.
 
-    Those that are None, zero or empty are off. `ballbot.twin.scenario` says which sizes there can be.
+    Those that are None, zero or empty are off.
     """
 
-    name: str
-    friction: Friction  #: true driveline friction (on the motor's speed) and rolling friction
-    pivoting: float  #: moment that resists the ball's turning on the spot, over the normal force [m]
-    backlash: float  #: gearbox play at the wheel, from stop to stop [rad]; 0 leaves it out
-    torque_noise: float  #: standard deviation of each sample's torque [N m]
-    rollers: Rollers  #: the rollers that the wheels really have
-    sensors: Sensors  #: what the sensors really do; its sample time is the twin's
-    speed_window: int = 1  #: samples over which encoder counts are differenced into a speed
-    floor_grip: float = 1.0  #: friction coefficient of the ball on the floor [-]
-    roller_grip: float = 1.0  #: friction coefficient of the rollers on the ball [-]
-    contact_time: float = 0.004  #: time constant of the rubber contacts (MuJoCo's solref) [s]
-    timestep: float = 0.0005  #: of the physics engine [s]
-    fallen_lean: float = 0.6  #: lean at which the run ends [rad]
-    wheel_contact: WheelContact = "rollers"  #: "point": ideal omni-wheels, a single point under each
-    floor_tilt: tuple[float, float] = (0.0, 0.0)  #: of the floor about the world's x and y axes [rad]
-    asymmetry: float = 0.0  #: dry friction is 1 + this times its size forward, 1 - this backward [-]
-    driveline_laws: tuple[BristleLaw, ...] = ()  #: one for each wheel, in place of `friction`'s wheel part
-    load_dependence: LoadDependence | None = None
-    softness: Softness | None = None
-    compliance: Compliance | None = None
-    current_loop: CurrentLoop | None = None
-    supply: Supply | None = None
-    payload: Payload | None = None
-    roughness: Roughness | None = None
-    timing: Timing | None = None
-    pushes: tuple[Push, ...] = ()
-    sensor_faults: SensorFaults | None = None
-    accelerometer: Accelerometer | None = None
-    fix: FixSource | None = None
+    name: str = field(metadata=parameter("name of the scenario"))
+    friction: Friction = field(
+        metadata=table(
+            "True driveline friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w) on the motor's speed, and rolling "
+            "friction N C_rr."
+        )
+    )
+    pivoting: float = field(
+        metadata=parameter(
+            "moment that resists the ball's pivoting on the spot, over the normal force", unit="m", least=0.0
+        )
+    )
+    backlash: float = field(
+        metadata=parameter("gearbox play at the wheel, from stop to stop", unit="rad", least=0.0)
+    )
+    torque_noise: float = field(
+        metadata=parameter("standard deviation of each sample's torque", unit="N m", least=0.0)
+    )
+    rollers: Rollers = field(metadata=table("The actual rollers of the wheels."))
+    sensors: Sensors = field(
+        metadata=table("The actual errors of the sensors; the sample time is the twin's.")
+    )
+    speed_window: int = field(
+        default=1,
+        metadata=parameter("samples over which encoder counts are differenced into a speed", most=10_000.0),
+    )
+    floor_grip: float = field(
+        default=1.0, metadata=parameter("friction coefficient of the ball on the floor")
+    )
+    roller_grip: float = field(
+        default=1.0,
+        metadata=parameter("friction coefficient of the rollers on the ball; a small one slips"),
+    )
+    contact_time: float = field(
+        default=0.004, metadata=parameter("time constant of the rubber contacts (MuJoCo's solref)", unit="s")
+    )
+    timestep: float = field(
+        default=0.0005, metadata=parameter("of the physics engine", unit="s", least=SHORTEST_STEP)
+    )
+    fallen_lean: float = field(default=0.6, metadata=parameter("lean at which the run ends", unit="rad"))
+    wheel_contact: WheelContact = field(
+        default="rollers",
+        metadata=parameter('"rollers", or "point": a single contact point under each wheel'),
+    )
+    floor_tilt: tuple[float, float] = field(
+        default=(0.0, 0.0),
+        metadata=parameter("of the floor about the world's x and y axes", unit="rad", least=-math.inf),
+    )
+    asymmetry: float = field(
+        default=0.0,
+        metadata=parameter(
+            "dry friction is (1 + asymmetry) times its size forward, (1 - asymmetry) times backward",
+            least=-math.inf,
+        ),
+    )
+    driveline_laws: tuple[BristleLaw, ...] = field(
+        default=(),
+        metadata=table(
+            "Other friction laws, in place of those of the wheels in [friction]: one table for each wheel."
+        ),
+    )
+    load_dependence: LoadDependence | None = field(
+        default=None,
+        metadata=table(
+            "Dry driveline friction that grows with the force between wheel and ball.",
+            example=LoadDependence(share=0.5),
+        ),
+    )
+    softness: Softness | None = field(
+        default=None,
+        metadata=table(
+            "A ball that deforms under the wheels.", example=Softness(stiffness=3e4, damping=200.0)
+        ),
+    )
+    compliance: Compliance | None = field(
+        default=None,
+        metadata=table(
+            "Drivelines that twist, with a resonance.",
+            example=Compliance(frequency=40.0, damping_ratio=0.1),
+        ),
+    )
+    current_loop: CurrentLoop | None = field(
+        default=None, metadata=table("Motor drivers with a lag.", example=CurrentLoop(bandwidth=100.0))
+    )
+    supply: Supply | None = field(
+        default=None,
+        metadata=table(
+            "A battery and windings in place of a fixed speed limit.",
+            example=Supply(winding_resistance=0.6, internal_resistance=0.15),
+        ),
+    )
+    payload: Payload | None = field(
+        default=None,
+        metadata=table(
+            "A payload, which shifts the centre of mass.",
+            example=Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
+        ),
+    )
+    roughness: Roughness | None = field(
+        default=None,
+        metadata=table(
+            "A floor with gentle bumps.", example=Roughness(height=0.0005, wavelength=0.1, seed=1)
+        ),
+    )
+    timing: Timing | None = field(
+        default=None,
+        metadata=table("A controller with delay or jitter.", example=Timing(delay=1, jitter=0.001)),
+    )
+    pushes: tuple[Push, ...] = field(
+        default=(),
+        metadata=table(
+            "A push on the body; write the table again for another one.",
+            example=Push(time=5.0, duration=0.1, force=(20.0, 0.0, 0.0), height=0.4),
+        ),
+    )
+    sensor_faults: SensorFaults | None = field(
+        default=None,
+        metadata=table(
+            "Errors of the AHRS besides noise.",
+            example=SensorFaults(gyro_bias=0.001, gyro_bias_walk=1e-5, lean_error=0.003, latency=0.005),
+        ),
+    )
+    accelerometer: Accelerometer | None = field(
+        default=None,
+        metadata=table("An accelerometer on the body: acc_x to acc_z in the log.", example=Accelerometer()),
+    )
+    fix: FixSource | None = field(
+        default=None,
+        metadata=table(
+            "An external position sensor, used only by a Kalman filter.", example=FixSource(rate=10.0)
+        ),
+    )
 
     @staticmethod
     def nominal(robot: Robot) -> Scenario:
@@ -290,41 +414,6 @@ _NAMED: dict[str, Callable[[Robot], Scenario]] = {
 }
 
 
-#: sizes that may be below zero; all others are zero or more
-_SIGNED = ("asymmetry", "floor_tilt", "force", "position", "time", "heading_drift", "seed")
-
-#: sizes that divide, or without which there is nothing
-_POSITIVE = (
-    "stiffness",
-    "frequency",
-    "bandwidth",
-    "winding_resistance",
-    "wavelength",
-    "duration",
-    "mass",
-    "timestep",
-    "sample_time",
-    "floor_grip",
-    "roller_grip",
-    "contact_time",
-    "fallen_lean",
-    "stribeck_speed",
-    "stribeck_exponent",
-    "per_row",
-    "encoder_counts",
-    "speed_window",
-)
-
-#: sizes that decide how much is computed or kept, and the most that is
-_LARGEST = {
-    "delay": float(MAX_DELAY),  # samples
-    "latency": 10.0,
-    "speed_window": 10_000.0,
-    "per_row": 500.0,
-    "sample_time": 1.0,
-    "lean_error_time": 1e6,
-}
-_SMALLEST = {"sample_time": SHORTEST_SAMPLE, "timestep": SHORTEST_STEP}
 #: pushes in a run
 _MOST_PUSHES = 1000
 
@@ -340,37 +429,24 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
         raise InputError(
             f"The scenario has {len(scenario.pushes)} pushes; it can have at most {_MOST_PUSHES}."
         )
-    _check_sizes(scenario, "")
+    for one in parameters_of(Scenario):
+        if one.shape not in ("text", "truth value"):
+            for value in _values_at(scenario, one.name):
+                check_number(one, one.name, value)
     _check_wheels(scenario, robot)
     _check_shares(scenario)
     _check_rates(scenario)
 
 
-def _check_sizes(value: object, place: str) -> None:
-    """Check every number below a dataclass by its field's name."""
-    if not is_dataclass(value):
-        return
-    for field in fields(value):
-        content = getattr(value, field.name)
-        name = f"{place}{field.name}"
-        for one in content if isinstance(content, tuple) else (content,):
-            if is_dataclass(one) and field.name != "driveline_laws":  # the laws check themselves
-                _check_sizes(one, f"{name}.")
-            elif isinstance(one, int | float):
-                _check_number(float(one), name, field.name)
-
-
-def _check_number(value: float, name: str, key: str) -> None:
-    if not math.isfinite(value):
-        raise InputError(f"{name} is {value}; it must be a finite number.")
-    if key in _POSITIVE and value <= 0:
-        raise InputError(f"{name} is {value:g}; it must be above zero.")
-    if key not in _SIGNED and value < 0:
-        raise InputError(f"{name} is {value:g}; it must be zero or more.")
-    smallest, largest = _SMALLEST.get(key, -math.inf), _LARGEST.get(key, math.inf)
-    if not smallest <= value <= largest:
-        bound = f"at least {smallest:g}" if value < smallest else f"at most {largest:g}"
-        raise InputError(f"{name} is {value:g}; it must be {bound}.")
+def _values_at(record: object, name: str) -> Iterator[object]:
+    """Yield the numbers under a dotted name: none of a fault that is off, those of every push."""
+    key, _, rest = name.partition(".")
+    content = getattr(record, key)
+    for one in content if isinstance(content, tuple) else (content,):
+        if not rest:
+            yield one
+        elif one is not None:
+            yield from _values_at(one, rest)
 
 
 def _check_wheels(scenario: Scenario, robot: Robot) -> None:
@@ -394,32 +470,24 @@ def _check_wheels(scenario: Scenario, robot: Robot) -> None:
             f"Rows of rollers {rollers.row_spacing:g} m apart do not "
             f"touch the ball; row_spacing must be below {widest:.3g} m."
         )
-    if not 0 < rollers.radius < robot.wheels.radius:
+    if rollers.radius >= robot.wheels.radius:
         raise InputError(
-            f"The radius of the rollers is {rollers.radius} m; it must "
-            f"be above 0 and below the wheel's {robot.wheels.radius} m."
+            f"The radius of the rollers is {rollers.radius} m; it must be below the wheel's {robot.wheels.radius} m."
         )
 
 
 def _check_shares(scenario: Scenario) -> None:
     if abs(scenario.asymmetry) >= 1:
         raise InputError(f"asymmetry is {scenario.asymmetry:g}; it must be between -1 and 1.")
-    load = scenario.load_dependence
-    if load and load.share > 1:
-        raise InputError(f"load_dependence.share is {load.share:g}; it must be between 0 and 1.")
     if max(map(abs, scenario.floor_tilt)) > _STEEPEST_FLOOR:
         raise InputError(
             f"floor_tilt is {list(scenario.floor_tilt)} rad; each must be within "
             f"{_STEEPEST_FLOOR} rad, because no robot balances on a steeper floor."
         )
     laws = scenario.driveline_laws
-    if laws and (scenario.asymmetry or load):
+    if laws and (scenario.asymmetry or scenario.load_dependence):
         raise InputError(
             "asymmetry and load_dependence need the classical friction; remove them or driveline_laws."
-        )
-    if scenario.compliance and scenario.compliance.damping_ratio > 2:
-        raise InputError(
-            f"compliance.damping_ratio is {scenario.compliance.damping_ratio:g}; it must be between 0 and 2."
         )
 
 

@@ -24,124 +24,18 @@ from typing import get_args, get_type_hints
 from ballbot.errors import InputError
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
+from ballbot.robot.parameters import DIMENSIONLESS, headings_of, parameters_of
 from ballbot.robot.robot import Robot
 from ballbot.schema import validate_table
-from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
-from ballbot.twin.scenario import (
-    LAW_NAMES,
-    BristleLaw,
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Push,
-    Roughness,
-    Scenario,
-    Softness,
-    Supply,
-    Timing,
-    check_scenario,
-)
+from ballbot.twin.scenario import LAW_NAMES, BristleLaw, Scenario, check_scenario
 
 #: a fault of each kind, of a size that a robot like the thesis's could have
 EXAMPLES: dict[str, object] = {
-    "load_dependence": LoadDependence(share=0.5),
-    "softness": Softness(stiffness=3e4, damping=200.0),
-    "compliance": Compliance(frequency=40.0, damping_ratio=0.1),
-    "current_loop": CurrentLoop(bandwidth=100.0),
-    "supply": Supply(winding_resistance=0.6, internal_resistance=0.15),
-    "payload": Payload(mass=1.0, position=(0.05, 0.0, 0.6)),
-    "roughness": Roughness(height=0.0005, wavelength=0.1, seed=1),
-    "timing": Timing(delay=1, jitter=0.001),
-    "pushes": Push(time=5.0, duration=0.1, force=(20.0, 0.0, 0.0), height=0.4),
-    "sensor_faults": SensorFaults(gyro_bias=0.001, gyro_bias_walk=1e-5, lean_error=0.003, latency=0.005),
-    "accelerometer": Accelerometer(),
-    "fix": FixSource(rate=10.0),
+    one.name: one.metadata["example"] for one in fields(Scenario) if one.metadata.get("example") is not None
 }
 
-#: by dotted name; what is in brackets is the unit
-MEANINGS: dict[str, str] = {
-    "name": "name of the scenario",
-    "pivoting": "moment that resists the ball's pivoting on the spot, over the normal force [m]",
-    "backlash": "gearbox play at the wheel, from stop to stop [rad]",
-    "torque_noise": "standard deviation of each sample's torque [N m]",
-    "speed_window": "samples over which encoder counts are differenced into a speed",
-    "floor_grip": "friction coefficient of the ball on the floor",
-    "roller_grip": "friction coefficient of the rollers on the ball; a small one slips",
-    "contact_time": "time constant of the rubber contacts [s]",
-    "timestep": "of the physics engine [s]",
-    "fallen_lean": "lean at which the run ends [rad]",
-    "wheel_contact": '"rollers", or "point": a single contact point under each wheel',
-    "floor_tilt": "of the floor about x and y [rad]",
-    "asymmetry": "dry friction is (1 + asymmetry) times its size forward, (1 - asymmetry) times backward",
-    "friction": "True driveline friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.",
-    "friction.viscous": "b [N m s/rad]",
-    "friction.coulomb": "c [N m]",
-    "friction.stribeck": "s [N m]",
-    "friction.stribeck_speed": "v_s [rad/s]",
-    "friction.stribeck_exponent": "delta",
-    "friction.rolling": "C_rr",
-    "rollers": "The actual rollers of the wheels.",
-    "rollers.rows": "1 or 2",
-    "rollers.per_row": "rollers in a row",
-    "rollers.radius": "[m]",
-    "rollers.row_spacing": "between the planes of the two rows [m]",
-    "sensors": "The actual errors of the sensors.",
-    "sensors.sample_time": "[s]",
-    "sensors.encoder_counts": "a motor turn",
-    "sensors.gyro_noise": "standard deviation [rad/s]",
-    "sensors.attitude_noise": "standard deviation of the lean angles and the heading [rad]",
-    "sensors.heading_drift": "[rad/s]",
-    "load_dependence": "Dry driveline friction that grows with the force between wheel and ball.",
-    "load_dependence.share": "fraction of it that follows the force, 0 to 1",
-    "softness": "A ball that deforms under the wheels.",
-    "softness.stiffness": "of each contact [N/m]",
-    "softness.damping": "[N s/m]",
-    "compliance": "Drivelines that twist, with a resonance.",
-    "compliance.frequency": "at which motor and balancing robot oscillate against each other [Hz]",
-    "compliance.damping_ratio": "of that mode",
-    "current_loop": "Motor drivers with a lag.",
-    "current_loop.bandwidth": "[Hz]",
-    "supply": "A battery and windings in place of a fixed speed limit.",
-    "supply.winding_resistance": "of a motor [ohm]",
-    "supply.internal_resistance": "of the battery, by which it sags [ohm]",
-    "payload": "A payload, which shifts the centre of mass.",
-    "payload.mass": "[kg]",
-    "payload.position": "of its centre from the ball's centre: forward, left, up [m]",
-    "roughness": "A floor with gentle bumps.",
-    "roughness.height": "root mean square [m]",
-    "roughness.wavelength": "the shortest; the longest is four times this [m]",
-    "roughness.seed": "of the floor",
-    "timing": "A controller with delay or jitter.",
-    "timing.delay": "whole samples by which torques are delayed",
-    "timing.jitter": "largest deviation of a sampling instant [s]",
-    "pushes": "A push on the body; write the table again for another one.",
-    "pushes.time": "start of the push [s]",
-    "pushes.duration": "[s]",
-    "pushes.force": "in the world's x, y, z [N]",
-    "pushes.height": "height of its point of action above the ball's centre [m]",
-    "sensor_faults": "Errors of the AHRS besides noise.",
-    "sensor_faults.gyro_bias": "standard deviation of each axis at the "
-    "start; it makes the heading drift [rad/s]",
-    "sensor_faults.gyro_bias_walk": "[rad/s/sqrt(s)]",
-    "sensor_faults.lean_error": "standard deviation of a slow error of theta and phi [rad]",
-    "sensor_faults.lean_error_time": "correlation time of that error [s]",
-    "sensor_faults.latency": "in whole samples [s]",
-    "accelerometer": "An accelerometer on the body: acc_x to acc_z in the log.",
-    "accelerometer.position": "from the ball's centre: forward, left, up [m]",
-    "accelerometer.noise": "standard deviation of each sample [m/s^2]",
-    "fix": "An external position sensor, used only by a Kalman filter.",
-    "fix.rate": "[Hz]",
-    "fix.position": "whether it measures x and y",
-    "fix.heading": "whether it measures psi",
-    "fix.position_noise": "standard deviation of x and of y [m]",
-    "fix.heading_noise": "standard deviation [rad]",
-    "fix.missing": "fraction of fixes that are lost",
-    "driveline_laws": "Other friction laws, in place of those of the "
-    "wheels in [friction]: one table for each wheel.",
-}
-
-
+_HEADINGS = headings_of(Scenario)
+_PARAMETERS = {one.name: one for one in parameters_of(Scenario)}
 _HINTS = get_type_hints(Scenario)
 
 
@@ -185,7 +79,7 @@ def _scenario(tree: dict[str, object], robot: Robot, *, default_name: str) -> Sc
     if not isinstance(base, str):
         raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
     start = Scenario.named(base, robot)
-    _refuse_unknown(tree, Scenario, "")
+    _refuse_unknown(tree)
     laws = tree.pop("driveline_laws", None)
     values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **tree})
     scenario = validate_table(Scenario, values, of="a scenario file")
@@ -210,28 +104,20 @@ def _may_be_off(key: str) -> bool:
     return NoneType in get_args(_HINTS.get(key))
 
 
-def _refuse_unknown(tree: Mapping[str, object], kind: type, place: str) -> None:
-    """Raise where a table has a key that its dataclass has not."""
-    hints = get_type_hints(kind)
+def _refuse_unknown(tree: Mapping[str, object], place: str = "") -> None:
+    """Raise InputError if a table has a key that the schema has not; a law's own keys are left to it."""
+    known = (one.removeprefix(place) for one in (*_PARAMETERS, *_HEADINGS) if one.startswith(place))
+    keys = list(dict.fromkeys(one.partition(".")[0] for one in known))
     for key, value in tree.items():
-        if key not in hints:
-            known = [*hints, "base"] if kind is Scenario else list(hints)
-            near = get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(known)}."
+        if key not in keys:
+            offered = keys if place else [*keys, "base"]
+            near = get_close_matches(key, offered, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(offered)}."
             raise InputError(f"{place}{key} is not a key of a scenario file; {hint}")
-        below = _table_of(hints[key])
-        if below:
+        if f"{place}{key}" in _HEADINGS and key != "driveline_laws":
             for one in value if isinstance(value, list) else [value]:
                 if isinstance(one, dict):
-                    _refuse_unknown(one, below, f"{place}{key}.")
-
-
-def _table_of(hint: object) -> type | None:
-    """Return the dataclass that a field's type is or holds, but for the laws, which there are several of."""
-    if isinstance(hint, type) and is_dataclass(hint):
-        return hint
-    found = [one for one in map(_table_of, get_args(hint)) if one]
-    return found[0] if len(found) == 1 else None
+                    _refuse_unknown(one, f"{place}{key}.")
 
 
 def _laws(tables: object) -> tuple[BristleLaw, ...]:
@@ -309,7 +195,12 @@ def _line(key: str, value: object, name: str) -> str:
 
 
 def _comment(name: str, space: str) -> list[str]:
-    return [f"{space}# {MEANINGS[name]}"] if name in MEANINGS else []
+    """Return what is said about a key or a table, in a list; nothing about a key of a friction law."""
+    if name in _PARAMETERS:
+        one = _PARAMETERS[name]
+        unit = "" if one.unit == DIMENSIONLESS else f" [{one.unit}]"
+        return [f"{space}# {one.meaning}{unit}"]
+    return [f"{space}# {_HEADINGS[name]}"] if name in _HEADINGS else []
 
 
 def _law_lines(law: object) -> Iterator[str]:
@@ -323,7 +214,7 @@ def _switched_off(name: str) -> list[str]:
         return []
     heading = f"[[{name}]]" if name == "pushes" else f"[{name}]"
     lines = [heading, *_lines(EXAMPLES[name], f"{name}.")]
-    return ["", f"# Off: {MEANINGS[name]}", *(f"# {line}" for line in lines)]
+    return ["", f"# Off: {_HEADINGS[name]}", *(f"# {line}" for line in lines)]
 
 
 def _toml(value: object) -> str:
