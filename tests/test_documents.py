@@ -4,15 +4,13 @@ import re
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from ballbot.cli.main import COMMANDS, main
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
-
-ROOT = Path(__file__).parents[1]
+from tests.support.paths import ROOT
 
 
 def fenced(document: str, language: str) -> list[str]:

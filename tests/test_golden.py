@@ -6,12 +6,12 @@ import json
 import tomllib
 
 import pytest
-from golden.cases import CASES
-from golden.compare import differences
-from golden.freeze import DIGEST, LONGEST, PROSE, freeze, freeze_folder
-from golden.workshop import RESULTS, compare, is_same_machine, run
 
 from ballbot.cli.main import COMMANDS
+from tests.golden.cases import CASES
+from tests.golden.compare import differences
+from tests.golden.freeze import DIGEST, LONGEST, PROSE, freeze, freeze_folder
+from tests.golden.workshop import RESULTS, compare, is_same_machine, run
 
 #: `ballbot reproduce` takes ten minutes; the case `reproduce_items` has what needs no recording
 _NOT_FROZEN = {"reproduce"}

@@ -13,7 +13,6 @@ import pytest
 import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_examples import smooth_log
 from pyarrow import parquet
 
 from ballbot import InputError, files
@@ -46,6 +45,8 @@ from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario_file import read_scenario
 from ballbot.workflows.courses import read_courses
 from ballbot.workflows.excite import deviations_found
+from tests.support.log_examples import smooth_log
+from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
 
@@ -406,7 +407,7 @@ def test_mappings_are_refused_as_texts_are():
 
 
 def test_the_documents_have_the_limits():
-    text = (Path(__file__).parents[1] / "docs" / "logs.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
     limits = text.partition("## Limits")[2]
     for words in (
         f"| {files.LARGEST_TABLE // 10**6} MB; {text_tables._LARGEST // 10**6} MB where",

@@ -1,6 +1,6 @@
 """No array corrupts memory: every public function that hands arrays to compiled code is walked under a bounds check.
 
-The walk itself is tests/memory_walk.py. It runs in a process of its own with NUMBA_BOUNDSCHECK=1 and an empty cache,
+The walk itself is tests/support/memory_walk.py. It runs in a process of its own with NUMBA_BOUNDSCHECK=1 and an empty cache,
 because code that was compiled without the check stays so.
 """
 
@@ -11,11 +11,11 @@ import os
 import pkgutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 import ballbot
+from tests.support.paths import ROOT
 
 #: names on front pages that take arrays, and the case of the walk that tries them
 WALKED = {
@@ -73,7 +73,7 @@ def takes_arrays(value: object) -> bool:
 
 
 def test_every_public_name_that_takes_arrays_is_walked():
-    """A new one needs a case in tests/memory_walk.py and a line in `WALKED`, or one in `NOT_COMPILED`."""
+    """A new one needs a case in tests/support/memory_walk.py and a line in `WALKED`, or one in `NOT_COMPILED`."""
     packages = ["ballbot"]
     packages += [one.name for one in pkgutil.walk_packages(ballbot.__path__, "ballbot.") if one.ispkg]
     known = set(WALKED).union(*NOT_COMPILED.values())
@@ -88,14 +88,14 @@ def test_every_public_name_that_takes_arrays_is_walked():
 
 @pytest.mark.slow  # compiles everything anew, with bounds checks
 def test_no_wrong_array_reaches_compiled_code(tmp_path):
-    root = Path(__file__).parents[1]
+    root = ROOT
     environment = os.environ | {
         "NUMBA_BOUNDSCHECK": "1",
         "NUMBA_CACHE_DIR": str(tmp_path),
         "NUMBA_OPT": "0",  # a third of the time to compile; the checks are the same
         "PYTHONPATH": os.pathsep.join([str(root / "src"), str(root), os.environ.get("PYTHONPATH", "")]),
     }
-    command = [sys.executable, "-W", "ignore", "-m", "tests.memory_walk"]
+    command = [sys.executable, "-W", "ignore", "-m", "tests.support.memory_walk"]
     done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout[done.stdout.index("{") :])

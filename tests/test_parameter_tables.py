@@ -1,14 +1,13 @@
 """The documentation's tables of parameters are those of the dataclasses."""
 
-from pathlib import Path
-
 import pytest
 
 from ballbot.robot import Robot
 from ballbot.robot.parameters import markdown_table
 from ballbot.twin import Scenario
+from tests.support.paths import ROOT
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = ROOT / "docs"
 BEGIN, END = "<!-- generated from the schema: begin -->\n", "<!-- generated from the schema: end -->\n"
 
 

@@ -340,7 +340,7 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
         cone="elliptic",
         impratio="10",
         # twice as fast as "dense" here; MuJoCo 4.0.0 factors some sparse Hessians wrongly (its issue 3767,
-        # mended in 4.0.1), which tests/test_twin_physics.py shows not to touch this robot
+        # mended in 4.0.1), which tests/twin/test_physics.py shows not to touch this robot
         jacobian="sparse",
     )
     # without "autoreset" off, a state that is no longer finite becomes the upright one, without a word; the

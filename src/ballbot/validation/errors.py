@@ -15,7 +15,7 @@ With r* the ratio of a draw,
 
 On log-normal errors of 10 to 100 independent runs this held the truth in 95 to 96 % of cases, and in 86 to 92 % where
 neighbours correlated by 0.5; the percentiles of r* themselves in 86 to 93 % and 65 to 92 %
-(tests/test_validation_intervals.py checks a sample).
+(tests/validation/test_errors.py checks a sample).
 
 The blocks are as long as their mean wants (P. Hall, J. Horowitz and B.-Y. Jing, Biometrika 82 (1995) 561-574) for the
 correlation rho of neighbours, taken as a first-order process: (1.5 (2 rho / (1 - rho^2))^2 runs)^(1/3), and at least

@@ -36,7 +36,7 @@ _GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
 _GIVEN = 0.01
 #: what no scatter between frames shows, for it is the same in all: pixels move a seam's edges [pixels], as standard
 #: errors of x, y and the radius, and of the closeness as a share of the radius. On rendered videos of balls of 20 to
-#: 135 pixels radius these are what was missing (`tests/test_spin.py`)
+#: 135 pixels radius these are what was missing (`tests/vision/test_spin.py`)
 _EDGES, _EDGES_CLOSENESS = 0.1, 0.2
 _ROUNDS = 6
 #: cells along a diameter of the ball, that cut its seam into short pieces

@@ -4,7 +4,8 @@ The library functions are calls, and a loop with a call in it stays scalar. Rang
 usual way (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980); the rest is a polynomial,
 the Chebyshev fit of so many terms that it errs by no more than rounding (`campaigns/polynomials.py` makes them).
 Its terms are summed in pairs (Estrin's scheme), not one after another: a robot's step is a long chain of operations
-that wait for each other, and these polynomials are most of it. Accuracy is measured in tests/test_elementary.py.
+that wait for each other, and these polynomials are most of it. Accuracy is measured in
+tests/mechanics/test_elementary.py.
 """
 
 import numpy as np

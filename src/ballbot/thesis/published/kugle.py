@@ -159,7 +159,7 @@ The robot falls {faster:.2f} times as fast as the printed model:
 {markdown_table(["", "unstable poles [rad/s]", ""], poles)}
 
 Balance LQR, Q = diag(1000, 1000, 1, .1, .1, .01) on (q2 q3 q4, rates), R = 0.05 I. First wheel's gain on q2, q4 and
-their rates. (`tests/test_published_kugle.py` holds the gain against the authors' own file, to 1e-12 from their A, B.)
+their rates. (`tests/thesis/test_published_robots.py` compares the gain with the authors' file: 1e-12 from their A, B.)
 
 {markdown_table(["gain", "q2", "q4", "rate about x", "rate about z"], gains)}
 """

@@ -1,0 +1,1 @@
+"""Tests of samples of the campaigns of `make evidence`."""

@@ -1,0 +1,111 @@
+"""A small sample of the campaigns on control; `make evidence` runs them."""
+
+import numpy as np
+import pytest
+
+from ballbot import InputError, Log
+from ballbot.robot.robot import scaled_friction
+from ballbot.workflows.metrics import cycle_amplitude
+from tests.support.control_examples import FRICTION, alten
+
+pytest.importorskip("mujoco")
+
+from campaigns.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio, warm_jobs, warm_rows
+from campaigns.adaptation import run as run_over_a_change
+from campaigns.control_parts import interval
+from campaigns.control_targets import ALTEN, another, run
+
+#: a friction that somebody has found: a fifth too large
+KNOWN = alten(scaled_friction(FRICTION, 1.2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["square", "square, robot 20 % off"])
+def test_the_precise_controller_keeps_to_the_square_on_the_twin(name):
+    outcome = run(KNOWN, (name, 300))
+    assert not outcome.fell
+    assert outcome.peak < 0.03
+    assert outcome.heading < 0.05
+
+
+def test_another_robot_is_twenty_percent_off_and_a_robot():
+    ratios = set()
+    for seed in range(12):
+        robot, scenario = another(seed)
+        mass, height = (
+            getattr(robot.body, name) / getattr(ALTEN.body, name) for name in ("mass", "center_of_mass")
+        )
+        assert {round(mass, 6), round(height, 6)} <= {0.8, 1.2}
+        ratios.add((round(mass, 6), round(height, 6), round(scenario.friction.coulomb[0] / 0.11, 6)))
+        # about the centre of mass it goes with the mass alone
+        assert robot.body.inertia_about == "center_of_mass"
+        own = robot.body.inertia[0]
+        known = ALTEN.body.inertia[0] - ALTEN.body.mass * ALTEN.body.center_of_mass**2
+        assert own == pytest.approx(mass * known)
+    assert len(ratios) > 4
+
+
+def hold_log(x: np.ndarray) -> Log:
+    t = np.arange(len(x)) * 0.005
+    return Log({"t": t, "x": x, "y": 0.0 * t})
+
+
+def test_a_cycle_is_told_apart_from_drift():
+    t = np.arange(8000) * 0.005
+    drift = 0.02 * np.sin(0.1 * t) + 0.0005 * t
+    # a steady tone through a Hann window, off a bin by up to half of one: 15 % too small at the most
+    assert cycle_amplitude(hold_log(drift + 0.002 * np.sin(2 * np.pi * 3.2 * t))) == pytest.approx(
+        0.002, rel=0.15
+    )
+    assert cycle_amplitude(hold_log(drift)) < 2e-5
+    with pytest.raises(InputError, match="less than 4 s"):
+        cycle_amplitude(hold_log(drift[:1500]))
+
+
+def test_an_interval_is_students():
+    assert interval([1.0, 2.0, 3.0]) == "+2.000 (-0.484 to +4.484)"  # t(0.975, 2) = 4.303, over sqrt(3)
+    assert interval([1.0]) == "-"
+
+
+@pytest.mark.slow
+def test_adaptation_finds_the_carpet_on_the_twin_and_leaves_the_drivelines():
+    carpet, same = (
+        run_over_a_change(KNOWN, ("precise", True, "circle", floor, 400)) for floor in ("carpet", SAME)
+    )
+    # carpet has three times the rolling friction: the drag of both is the floor's, and more where a sixth too much is
+    # compensated
+    assert 2.0 * same.drag < carpet.drag < 5.0 * same.drag
+    assert carpet.seen - same.seen < 0.003  # the campaign's mean is 2.5 mm, and 5.0 without adaptation
+    assert all(0.6 < scale < 1.2 for scale in carpet.scales)  # 1/1.2 is right
+
+
+def test_the_table_of_changes_holds_each_run_against_the_same_on_its_own_floor():
+    seeds = (1, 2, 3)
+    runs: dict[Job, Run] = {}
+    for name, adapts, reference, floor, seed in change_jobs(seeds):
+        added = 0.0 if floor == SAME else 0.002 if adapts else 0.004
+        error = 0.01 * seed + added
+        runs[name, adapts, reference, floor, seed] = Run(
+            true=error, seen=0.5 * error, drag=0.0, scales=(1.0,) * 3
+        )
+    rows = change_rows(runs, seeds)
+    assert len(rows) == 2 * 2 * 2
+    wanted = ["20.0", "20.0", "24.0", "22.0", "+2.0 (+2.0 to +2.0)", "+1.0 (+1.0 to +1.0)"]
+    assert all(row[1:] == [*wanted, "0 of 12"] for row in rows)
+    key: Job = ("precise", True, "square", "carpet", 2)
+    (row, *_) = change_rows(runs | {key: Run(true=np.nan, seen=np.nan, drag=0.0, scales=())}, seeds)
+    assert row[1:] == [*wanted, "1 of 12"]  # of the other two the mean is the same
+    assert ratio([1.0, 4.0], [2.0, 2.0]) == "1.00"
+    assert ratio([1.0, 4.0, 2.0], [2.0, 2.0, 2.0]).startswith("1.00 (")
+
+
+def test_the_table_of_drivelines_holds_adaptive_against_fixed_seed_by_seed():
+    runs = {
+        (name, adapts, share, seed): Run(
+            true=(0.006 if adapts else 0.008) * seed, seen=0.0, drag=0.0, scales=(0.9, 1.0, 1.1)
+        )
+        for name, adapts, share, seed in warm_jobs((1, 2))
+    }
+    rows = warm_rows(runs, (1, 2))
+    assert len(rows) == 2 * 3
+    assert all(row[2:] == ["12.0", "9.0", "0.75", "1.00", "0 and 0"] for row in rows)

@@ -1,0 +1,118 @@
+"""Samples of the campaigns on input: correct logs are not stopped, and fuzzed input ends in an error of ours."""
+
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from campaigns.correct_logs import PRESETS, drawn, record
+from campaigns.false_alarms import checked, section
+from campaigns.fuzz import COUNTS, outcomes, run
+from campaigns.fuzz_targets import targets
+from campaigns.fuzz_worker import attempt, limits, outcome, target_names
+
+DURATION = 6.0  # [s], a quarter of the campaign's logs
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(len(PRESETS)), ids=PRESETS)
+def test_correct_log_of_each_preset_is_not_stopped(seed):
+    # references take turns with the presets: another one for each
+    draw = replace(drawn(6 * seed), duration=DURATION)
+    found = checked(draw, record(draw))
+    assert found.errors == ()
+    assert found.preset in section([found]).markdown()
+
+
+def test_draws_are_reproducible_and_cover_presets_and_references():
+    draws = [drawn(seed) for seed in range(25)]
+    assert draws[7] == drawn(7)
+    assert len({(one.preset, one.reference) for one in draws}) == 25
+
+
+#: inputs of each loader; the campaign has thousands
+COUNT, COMMANDS = 25, 30
+SEED = 99
+
+
+@pytest.mark.parametrize("name", targets())
+def test_damaged_files_are_accepted_or_refused(tmp_path, name):
+    attempted = attempt(name, SEED, tmp_path)
+    with limits():
+        found = [outcome(attempted, number) for number in range(COUNT)]
+    assert [one["words"] for one in found if one["kind"] == "failed"] == []
+    assert {"refused"} <= {one["kind"] for one in found}
+
+
+def test_damaged_command_lines_are_accepted_or_refused():
+    tally = run("command line", COMMANDS, seed=SEED)
+    assert tally.failures == []
+    assert tally.accepted > 0
+    assert tally.refused > COMMANDS // 4
+
+
+def test_an_input_is_the_same_for_the_same_seed(tmp_path):
+    contents = []
+    for seed in (1, 1, 2):
+        folder = tmp_path / str(len(contents))
+        folder.mkdir()
+        outcome(attempt("bounds", seed, folder), 7)
+        contents.append((folder / "input.toml").read_bytes())
+    assert contents[0] == contents[1] != contents[2]
+
+
+def test_every_target_is_counted():
+    assert set(COUNTS) == set(target_names())
+    assert sum(COUNTS.values()) >= 100_000
+
+
+def _warns(_: int) -> None:
+    warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+
+
+def _refuses_in_lines(_: int) -> None:
+    raise InputError("two\nlines")
+
+
+def _asks_for_memory(_: int) -> None:
+    np.ones(2**29)  # 4 GB
+
+
+def _lacks_a_key(_: int) -> None:
+    raise KeyError("x")
+
+
+@pytest.mark.parametrize(
+    ("attempted", "words"),
+    [
+        (_warns, "RuntimeWarning: overflow"),
+        (_refuses_in_lines, "no sentence"),
+        (_asks_for_memory, "MemoryError"),
+        (_lacks_a_key, "KeyError"),
+    ],
+)
+def test_a_failure_is_seen(attempted, words):
+    with limits():
+        found = outcome(attempted, 0)
+    assert found["kind"] == "failed"
+    assert words in str(found["words"])
+
+
+def test_the_end_and_the_hanging_of_a_process_are_an_input_s():
+    line = 'print(\'{"kind": "accepted"}\', flush=True)'
+    ended = list(outcomes([sys.executable, "-c", f"import os; {line}; os.abort()"], 3))
+    assert [one.kind for one in ended] == ["accepted", "failed"]
+    assert "ends the process (-6)" in ended[1].words
+    hanging = list(outcomes([sys.executable, "-c", "import time; time.sleep(60)"], 3, patience=0.5))
+    assert [one.words for one in hanging] == ["hangs"]
+
+
+def test_nothing_outside_its_folder_is_written(tmp_path):
+    before = set(Path(tmp_path).parent.iterdir())
+    with limits():
+        outcome(attempt("reference", SEED, tmp_path), 1)
+    assert set(Path(tmp_path).parent.iterdir()) == before

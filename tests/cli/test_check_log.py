@@ -1,0 +1,96 @@
+"""`ballbot check-log`: the table, the findings, results.json, and what exits with which error."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ballbot.cli.check_log import check_log
+from ballbot.cli.main import main
+from ballbot.errors import InputError
+from ballbot.robot import Robot
+from tests.support.log_examples import smooth_log, with_wheels
+
+
+def test_a_clean_log_shows_its_columns_and_writes_results(tmp_path, capsys):
+    path = tmp_path / "log.csv"
+    with_wheels(smooth_log(), Robot.load("alten")).write(path)
+    check_log(path, robot="alten", out=tmp_path / "out")
+    shown = capsys.readouterr().out
+    assert "1998 rows" in shown
+    assert "200 Hz" in shown
+    assert "theta_dot" in shown
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert results["rows"] == 1998
+    assert results["wheels"]["order"] == [1, 2, 3]
+    by_name = {column["name"]: column for column in results["columns"]}
+    assert by_name["theta"]["unit"] == "rad"
+    assert by_name["theta"]["greatest"] == pytest.approx(0.02, rel=1e-3)  # the sine's amplitude
+
+
+def test_a_warning_is_shown_and_is_no_failure(tmp_path, capsys):
+    log = smooth_log()
+    log.with_columns({"u1": np.zeros(len(log))}).write(tmp_path / "log.csv")
+    check_log(tmp_path / "log.csv")
+    assert "warning: u1 is 0 throughout" in capsys.readouterr().out
+
+
+def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
+    log = smooth_log()
+    log.with_columns({"psi": np.degrees(log["psi"])}).write(tmp_path / "log.csv")
+    with pytest.raises(InputError, match="psi is in degrees, not in radians"):
+        check_log(tmp_path / "log.csv", out=tmp_path)
+    assert "psi_dot" in capsys.readouterr().out
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["findings"][0]["code"] == "degrees"
+
+
+def test_a_column_without_any_value_is_still_valid_json(tmp_path):
+    log = smooth_log()
+    log.with_columns({"x": np.full(len(log), np.nan)}).write(tmp_path / "log.csv")
+    check_log(tmp_path / "log.csv", out=tmp_path)
+
+    def refuse(word: str) -> float:
+        raise AssertionError(f"{word} is not JSON")
+
+    results = json.loads((tmp_path / "results.json").read_text(), parse_constant=refuse)
+    assert [c["least"] for c in results["columns"] if c["name"] == "x"] == [None]
+
+
+@pytest.mark.parametrize(
+    ("log", "mapping", "sentence"),
+    [
+        ("t,x\n0,1\n0,2\n", None, "Time stands still at row 2"),
+        ("t,x\n0,one\n", None, "is not a number"),
+        ("t,x\n", None, "has a header and no rows"),
+        ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean 'from'?"),
+        ("t,x\n0,1\n1,2\n", '[columns]\nt = "time"\n', "the column 'time', which does not exist"),
+    ],
+)
+def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, sentence):
+    (tmp_path / "log.csv").write_text(log)
+    arguments = ["check-log", str(tmp_path / "log.csv")]
+    if mapping:
+        (tmp_path / "mapping.toml").write_text(mapping)
+        arguments += ["--mapping", str(tmp_path / "mapping.toml")]
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("ballbot: ")
+    assert told.err.count("\n") == 1
+    assert sentence in told.err
+
+
+def test_a_log_of_one_row_is_an_error(tmp_path, capsys):
+    (tmp_path / "log.csv").write_text("t,x\n0,1\n")
+    assert main(["check-log", str(tmp_path / "log.csv"), "--out", str(tmp_path / "out")]) == 2
+    assert "The log has one row" in capsys.readouterr().err
+
+
+def test_a_lean_that_is_infinite_is_not_taken_for_degrees(tmp_path, capsys):
+    rows = "".join(f"{0.01 * k:g},{'inf' if k == 5 else 0.001 * k},0\n" for k in range(20))
+    (tmp_path / "log.csv").write_text(f"t,theta,phi\n{rows}")
+    assert main(["check-log", str(tmp_path / "log.csv")]) == 0
+    shown = capsys.readouterr().out
+    assert "theta has 1 of 20 values missing or not finite" in shown
+    assert "degrees" not in shown

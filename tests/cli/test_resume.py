@@ -1,0 +1,132 @@
+"""`ballbot identify` interrupted with Ctrl-C or killed: it can be resumed, and gives the same bytes as undisturbed."""
+
+import json
+import shlex
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.cli.main import main
+from benchmarks.workloads import measured_square, nominal_robot
+from campaigns.resume import OUTPUTS, Identification, answers_on_file
+from tests.support.identification_examples import balancing_log, noisy
+
+#: few parameters are free, so that a run takes a second
+BOUNDS = """\
+stribeck = [0.0, 0.0]
+stribeck_speed = [0.6, 0.6]
+stribeck_exponent = [1.0, 1.0]
+viscous = [0.015, 0.015]
+rolling = [0.007, 0.007]
+"""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    noisy(balancing_log(), seed=6).between(6.0, 10.0).write(folder / "log.csv")
+    (folder / "bounds.toml").write_text(BOUNDS)
+    return folder
+
+
+def words(inputs: Path, *more: str) -> list[str]:
+    options = ["--bounds", str(inputs / "bounds.toml"), "--window", "0.1", "--out", "out"]
+    return ["identify", "alten", str(inputs / "log.csv"), *options, *more]
+
+
+def outputs() -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in Path("out").glob("[!.]*")}
+
+
+@pytest.fixture
+def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
+    """Interrupt a run in a fresh working folder after five steps, and return what it said."""
+    monkeypatch.chdir(tmp_path)
+    shown = 0
+
+    def interrupt(*_: object, **__: object) -> None:
+        nonlocal shown
+        shown += 1
+        if shown == 5:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
+        assert main(words(inputs)) == 130
+    return capsys.readouterr().err
+
+
+def test_the_sentence_is_a_command_that_ends_in_the_same_bytes(
+    inputs, interrupted, tmp_path, monkeypatch, capsys
+):
+    assert interrupted.count("\n") == 1
+    told, command = interrupted.rstrip().split(": ballbot identify ")
+    assert told == "ballbot: interrupted; continue with"
+    assert main(["identify", *shlex.split(command)]) == 0
+    resumed = outputs()
+    assert set(resumed) == {"results.json", "robot.toml"}  # and no checkpoint any more
+    (tmp_path / "undisturbed").mkdir()
+    monkeypatch.chdir(tmp_path / "undisturbed")
+    assert main(words(inputs)) == 0
+    assert outputs() == resumed
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ((), "holds a run that was not finished; resume it (--resume)"),
+        (("--resume", "--seed", "1"), "belongs to another run, which differs in: seed;"),
+    ],
+)
+def test_what_was_interrupted_is_neither_overwritten_nor_mixed(inputs, interrupted, capsys, more, sentence):
+    assert interrupted
+    kept = outputs()
+    assert main(words(inputs, *more)) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count("\n") == 1
+    assert outputs() == kept
+
+
+#: fewer parameters are found sooner
+OPTIONS = ("--bounds", "bounds.toml")
+KILLED_BOUNDS = """\
+stribeck = [0.0, 0.0]
+stribeck_speed = [0.6, 0.6]
+stribeck_exponent = [1.0, 1.0]
+rolling = [0.007, 0.007]
+"""
+
+
+def folder_with_log(folder: Path) -> Path:
+    folder.mkdir()
+    # once around in 5 s, so that the shortest log that gives six parameters turns every wheel
+    measured_square(nominal_robot(), duration=5.0, period=5.0).write(folder / "log.csv")
+    (folder / "bounds.toml").write_text(KILLED_BOUNDS)
+    return folder
+
+
+def run(folder: Path, *, resume: bool) -> Identification:
+    return Identification(folder=folder, resume=resume, options=OPTIONS)
+
+
+@pytest.mark.slow
+def test_killed_at_three_moments_it_ends_in_the_same_bytes(tmp_path):
+    undisturbed = run(folder_with_log(tmp_path / "undisturbed"), resume=False).finish()
+    killed = folder_with_log(tmp_path / "killed")
+    random = np.random.default_rng()  # the moment within a step is left to chance
+    generations = len(json.loads(undisturbed["results.json"])["cost"]["evolution"])
+    # answers on file, the inputs' first: early in the evolution, late in it, and in the polish
+    for number, moment in enumerate((3, generations // 2, generations + 4)):
+        process = run(killed, resume=number > 0).start()
+        while answers_on_file(killed) < moment and process.poll() is None:
+            time.sleep(1e-3)
+        time.sleep(random.uniform(0.0, 0.03))
+        process.kill()
+        process.communicate()
+        assert answers_on_file(killed) >= moment
+    assert run(killed, resume=True).finish() == undisturbed
+    assert {path.name for path in (killed / "out").glob("[!.]*")} == set(OUTPUTS)

@@ -1,0 +1,150 @@
+"""Controller files: what is written reads back, and a wrong file ends in one sentence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot import InputError
+from ballbot.control.controller import Controller
+from ballbot.control.file import controller_text, read_controller, write_controller
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.floor_adaptation import FloorAdaptation
+from ballbot.control.presets import design_gain, nominal_controller, precise_controller
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_what_is_written_reads_back_to_the_bit(tmp_path, robot):
+    written = Controller(
+        robot,
+        design_gain(robot).gain,
+        compensation="partial",
+        torque_limit=3.3,
+        speed_band=0.1,
+        estimator="kalman",
+    )
+    path = tmp_path / "folder" / "controller.toml"
+    write_controller(written, path)
+    read = read_controller(path, robot)
+    np.testing.assert_array_equal(read.packed, written.packed)
+    assert read.sample_time == written.sample_time
+    assert read.compensation == "partial"
+    assert read.estimator == "kalman"
+
+
+def test_a_file_without_an_estimator_is_for_the_thesis_s_state(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(precise_controller(robot), path)
+    text = path.read_text()
+    assert 'estimator = "kalman"' in text
+    path.write_text(text.replace('estimator = "kalman"\n', ""))
+    assert read_controller(path, robot).estimator == "onboard"
+    path.write_text(text.replace('estimator = "kalman"', 'estimator = "kalmann"'))
+    with pytest.raises(InputError, match="estimator"):
+        read_controller(path, robot)
+
+
+def test_a_copy_keeps_the_estimator():
+    controller = precise_controller(alten(FRICTION))
+    assert controller.estimator == "kalman"
+    assert controller.with_compensation("none").estimator == "kalman"
+    assert controller.with_parts(controller.parts).estimator == "kalman"
+    assert controller.with_estimator("onboard").estimator == "onboard"
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_every_part_reads_back_to_the_bit(tmp_path, robot):
+    written, path = everything(robot), tmp_path / "controller.toml"
+    write_controller(written, path)
+    np.testing.assert_array_equal(read_controller(path, robot).packed, written.packed)
+
+
+def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
+    path = tmp_path / "controller.toml"
+    write_controller(everything(alten(FRICTION)), path)
+    heavy = alten(FRICTION)
+    heavy = heavy.replace(body=replace(heavy.body, mass=1.2 * heavy.body.mass))
+    read = read_controller(path, heavy)
+    assert read.parts.feed_forward is not None
+    np.testing.assert_array_equal(read.parts.feed_forward.by_second, FeedForward.of(heavy).by_second)
+
+
+def test_adaptations_and_a_prediction_are_added_to_a_file_as_the_documents_say(tmp_path):
+    path, robot = tmp_path / "controller.toml", alten(FRICTION)
+    write_controller(precise_controller(robot), path)
+    added = "\n[driveline_adaptation]\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
+    path.write_text(path.read_text() + added)
+    parts = read_controller(path, robot).parts
+    assert parts.driveline_adaptation is not None
+    assert parts.driveline_adaptation.time == DrivelineAdaptation.time
+    assert parts.floor_adaptation == FloorAdaptation()
+    assert parts.prediction is not None
+    assert parts.prediction.delay == 0.012
+    assert parts.prediction.sample_time == robot.sensors.sample_time
+
+
+def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
+    path = tmp_path / "controller.toml"
+    write_controller(nominal_controller(alten(FRICTION), compensation="full"), path)
+    assert read_controller(path, alten()).robot.friction == FRICTION
+
+
+GOOD = controller_text(nominal_controller(alten(FRICTION), compensation="full"))
+ALL = controller_text(everything(alten(FRICTION)))
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "sentence"),
+    [
+        ("sample_time = 0.005", "", "sample_time is missing"),
+        (
+            "sample_time = 0.005",
+            "sample_time = -0.005",
+            "sample_time is -0.005; it must be above 0",
+        ),
+        ("sample_time = 0.005", "sample_time = nan", "sample_time is nan"),
+        ("sample_time = 0.005", "sample_time = 0.005\ngains = 3", "gains is not a key of a controller file"),
+        ('compensation = "full"', 'compensation = "most"', "compensation is 'most'"),
+        ("gain = [\n  [", "gain = [\n  [1.0, ", r"gain\[1\] has 11 entries; it must have at most 10"),
+        (
+            "gain = [\n",
+            "gain = [\n  [0, 0, 0, 0, 0, 0, 0, 0, 0, 0],\n",
+            "gain has 4 rows; .* has 3 wheels",
+        ),
+        ("gain = [\n", 'gain = [\n  ["much"],\n', r"gain\[1\]"),
+        ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[1\] is -0.014"),
+        ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
+        ("robot =", "robot ==", "not valid TOML"),
+        ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be above 0"),
+        ("feed = 0.4", "feed = 4", r"standstill.feed is 4"),
+        ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
+        ("highest = 1.5", "highest = 0.5", "1 must lie between"),
+    ],
+)
+def test_a_wrong_file_is_told_in_one_sentence(tmp_path, good, bad, sentence):
+    text = GOOD if good in GOOD else ALL
+    assert good in text
+    path = tmp_path / "controller.toml"
+    path.write_text(text.replace(good, bad, 1))
+    with pytest.raises(InputError, match=sentence) as caught:
+        read_controller(path, alten())
+    text = str(caught.value)
+    assert text.startswith(f"{path}")
+    assert "\n" not in text
+
+
+def test_a_file_that_is_none_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"cannot be read"):
+        read_controller(tmp_path / "nowhere.toml", alten())
+    (tmp_path / "picture").write_bytes(b"\xff\xd8\xff")
+    with pytest.raises(InputError, match="not a text file"):
+        read_controller(tmp_path / "picture", alten())
+
+
+def test_a_controller_of_another_number_of_wheels_is_told(tmp_path):
+    path = tmp_path / "controller.toml"
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match="4 wheels"):
+        read_controller(path, four_wheeled(friction=False))

@@ -1,0 +1,292 @@
+"""The controller: its law against NumPy's words for it, and what friction compensation must and must not do."""
+
+import copy
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import Controller, InputError, Model, Robot, simulate
+from ballbot.control.presets import design_gain, nominal_controller
+from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.log.columns import STATE_NAMES
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.robot import Friction
+from ballbot.robot.derived import encoder_step
+from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+
+finite = st.floats(-1.0, 1.0)
+states = st.lists(finite, min_size=10, max_size=10).map(np.array)
+poses = st.lists(finite, min_size=3, max_size=3).map(
+    lambda p: np.array([p[0], p[1], 0, 0, p[2], 0, 0, 0, 0, 0])
+)
+SOFT = nominal_controller(alten())
+#: robots with the gains designed for them
+designed = st.sampled_from([(r, design_gain(r).gain) for r in (alten(FRICTION), four_wheeled(friction=True))])
+
+
+def encoder_speeds(robot: Robot, state: np.ndarray) -> np.ndarray:
+    """A (R^T Omega - w), Omega = (-y_dot, x_dot, 0)/r_b (design section 5)."""
+    angles, (x_dot, y_dot) = state[2:5], state[5:7]
+    Omega = np.array([-y_dot, x_dot, 0.0]) / robot.ball.radius
+    w = body_rates_matrix(*angles) @ state[7:]
+    return transforms(robot).T_owb @ (rotation(*angles).T @ Omega - w)
+
+
+def turned_back(vector: np.ndarray, psi: float) -> np.ndarray:
+    """S(psi) e: the pairs turned by -psi, each as a complex number."""
+    pairs = vector[[0, 2, 5, 7]] + 1j * vector[[1, 3, 6, 8]]
+    pairs = pairs * np.exp(-1j * psi)
+    return np.array([*pairs[:1].real, *pairs[:1].imag, pairs[1].real, pairs[1].imag, vector[4],
+                     pairs[2].real, pairs[2].imag, pairs[3].real, pairs[3].imag, vector[9]])  # fmt: skip
+
+
+def rolling_force(robot: Robot, state: np.ndarray, band: float) -> np.ndarray:
+    """N C_rr v/|v| in the heading frame, its size a ramp below the band's speed."""
+    v = (state[5] + 1j * state[6]) * np.exp(-1j * state[4])
+    N = (robot.ball.mass + robot.body.mass) * robot.gravity
+    force = N * robot.friction.rolling * v / max(abs(v), band * robot.ball.radius)
+    return np.array([force.real, force.imag])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    design=designed,
+    state=states,
+    pose=poses,
+    compensation=st.sampled_from(["none", "full"]),
+    limit=st.sampled_from([2.0, 1e3]),
+)
+def test_law_in_numpys_words(design, state, pose, compensation, limit):
+    robot, gain = design
+    controller = Controller(robot, gain, compensation=compensation, torque_limit=limit)
+    u = controller.gain @ turned_back(pose - state, state[4])
+    if compensation == "full":
+        f, w = robot.friction, encoder_speeds(robot, state)
+        size = np.array(f.coulomb) + f.stribeck * np.exp(
+            -(np.abs(w / f.stribeck_speed) ** f.stribeck_exponent)
+        )
+        u = u + f.viscous * w + size * np.clip(w / controller.speed_band, -1.0, 1.0)
+        # the push over the ground of wheel torques u is ((A' u)_y, -(A' u)_x) / r_b; none about the vertical
+        T = (
+            robot.ball.radius
+            * np.array([[0, -1], [1, 0], [0, 0]])
+            @ rolling_force(robot, state, controller.speed_band)
+        )
+        u = u + np.linalg.lstsq(transforms(robot).T_owb.T, T, rcond=None)[0]
+    # short polynomials for exp and sin stand in the compiled law, good to 1e-12; gains reach 50 N m/rad
+    np.testing.assert_allclose(
+        controller.update(0.0, state, pose), np.clip(u, -limit, limit), rtol=1e-9, atol=1e-9
+    )
+
+
+@settings(max_examples=100, deadline=None)
+@given(state=states, pose=poses, turn=st.floats(-4.0, 4.0))
+def test_feedback_does_not_know_where_north_is(state, pose, turn):
+    controller = SOFT
+
+    def turned(vector: np.ndarray) -> np.ndarray:
+        result = turned_back(vector, -turn)
+        result[4] += turn
+        return result
+
+    np.testing.assert_allclose(
+        controller.update(0.0, turned(state), turned(pose)), controller.update(0.0, state, pose), atol=1e-9
+    )
+
+
+@settings(max_examples=200, deadline=None)
+@given(design=designed, state=states, pose=poses)
+def test_partial_compensation_never_adds_against_the_intended_motion(design, state, pose):
+    robot, gain = design
+    robot = robot.replace(friction=replace(robot.friction, rolling=0.0))
+    u = Controller(robot, gain, torque_limit=1e3).update(0.0, state, pose)
+    full = Controller(robot, gain, torque_limit=1e3, compensation="full").update(0.0, state, pose) - u
+    partial = Controller(robot, gain, torque_limit=1e3, compensation="partial").update(0.0, state, pose) - u
+    assert (partial * u >= -1e-9).all()
+    helps = u * encoder_speeds(robot, state) > 1e-9
+    np.testing.assert_allclose(partial[helps], full[helps], atol=1e-9)
+    np.testing.assert_allclose(partial[u * encoder_speeds(robot, state) < -1e-9], 0.0, atol=1e-9)
+
+
+@settings(max_examples=200, deadline=None)
+@given(design=designed, state=states, pose=poses, compensation=st.sampled_from(["full", "partial"]))
+def test_rolling_compensation_pushes_forward_and_does_not_turn(design, state, pose, compensation):
+    robot, gain = design
+    robot = robot.replace(friction=replace(Friction.none(robot.wheel_count), rolling=0.007))
+    u = Controller(robot, gain, torque_limit=1e3).update(0.0, state, pose)
+    controller = Controller(robot, gain, torque_limit=1e3, compensation=compensation)
+    added = controller.update(0.0, state, pose) - u
+    T = transforms(robot).T_owb.T @ added
+    assert abs(T[2]) < 1e-9
+    push = np.array([T[1], -T[0]]) / robot.ball.radius
+    wanted = rolling_force(robot, state, controller.speed_band)
+    np.testing.assert_allclose(push, wanted if compensation == "full" or np.any(added) else 0.0, atol=1e-9)
+    if compensation == "partial":
+        assert added @ u >= -1e-9
+
+
+def test_full_compensation_makes_the_robot_a_frictionless_one():
+    free = alten()
+    stuck = alten(replace(FRICTION, rolling=0.0))
+    start = leaning(0.05, -0.08)
+    logs = {}
+    for name, robot, compensation in (
+        ("free", free, "none"),
+        ("bare", stuck, "none"),
+        ("full", stuck, "full"),
+    ):
+        controller = nominal_controller(robot, compensation=compensation)
+        fast = Controller(
+            robot, controller.gain, sample_time=0.001, compensation=compensation, speed_band=0.02
+        )
+        logs[name] = simulate(Model(robot), fast, circle(), duration=10.0, initial_state=start)
+    distance = {
+        name: np.abs(log.states[:, :2] - logs["free"].states[:, :2]).max() for name, log in logs.items()
+    }
+    # a wheel that turns back still sticks until its torque passes the break-away torque: 12 mm at any sample time
+    assert distance["full"] < 0.02
+    assert distance["bare"] > 10.0 * distance["full"]
+
+
+@pytest.mark.parametrize("compensation", ["full", "partial"])
+def test_compensation_at_least_halves_the_error_of_a_square(compensation):
+    robot = alten(FRICTION)
+    errors = {}
+    for mode in ("none", compensation):
+        log = simulate(Model(robot), nominal_controller(robot, compensation=mode), square(), duration=16.0)
+        late = log.t >= 14.0
+        errors[mode] = np.hypot(*(log.states[late, :2] - log.reference[late, :2]).T).max()
+    assert errors[compensation] < 0.5 * errors["none"]
+
+
+class WithoutHeadingFrame:
+    """The same gain, but the error is not turned: the thesis's u = K (r - x)."""
+
+    sample_time = 0.005
+
+    def __init__(self, robot: Robot) -> None:
+        self.gain = design_gain(robot).gain
+
+    def reset(self) -> None:
+        pass
+
+    def update(self, t: float, state: np.ndarray, reference: np.ndarray) -> np.ndarray:  # noqa: ARG002
+        return np.clip(self.gain @ (reference - state), -6.0, 6.0)
+
+
+def test_turning_round_needs_the_heading_frame():
+    robot = alten()
+    reached = simulate(Model(robot), nominal_controller(robot), change_pose(), duration=25.0)
+    assert reached.ended is None
+    # slowest pole -0.56 rad/s, 18 s after the end of the ramp
+    np.testing.assert_allclose(reached.states[-1, [0, 1, 4]], [1.0, -1.0, np.pi], atol=1e-3)
+    fallen = simulate(Model(robot), WithoutHeadingFrame(robot), change_pose(), duration=25.0)
+    assert fallen.ended is not None
+    assert fallen["psi"][-1] > np.pi / 4
+
+
+@pytest.mark.parametrize("place", [2, 3, 5, 6, 7, 8, 9])
+def test_reference_with_a_lean_or_a_rate_is_refused(place):
+    reference = np.zeros(10)
+    reference[place] = 1e-3
+    with pytest.raises(InputError, match=rf"asks for {STATE_NAMES[place]} = 0\.001.*A r"):
+        nominal_controller(alten()).update(0.0, np.zeros(10), reference)
+
+
+def test_torque_limit_holds():
+    controller = Controller(alten(FRICTION), design_gain(alten()).gain, torque_limit=2.0, compensation="full")
+    torques = controller.update(0.0, leaning(0.8), np.zeros(10))
+    assert np.abs(torques).max() == 2.0
+
+
+def test_a_flickering_encoder_count_does_not_make_the_motors_chatter():
+    robot = alten(replace(FRICTION, viscous=(0.0, 0.0, 0.0), rolling=0.0))
+    gain = design_gain(robot).gain
+    count = (
+        encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio) / 0.005
+    )
+    bare, full = Controller(robot, gain), Controller(robot, gain, compensation="full")
+    state = np.zeros(10)
+    state[9] = count  # turning on the spot: encoder speed is A (0 0 -psi_dot)
+    speeds = encoder_speeds(robot, state)
+    added = full.update(0.0, state, np.zeros(10)) - bare.update(0.0, state, np.zeros(10))
+    break_away = np.add(robot.friction.coulomb, robot.friction.stribeck)
+    assert (np.abs(added) <= break_away * np.abs(speeds) / (8.0 * count) + 1e-12).all()
+    np.testing.assert_array_equal(full.update(0.0, np.zeros(10), np.zeros(10)), np.zeros(3))
+
+
+def test_the_robot_stands_still_without_a_limit_cycle():
+    robot = alten(FRICTION)
+    log = simulate(Model(robot), nominal_controller(robot, compensation="full"), hold(), duration=20.0,
+                   initial_state=leaning(0.01))  # fmt: skip
+    last = log.between(10.0, 20.0)
+    change = np.diff(last.torques, axis=0)
+    # a sign that flipped from sample to sample would change the torque by twice the break-away torque, 0.3 N m
+    assert np.abs(change).max() < 0.1
+
+
+def test_defaults_are_the_robots_own():
+    robot = alten(FRICTION)
+    controller = nominal_controller(robot, compensation="partial")
+    assert (controller.sample_time, controller.torque_limit) == (0.005, 6.0)
+    other = controller.with_compensation("full")
+    assert (other.compensation, other.speed_band) == ("full", controller.speed_band)
+    np.testing.assert_array_equal(other.gain, controller.gain)
+    with pytest.raises(ValueError, match="read-only"):
+        controller.gain[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"gain": np.zeros((4, 10))}, "3 x 10"),
+        ({"gain": np.full((3, 10), np.inf)}, "not finite"),
+        ({"sample_time": 0.0}, "sample time"),
+        ({"torque_limit": -1.0}, "torque limit"),
+        ({"speed_band": np.nan}, "speed band"),
+        ({"compensation": "most"}, "'none', 'full' or 'partial'"),
+    ],
+)
+def test_wrong_controllers_are_told(values, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Controller(alten(), **{"gain": np.zeros((3, 10)), **values})
+
+
+@pytest.mark.parametrize(("state", "reference"), [(np.zeros(9), np.zeros(11)), (np.zeros(10), np.zeros(3))])
+def test_wrong_shapes_are_told(state, reference):
+    with pytest.raises(InputError, match="ten numbers"):
+        nominal_controller(alten()).update(0.0, state, reference)
+
+
+def test_a_copy_is_a_controller_of_its_own():
+    controller = nominal_controller(alten(FRICTION), compensation="full")
+    state = np.linspace(-0.1, 0.1, 10)
+    twin = copy.deepcopy(controller)
+    np.testing.assert_array_equal(
+        twin.update(0.0, state, np.zeros(10)), controller.update(0.0, state, np.zeros(10))
+    )
+
+
+def test_an_update_is_fast():
+    controller, state, reference = (
+        nominal_controller(alten(FRICTION), compensation="full"),
+        np.zeros(10),
+        np.zeros(10),
+    )
+    controller.update(0.0, state, reference)  # compiles
+    times = []
+    for _ in range(2000):
+        start = time.perf_counter()
+        controller.update(0.0, state, reference)
+        times.append(time.perf_counter() - start)
+    assert np.median(times) < 50e-6  # 4 us on an idle core; the rest is for a busy machine
+
+
+def test_a_whole_design_in_place_of_its_gain_is_told_apart() -> None:
+    robot = Robot.load("alten")
+    with pytest.raises(InputError, match=r"The gain is a LqrDesign; it must be 3 rows of 10 numbers"):
+        Controller(robot, design_gain(robot))

@@ -1,0 +1,132 @@
+"""LQR: against python-control, the Riccati equation, the cost itself and a gain published with measured data."""
+
+import json
+from dataclasses import dataclass
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import block_diag
+
+from ballbot import InputError, Model, lqr
+from ballbot.control.lqr import held
+from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
+from tests.support.control_examples import alten, four_wheeled
+
+Q, R = np.array(NOMINAL_STATE_WEIGHTS), np.full(3, NOMINAL_TORQUE_WEIGHT)
+
+
+@dataclass(frozen=True)
+class Matrices:
+    A: np.ndarray
+    B: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(alten())
+
+
+@pytest.mark.parametrize("log", ["square_soft", "square_stiff"])
+def test_gains_that_ran_on_a_robot(shared_data, model, log):
+    printed = json.loads((shared_data / "bbr" / "controllers.json").read_text())[log]
+    design = lqr(model, printed["Q"], printed["R"], sample_time=printed["sample_s"])
+    # six decimals are printed; a sampled cost integral would differ by 1e-4
+    np.testing.assert_allclose(design.gain, printed["K"], atol=6e-7)
+
+
+weights = st.lists(st.floats(0.1, 1000.0), min_size=13, max_size=13)
+
+
+@settings(max_examples=20, deadline=None)
+@given(weights=weights, cross=st.floats(-0.05, 0.05))
+def test_continuous_gain_is_python_controls(weights, cross):
+    space = Model(alten()).linearize()
+    Q, R, N = np.diag(weights[:10]), np.diag(weights[10:]), np.full((10, 3), cross)
+    expected, P, poles = control.lqr(space.A, space.B, Q, R, N, method="scipy")
+    design = lqr(space, Q, R, N=N)
+    np.testing.assert_allclose(design.gain, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(np.sort(design.poles.real), np.sort(np.real(poles)), rtol=1e-4)
+    A, B = space.A, space.B
+    inner = P @ B + N
+    residual = A.T @ design.cost + design.cost @ A - inner @ np.linalg.solve(R, inner.T) + Q
+    assert np.abs(residual).max() < 1e-6 * np.abs(A.T @ design.cost).max()
+
+
+@settings(max_examples=20, deadline=None)
+@given(weights=weights, cross=st.floats(-0.05, 0.05), sample_time=st.floats(0.002, 0.02))
+def test_sampled_gain_is_python_controls(weights, cross, sample_time):
+    space = Model(alten()).linearize()
+    Q, R, N = np.diag(weights[:10]), np.diag(weights[10:]), np.full((10, 3), cross)
+    sampled = control.c2d(control.ss(space.A, space.B, np.eye(10), 0), sample_time)
+    expected, _, poles = control.dlqr(sampled.A, sampled.B, Q, R, N, method="scipy")
+    design = lqr(space, Q, R, sample_time=sample_time, N=N)
+    np.testing.assert_allclose(design.gain, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        np.sort(np.exp(design.poles.real * sample_time)), np.sort(np.abs(poles)), atol=1e-7
+    )
+
+
+def test_cost_to_come_is_the_sum_of_the_costs(model):
+    design = lqr(model, Q, R, sample_time=0.005)
+    space = model.linearize()
+    F, G = held(space.A, space.B, 0.005)
+    x0 = x = np.random.default_rng(1).normal(size=10)
+    total = 0.0
+    for _ in range(20_000):  # 100 s, by when the slowest pole, -0.56 rad/s, has left exp(-112) of the cost
+        u = -design.gain @ x
+        total += x @ (Q * x) + u @ (R * u)
+        x = F @ x + G @ u
+    # P has entries of 1e7 and the Riccati solver's rounding grows with them
+    assert total == pytest.approx(x0 @ design.cost @ x0, rel=1e-7)
+
+
+def test_any_robot_is_stabilised():
+    for robot in (alten(), four_wheeled(friction=False)):
+        assert design_gain(robot).poles.real.max() < -0.1
+
+
+def test_a_matrix_and_its_diagonal_are_one_weight(model):
+    np.testing.assert_array_equal(lqr(model, Q, R).gain, lqr(model, np.diag(Q), np.diag(R)).gain)
+
+
+@pytest.mark.parametrize(
+    ("q", "r", "n", "sentence"),
+    [
+        (Q[:9], R, None, "Q has the shape"),
+        (Q, R[:2], None, "R has the shape"),
+        (Q, -R, None, "R is not positive definite"),
+        (Q, 0.0 * R, None, "R is not positive definite"),
+        (np.where(np.arange(10) == 2, -1.0, Q), R, None, "Q is not positive semidefinite"),
+        (np.diag(Q) + np.eye(10, k=1), R, None, "Q is not symmetric"),
+        (Q * np.nan, R, None, "not finite"),
+        (["many"] * 10, R, None, "not an array of numbers"),
+        (Q, R, np.ones((3, 10)), "N has the shape"),
+        (Q, R, np.full((10, 3), 100.0), "Q, R and N together"),
+        (np.zeros(10), R, None, "has no weight"),
+    ],
+)
+@pytest.mark.parametrize("sample_time", [None, 0.005])
+def test_wrong_weights_are_told(model, q, r, n, sentence, sample_time):
+    with pytest.raises(InputError, match=sentence):
+        lqr(model, q, r, sample_time=sample_time, N=n)
+
+
+@pytest.mark.parametrize("sample_time", [0.0, -0.005, np.nan])
+def test_wrong_sample_times_are_told(model, sample_time):
+    with pytest.raises(InputError, match="sample time"):
+        lqr(model, Q, R, sample_time=sample_time)
+
+
+def test_python_controls_state_space_is_taken(model):
+    space = model.linearize().to_control()
+    np.testing.assert_array_equal(lqr(space, Q, R).gain, lqr(model, Q, R).gain)
+
+
+def test_what_cannot_be_stabilised_is_told(model):
+    space = model.linearize()
+    unreached = Matrices(block_diag(space.A, [[2.5]]), np.vstack([space.B, np.zeros(3)]))
+    with pytest.raises(InputError, match=r"2\.5 rad/s"):
+        lqr(unreached, np.append(Q, 1.0), R)

@@ -1,0 +1,233 @@
+"""Samples without a valid state: the law, each of its parts and the estimators bridge them and forget them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.interface import LARGEST_STATE
+from ballbot.control.parts import Parts
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.presets import adaptive, precise_controller
+from ballbot.control.references import hold
+from ballbot.errors import InputError
+from ballbot.estimation.interface import Estimator, Fix, Reading
+from ballbot.estimation.kalman import KalmanFilter
+from ballbot.estimation.onboard import OnboardState
+from ballbot.mechanics.model import Model
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.plant import Measurement
+from ballbot.simulation.run import simulate
+from tests.support.control_examples import FRICTION, alten, leaning
+
+ROBOT = alten(FRICTION)
+ADAPTIVE = adaptive(precise_controller(ROBOT))
+OWN = ADAPTIVE.parts
+EVERYTHING = replace(
+    OWN,
+    notch=Notch(frequency=27.0),
+    prediction=DelayPrediction.of(ROBOT, delay=0.012),
+    load_scaling=LoadScaling(share=0.5),
+)
+#: what a part cannot be without
+NEEDED = {"feed_forward": ("shaping",), "floor_adaptation": ("integral", "shaping")}
+#: every part by itself, and all of them together
+PARTS = {
+    name: Parts(**{one: getattr(EVERYTHING, one) for one in (name, *NEEDED.get(name, ()))})
+    for name in EVERYTHING.__dataclass_fields__
+    if getattr(EVERYTHING, name) is not None
+}
+PARTS |= {"none": Parts(), "all": EVERYTHING}
+INVALID = (np.nan, np.inf, -np.inf, 2.0 * LARGEST_STATE)
+H = ROBOT.sensors.sample_time
+
+
+def with_parts(name: str) -> Controller:
+    return ADAPTIVE.with_parts(PARTS[name])
+
+
+def swaying(k: int) -> NDArray[np.float64]:
+    """Return a state that moves in all ten numbers."""
+    return 0.05 * np.sin(0.1 * k + np.arange(10.0)) + 0.01 * np.cos(0.37 * k)
+
+
+def moving(k: int) -> NDArray[np.float64]:
+    return np.array([0.1 * np.sin(0.02 * k), 0.002 * k, 0, 0, 0.001 * k, 0, 0, 0, 0, 0])
+
+
+def test_every_part_is_tried():
+    assert set(PARTS) == {*Parts.__dataclass_fields__, "none", "all"}
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_an_invalid_sample_gives_no_torque_and_is_not_remembered(name):
+    """Each of the ten numbers, invalid in each way: later torques are those of a law that never saw it."""
+    seeing, clean = with_parts(name), with_parts(name)
+    for k in range(60):
+        bad = swaying(k)
+        bad[k % 10] = INVALID[k % len(INVALID)]
+        before = seeing._memory.copy()
+        assert (seeing.update(k * H, bad, moving(k)) == 0.0).all()
+        np.testing.assert_array_equal(seeing._memory, before)
+        after = seeing.update(k * H, swaying(k), moving(k))
+        np.testing.assert_array_equal(after, clean.update(k * H, swaying(k), moving(k)))
+        assert (after != 0.0).any()
+
+
+def test_a_refused_reference_is_not_remembered():
+    controller = with_parts("all")
+    controller.update(0.0, swaying(0), moving(0))
+    before = controller._memory.copy()
+    with pytest.raises(InputError, match="asks for theta"):
+        controller.update(H, swaying(1), leaning(0.1))
+    with pytest.raises(InputError, match="The reference holds a value that is not finite"):
+        controller.update(H, swaying(1), np.full(10, np.nan))
+    np.testing.assert_array_equal(controller._memory, before)
+
+
+class Blinking(ModelPlant):
+    """A plant whose measurement does not come in some samples."""
+
+    def __init__(self, model: Model, missing: range) -> None:
+        super().__init__(model)
+        self.missing = missing
+
+    def step(self, torques, duration) -> Measurement:
+        measured = super().step(torques, duration)
+        if round(measured.t / duration) in self.missing:
+            return replace(measured, state=np.full(10, np.nan))
+        return measured
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_single_and_batched_laws_bridge_alike(name):
+    """Two samples are missing in one lane and none in the other, of a run with every part."""
+    model, controller, start = Model(ROBOT), with_parts(name), leaning(0.03)
+    log = simulate(Blinking(model, range(7, 9)), controller, hold(x=0.1), duration=0.2, initial_state=start)
+    clean = simulate(model, controller, hold(x=0.1), duration=0.2, initial_state=start)
+    batch = simulate_batch(
+        model,
+        controller,
+        hold(x=0.1),
+        duration=0.2,
+        initial_states=start,
+        conditions=[Conditions(missing_from=7, missing=2), Conditions()],
+    )
+    assert (log.torques[7:9] == 0.0).all()
+    # single and batched round differently, 40 steps of an unstable robot apart
+    np.testing.assert_allclose(batch.torques[0], log.torques, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(batch.torques[1], clean.torques, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(batch.states[0][:-1], log.truth().states[1:], rtol=0.0, atol=1e-9)
+
+
+def reading(k: int) -> Reading:
+    """Return what the sensors say of a robot that sways."""
+    s = 0.02 * np.sin(0.05 * k)
+    angles = 0.03 * k + np.array([s, -s, 0.5 * s])
+    return Reading(
+        wheel_angles=angles,
+        wheel_speeds=np.array([0.03, 0.03, 0.03]) / H,
+        gyro=np.array([0.01, 0.02, 0.0]) * np.cos(0.05 * k),
+        attitude=np.array([s, 0.5 * s, 0.0]),
+    )
+
+
+ESTIMATORS = {"kalman": KalmanFilter, "onboard": OnboardState}
+LOST = ("wheel_angles", "wheel_speeds", "gyro", "attitude")
+
+
+def started(kind: str) -> Estimator:
+    estimator = ESTIMATORS[kind](ROBOT, sample_time=H)
+    for k in range(50):
+        estimator.update(reading(k))
+    return estimator
+
+
+@pytest.mark.parametrize("kind", ESTIMATORS)
+@pytest.mark.parametrize("bad", INVALID)
+@pytest.mark.parametrize("lost", [*((name,) for name in LOST), LOST])
+def test_an_estimator_predicts_over_what_is_missing(kind, bad, lost):
+    """Two samples without some or all values: never NaN, near the state of whole readings, and soon the same again."""
+    estimator, whole = started(kind), started(kind)
+    for k in range(50, 300):
+        one = reading(k)
+        if k in (50, 51):
+            holes = {name: getattr(one, name).copy() for name in lost}
+            for values in holes.values():
+                values[k % 3] = bad
+            one = replace(one, **holes)
+            assert not one.whole
+        found, expected = estimator.update(one), whole.update(reading(k))
+        # two samples of at most 0.1 rad/s^2 and 0.3 m/s^2
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=0.02)
+    np.testing.assert_allclose(found[2:], expected[2:], rtol=0.0, atol=1e-3)
+
+
+def test_one_component_leaves_the_others_of_the_onboard_state():
+    estimator, whole = started("onboard"), started("onboard")
+    one = reading(50)
+    lost = replace(one, attitude=np.array([np.nan, *one.attitude[1:]]))
+    found, expected = estimator.update(lost), whole.update(one)
+    np.testing.assert_array_equal(found[[3, 4]], expected[[3, 4]])
+    assert abs(found[2] - expected[2]) < 1e-3
+
+
+@pytest.mark.parametrize("kind", ESTIMATORS)
+def test_there_is_no_state_before_the_first_whole_reading(kind):
+    estimator, fresh = (ESTIMATORS[kind](ROBOT, sample_time=H) for _ in range(2))
+    lost = replace(reading(0), gyro=np.array([0.0, np.nan, 0.0]))
+    assert np.isnan(estimator.update(lost)).all()
+    np.testing.assert_array_equal(estimator.update(reading(0)), fresh.update(reading(0)))
+
+
+def test_missing_encoders_lose_no_way():
+    """The way rolled during the gap is seen when the encoders are back: a constant speed is not misjudged."""
+    estimator, whole = started("kalman"), started("kalman")
+    for k in range(50, 60):
+        one = reading(k)
+        if k in (53, 54):
+            one = replace(one, wheel_angles=np.full(3, np.nan))
+        found, expected = estimator.update(one), whole.update(reading(k))
+    np.testing.assert_allclose(found[5:7], expected[5:7], rtol=0.0, atol=2e-3)
+
+
+def test_a_fix_may_lack_a_component():
+    estimator = started("kalman")
+    before = estimator.update(reading(50))
+    after = estimator.update(replace(reading(51), fix=Fix(position=[np.nan, 0.5], heading=np.nan)))
+    assert np.isfinite(after).all()
+    assert abs(after[0] - before[0]) < 0.02 < abs(after[1] - before[1])
+
+
+@pytest.mark.parametrize("kind", ESTIMATORS)
+def test_a_reading_of_another_robot_is_refused(kind):
+    estimator = started(kind)
+    for change in ({"wheel_angles": np.zeros(2), "wheel_speeds": np.zeros(2)}, {"gyro": np.zeros(2)}):
+        with pytest.raises(InputError, match="of a reading has the shape"):
+            estimator.update(replace(reading(50), **change))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: DelayPrediction(
+            delay=10.0, sample_time=H, transition=np.eye(10), by_torque=np.zeros((1, 10, 3))
+        ),
+        lambda: DelayPrediction(delay=H, sample_time=H, transition=np.eye(9), by_torque=np.zeros((1, 10, 3))),
+        lambda: replace(OWN.feed_forward, lean=np.zeros((3, 3))),
+        lambda: replace(OWN.feed_forward, by_turning=np.zeros(2)),
+        lambda: replace(OWN.observer.balance, by_force=np.zeros((3, 3))),
+        lambda: replace(OWN.integral, gain=np.zeros((3, 2))),
+        lambda: replace(OWN.integral, gain=[["1", "2", "3"]]),
+    ],
+)
+def test_a_part_of_another_size_is_refused(make):
+    """A law is one row of numbers: with a part of another size it would be read past its end."""
+    with pytest.raises(InputError):
+        make()

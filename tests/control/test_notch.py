@@ -1,0 +1,92 @@
+"""The notch: SciPy's sampling of its transfer function, what it does in a loop, and what a controller file refuses."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import bilinear, freqz, lfilter
+
+from ballbot import Controller, InputError, Robot
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
+from ballbot.control.parts import Parts
+from ballbot.control.parts.notch import Notch
+from ballbot.control.presets import design_gain
+from tests.support.control_examples import alten
+
+SAMPLE = 0.005
+ROBOT = alten()
+GAIN = design_gain(ROBOT).gain
+
+
+def sampled(notch: Notch) -> tuple[np.ndarray, np.ndarray]:
+    """Return the filter's coefficients by SciPy: the analog notch, its frequency warped so that it stays in place."""
+    w = 2.0 / SAMPLE * np.tan(np.pi * notch.frequency * SAMPLE)
+    return bilinear(
+        [1.0, notch.depth * notch.width * w, w * w], [1.0, notch.width * w, w * w], fs=1.0 / SAMPLE
+    )
+
+
+notches = st.builds(
+    Notch, frequency=st.floats(3.0, 80.0), width=st.floats(0.1, 2.0), depth=st.floats(0.0, 0.9)
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(notch=notches, seed=st.integers(0, 99))
+def test_the_law_filters_each_wheels_torque_as_scipy_would(notch, seed):
+    states = 0.02 * np.random.default_rng(seed).standard_normal((60, 10))
+    bare = Controller(ROBOT, GAIN, torque_limit=1e6)
+    torques = np.array([bare.update(0.0, state, np.zeros(10)) for state in states])
+    controller = Controller(ROBOT, GAIN, torque_limit=1e6, parts=Parts(notch=notch))
+    found = np.array([controller.update(0.0, state, np.zeros(10)) for state in states])
+    # sums of 60 terms of at most 10 N m
+    np.testing.assert_allclose(found, lfilter(*sampled(notch), torques, axis=0), rtol=0, atol=1e-10)
+    controller.reset()
+    np.testing.assert_array_equal(controller.update(0.0, states[0], np.zeros(10)), found[0])
+
+
+@settings(max_examples=50, deadline=None)
+@given(notch=notches)
+def test_response_is_scipys_and_leaves_its_depth(notch):
+    frequencies = np.array([0.0, 1.0, 5.0, notch.frequency])
+    _, expected = freqz(*sampled(notch), worN=frequencies, fs=1.0 / SAMPLE)
+    np.testing.assert_allclose(notch.response(frequencies, SAMPLE), expected, atol=1e-9)  # of numbers near 1
+    assert notch.response(0.0, SAMPLE) == pytest.approx(1.0)
+    assert notch.response(notch.frequency, SAMPLE) == pytest.approx(notch.depth, abs=1e-9)
+
+
+def test_a_measurement_that_is_none_is_not_remembered():
+    controller = Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=33.0)))
+    state = np.full(10, 0.01)
+    before = controller.update(0.0, state, np.zeros(10))
+    controller.reset()
+    assert (controller.update(0.0, np.full(10, np.nan), np.zeros(10)) == 0.0).all()
+    np.testing.assert_array_equal(controller.update(0.0, state, np.zeros(10)), before)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"frequency": 0.0}, "frequency of the notch is 0"),
+        ({"frequency": 20.0, "width": -1.0}, "width of the notch is -1"),
+        ({"frequency": 20.0, "depth": 1.0}, "depth of the notch is 1"),
+    ],
+)
+def test_what_is_no_notch_is_refused(wrong, told):
+    with pytest.raises(InputError, match=told):
+        Notch(**wrong)
+
+
+def test_a_notch_beyond_what_samples_can_tell_is_refused():
+    with pytest.raises(InputError, match=r"A notch at 95 Hz needs a sample time below 0.0047 s"):
+        Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=95.0)))
+
+
+def test_design_writes_the_notch_that_is_asked_for(tmp_path, capsys):
+    words = ["design", "alten", "--notch", "27", "--out", str(tmp_path)]
+    assert main(words) == 0
+    written = read_controller(tmp_path / "controller.toml", Robot.load("alten"))
+    assert written.parts.notch == Notch(frequency=27.0)
+    assert main([*words[:3], "200", *words[4:]]) != 0
+    assert "A notch at 200 Hz needs a sample time below" in capsys.readouterr().err

@@ -1,0 +1,159 @@
+"""Over-compensation: what is refused drives a robot on, what is accepted does not, by the engine."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot import Controller, InputError, Model, simulate
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller, write_controller
+from ballbot.control.overcompensation import (
+    compensation_margin,
+    overcompensation_warning,
+    refuse_overcompensation,
+)
+from ballbot.control.parts import Parts
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import design_gain, nominal_controller, precise_controller
+from ballbot.control.references import hold
+from ballbot.robot.file import write_robot
+from ballbot.robot.robot import scaled_friction
+from tests.support.control_examples import FRICTION, alten
+
+ROBOT = alten(FRICTION)
+GAIN = design_gain(ROBOT).gain
+
+
+def compensating(share: float, parts: Parts = Parts()) -> Controller:  # noqa: B008 (frozen)
+    """Return a controller that compensates that share of the robot's friction."""
+    believed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
+    return Controller(believed, GAIN, compensation="full", parts=parts)
+
+
+def spin_after(controller: Controller, spin: float) -> float:
+    """Return how fast a robot still turns on the spot, 6 s after it was set turning, its heading left free [rad/s]."""
+    free = GAIN.copy()
+    free[:, [4, 9]] = 0.0
+    loose = Controller(controller.robot, free, compensation=controller.compensation, parts=controller.parts)
+    state = np.zeros(10)
+    state[9] = spin
+    return float(abs(simulate(Model(ROBOT), loose, hold(), duration=6.0, initial_state=state)["psi_dot"][-1]))
+
+
+@pytest.mark.parametrize(("share", "pumps"), [(0.8, False), (1.0, False), (1.1, True), (1.3, True)])
+def test_what_is_refused_drives_a_turning_robot_on_and_what_is_not_lets_it_come_to_rest(share, pumps):
+    controller = compensating(share)
+    assert compensation_margin(controller, FRICTION).pumps is pumps
+    # 1 rad/s of the body is 1.2 rad/s of the wheels, far above the band in which the sign is a ramp
+    later = spin_after(controller, 1.0)
+    if pumps:
+        assert later > 1.2
+        with pytest.raises(InputError, match=r"injects energy and can destabilise"):
+            refuse_overcompensation(controller, FRICTION)
+    else:
+        assert later < 1.0 + 1e-9  # the whole of it: the robot coasts
+        refuse_overcompensation(controller, FRICTION)
+
+
+def test_an_excess_of_the_rolling_friction_alone_and_of_one_wheel_is_found():
+    rolling = ROBOT.replace(friction=replace(FRICTION, rolling=1.5 * FRICTION.rolling))
+    margin = compensation_margin(Controller(rolling, GAIN, compensation="partial"), FRICTION)
+    assert margin.rolling == pytest.approx(1.5)
+    assert max(margin.shares) == pytest.approx(1.0)
+    assert "rolling friction is 150 %" in margin.sentence
+    wheel = ROBOT.replace(friction=replace(FRICTION, coulomb=(0.11, 0.12, 0.12)))
+    margin = compensation_margin(Controller(wheel, GAIN, compensation="full"), FRICTION)
+    assert margin.pumps
+    assert margin.rolling == pytest.approx(1.0)
+    assert "wheel 2" in margin.sentence
+    assert not compensation_margin(Controller(wheel, GAIN), FRICTION).pumps  # it compensates nothing
+
+
+def test_a_break_away_torque_at_rest_counts_where_friction_falls_faster_than_the_band_is_wide():
+    steep = replace(FRICTION, coulomb=(0.02,) * 3, stribeck=(0.2,) * 3, stribeck_speed=0.02)
+    robot = alten(steep)
+    margin = compensation_margin(precise_controller(robot), steep)
+    assert margin.pumps
+    assert max(margin.speeds) < precise_controller(robot).speed_band
+    assert not compensation_margin(precise_controller(ROBOT), FRICTION).pumps
+
+
+def test_a_swing_costs_and_brings_what_the_closed_forms_say():
+    viscous = (0.014, 0.016, 0.013)
+    dry = replace(FRICTION, viscous=viscous, stribeck=(0.0,) * 3)
+    robot = alten(dry)
+    margin = compensation_margin(Controller(robot, GAIN, compensation="full", speed_band=1e-3), dry)
+    for swing in margin.swings:
+        A = swing.amplitude
+        # of |w| the mean over a swing is 2 A/pi, of w^2 A^2/2; 200 phases are good to 1e-5
+        wanted = 2.0 * A / np.pi * np.array(dry.coulomb) + 0.5 * A * A * np.array(viscous)
+        np.testing.assert_allclose(swing.taken, wanted, rtol=1e-4)
+        np.testing.assert_allclose(swing.given, wanted, rtol=2e-2)  # but within the band
+    wide = compensation_margin(Controller(robot, GAIN, compensation="full", speed_band=0.5), dry)
+    shares = [swing.share for swing in wide.swings]
+    assert shares == sorted(shares)
+    # inside the band c w/0.5 in place of c: half of A^2 c/0.5 beside half of A^2 b
+    steady = 0.5 * 0.1**2 * np.array(viscous)
+    rubbing, ramped = 2.0 * 0.1 / np.pi * np.array(dry.coulomb), 0.5 * 0.1**2 / 0.5 * np.array(dry.coulomb)
+    assert shares[0] == pytest.approx(((ramped + steady) / (rubbing + steady)).max(), rel=1e-3)
+    assert shares[-1] > 0.95
+
+
+def test_an_adaptation_at_its_bounds_is_told():
+    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(ROBOT), highest=1.4)
+    controller = compensating(0.5, Parts(driveline_adaptation=adaptation))
+    assert compensation_margin(controller, FRICTION).adapted == pytest.approx(0.7)
+    assert compensation_margin(compensating(0.5), FRICTION).adapted == 0.0
+    both = Parts(driveline_adaptation=adaptation, load_scaling=LoadScaling(share=0.5))
+    # a load is believed up to three times that at rest: 1 + 0.5 (3 - 1)
+    assert compensation_margin(compensating(0.5, both), FRICTION).adapted == pytest.approx(1.4)
+
+
+def test_design_refuses_what_pumps_without_a_flag_and_says_how_near_it_is(tmp_path, capsys):
+    robot = tmp_path / "robot.toml"
+    write_robot(ROBOT, robot)
+    words = ["design", str(robot), "--compensation", "full", "--out", str(tmp_path / "out")]
+    assert main([*words, "--compensation-gain", "1.2"]) != 0
+    told = capsys.readouterr()
+    assert "120 % of its friction" in told.err + told.out
+    assert "--allow-pumping" in told.err + told.out
+    assert not (tmp_path / "out" / "controller.toml").exists()
+    assert main([*words, "--compensation-gain", "1.2", "--allow-pumping"]) == 0
+    assert "WARNING: the compensation" in capsys.readouterr().out
+    assert main([*words, "--compensation-gain", "0.8"]) == 0
+    assert "80 %, 80 %, 80 %, 80 %" in capsys.readouterr().out
+    margin = json.loads((tmp_path / "out" / "results.json").read_text())["compensation_margin"]
+    assert margin["pumps"] is False
+    assert margin["share_of_wheel_friction"] == pytest.approx([0.8] * 3)
+    read = read_controller(tmp_path / "out" / "controller.toml", ROBOT)
+    assert read.robot.friction.coulomb == pytest.approx([0.088, 0.072, 0.096])
+    assert main([*words, "--compensation-gain=-1"]) != 0
+
+
+def test_a_controllers_file_is_held_against_the_robot_it_is_read_with(tmp_path):
+    path = tmp_path / "controller.toml"
+    write_controller(nominal_controller(ROBOT, compensation="full"), path)
+    assert overcompensation_warning(read_controller(path, ROBOT), ROBOT) is None
+    assert (
+        overcompensation_warning(read_controller(path, alten()), alten()) is None
+    )  # of which no friction is known
+    smooth = alten(scaled_friction(FRICTION, 0.5))
+    assert "200 % of" in (overcompensation_warning(read_controller(path, smooth), smooth) or "")
+    unsure = ROBOT.replace(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
+    assert "certain" in (overcompensation_warning(read_controller(path, unsure), unsure) or "")
+
+
+def test_a_run_with_a_controllers_file_says_where_it_may_feed_the_motion(tmp_path, capsys):
+    write_robot(ROBOT, tmp_path / "robot.toml")
+    words = []
+    for share in (0.8, 1.3):
+        write_controller(compensating(share), tmp_path / "controller.toml")
+        given = ["simulate", str(tmp_path / "robot.toml"), "--controller", str(tmp_path / "controller.toml")]
+        assert main([*given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
+        words.append(capsys.readouterr().out)
+    assert "injects energy" not in words[0]
+    assert "injects energy" in words[1]

@@ -1,0 +1,388 @@
+"""What is added to the gain: smooth references, feed-forward, integral action, standstill, observer, adaptation."""
+
+from dataclasses import replace
+from math import factorial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import Controller, InputError, Model, Robot, simulate
+from ballbot.control.parts import Parts
+from ballbot.control.parts.compensation import Standstill
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
+from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.reference_shaping import ReferenceShaping
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
+from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.robot.robot import scaled_friction
+from ballbot.simulation.batch import simulate_batch
+from tests.support.control_examples import FRICTION, MisjudgedLean, alten, everything, four_wheeled, leaning
+
+SAMPLE = 0.005
+
+
+def shaped(reference, shaping: ReferenceShaping, duration: float) -> np.ndarray:
+    """Return the shaped x, y, psi (N, 3) of a robot that is measured at rest at the origin all the time.
+
+    A gain of one on each pose error and no limit to speak of: the torques are the shaped reference.
+    """
+    gain = np.zeros((3, 10))
+    gain[[0, 1, 2], [0, 1, 4]] = 1.0
+    controller = Controller(alten(), gain, parts=Parts(shaping=shaping), torque_limit=1e3)
+    times = np.arange(round(duration / SAMPLE)) * SAMPLE
+    return np.array([controller.update(t, np.zeros(10), reference(t)) for t in times])
+
+
+def four_lags(t: np.ndarray, frequency: float) -> np.ndarray:
+    """Return the step response of 1/(1 + s/w)^4."""
+    g = frequency * t
+    return 1.0 - np.exp(-g) * sum(g**k / factorial(k) for k in range(4))
+
+
+def test_a_step_within_the_limits_passes_four_lags():
+    quick = ReferenceShaping(frequency=4.0, yaw_frequency=2.0, speed_limit=1e3, yaw_rate_limit=1e3)
+    found = shaped(hold(x=0.3, y=-0.2, psi=1.0), quick, 3.0)
+    t = np.arange(len(found)) * SAMPLE
+    for column, size, frequency in ((0, 0.3, 4.0), (1, -0.2, 4.0), (2, 1.0, 2.0)):
+        # the limit of speed, 5 m a sample, is none: the lags' exact response
+        np.testing.assert_allclose(found[:, column], size * four_lags(t, frequency), atol=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(x=st.floats(-3.0, 3.0), y=st.floats(-3.0, 3.0), psi=st.floats(-4.0, 4.0))
+def test_a_jump_is_a_straight_way_within_the_limits_and_without_overshoot(x, y, psi):
+    shaping = ReferenceShaping()
+    found = shaped(hold(x=x, y=y, psi=psi), shaping, 16.0)
+    speeds = np.diff(found, axis=0) / SAMPLE
+    assert np.hypot(speeds[:, 0], speeds[:, 1]).max() <= shaping.speed_limit * (1 + 1e-9)
+    assert np.abs(speeds[:, 2]).max() <= shaping.yaw_rate_limit * (1 + 1e-9)
+    np.testing.assert_allclose(found[:, 0] * y, found[:, 1] * x, atol=1e-9)
+    assert (np.abs(found) <= np.abs([x, y, psi]) + 1e-9).all()
+    np.testing.assert_allclose(found[-1], [x, y, psi], atol=1e-4)
+
+
+def test_a_reference_that_moves_steadily_is_not_lagged():
+    ramp = change_pose(x=1.0, y=-0.5, psi=2.0, at=0.0, ramp=10.0)
+    found = shaped(ramp, ReferenceShaping(), 9.0)
+    # after 9 s the lags' transient has gone down to exp(-27) of the 0.15 m that they would cost
+    np.testing.assert_allclose(found[-1], ramp(9.0 - SAMPLE)[[0, 1, 4]], atol=1e-3)
+
+
+def test_a_reference_that_bends_steadily_is_not_lagged():
+    bend = circle(radius=0.5, period=20.0)
+    found = shaped(bend, ReferenceShaping(), 20.0)
+    wanted = bend(20.0 - SAMPLE)[:2]
+    # s^3 is left over of (1 + s/w)^4: 4 (0.31/3)^3 of 0.5 m are 2.2 mm, and a sample of r' another 0.8 mm; by r' alone
+    # the place would be 34 mm off
+    np.testing.assert_allclose(found[-1, :2], wanted, atol=3e-3)
+
+
+@pytest.mark.parametrize("digits", [None, 6])
+@pytest.mark.parametrize("amplitude", [0.2, 0.6])
+def test_torques_of_a_bend_are_smooth_where_it_is_rounded_or_passes_the_limit(digits, amplitude):
+    def way(t: float) -> np.ndarray:
+        pose = np.zeros(10)
+        x = amplitude * np.sin(0.65 * t)
+        pose[0] = x if digits is None else np.round(x, digits)
+        return pose
+
+    robot = alten()
+    rough = []
+    for limit in (ReferenceShaping.acceleration_limit, 1e-9):
+        whole = precise_controller(robot, compensation="none")
+        shaping = ReferenceShaping(acceleration_limit=limit)
+        log = simulate(
+            Model(robot), whole.with_parts(replace(whole.parts, shaping=shaping)), way, duration=10.0
+        )
+        rough.append(np.abs(np.diff(log.torques, axis=0))[400:].max())
+    # rounding to a micrometre costs 0.02 N m, a third of what sensors' noise does; unlagged and cut off it was 0.6
+    assert rough[0] < rough[1] + 0.025
+
+
+def test_a_kink_is_not_taken_for_a_bend():
+    ramp = change_pose(x=1.0, y=0.0, psi=0.0, at=1.0, ramp=4.0)
+    found = shaped(ramp, ReferenceShaping(), 12.0)[:, 0]
+    without = shaped(ramp, ReferenceShaping(acceleration_limit=1e-9), 12.0)[:, 0]
+    # the ramp's start and end are kinks of 0.25 m/s in a sample, and in between nothing bends but rounding
+    np.testing.assert_allclose(found, without, atol=1e-8)
+
+
+def test_shaping_starts_where_the_robot_is():
+    controller = Controller(alten(), design_gain(alten()).gain, parts=Parts(shaping=ReferenceShaping()))
+    state, reference = np.zeros(10), np.zeros(10)
+    state[[0, 1, 4]] = 1.0, 2.0, 0.5
+    for _ in range(2):
+        controller.reset()
+        np.testing.assert_allclose(controller.update(0.0, state, reference), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("robot", [alten(), four_wheeled(friction=False)], ids=["three", "four"])
+def test_feed_forward_makes_a_robot_without_friction_do_the_shaped_motion(robot: Robot):
+    shaping, gain = ReferenceShaping(), design_gain(robot).gain
+    reference = hold(x=0.3, y=-0.4)
+    t = np.arange(1600) * SAMPLE
+    flat = four_lags(t, shaping.frequency)  # 0.5 m at 0.5 m/s: the limit of speed delays it by up to a second
+    errors = {}
+    for name, part in (("without", None), ("with", FeedForward.of(robot))):
+        wide = replace(shaping, speed_limit=1e3)
+        controller = Controller(robot, gain, parts=Parts(shaping=wide, feed_forward=part))
+        log = simulate(Model(robot), controller, reference, duration=8.0)
+        errors[name] = np.hypot(log["x"] - 0.3 * flat, log["y"] + 0.4 * flat).max()
+    # the place is behind the flat output by 0.078 s^2 times an acceleration of up to 0.8 m/s^2 by design
+    assert errors["with"] < 0.065
+    assert errors["without"] > 2.5 * errors["with"]
+    leaned = np.abs(log["theta"]).max()
+    assert 0.05 < leaned < 0.12  # 0.139 rad s^2/m times 0.63 m/s^2 of y
+
+
+def test_integral_action_takes_away_an_error_that_stays():
+    robot = alten()
+    design = design_integral_gain(robot)
+    left = {}
+    for name, part in (("without", None), ("with", IntegralAction(gain=design.integral_gain, memory=1e6))):
+        controller = MisjudgedLean(Controller(robot, design.gain, parts=Parts(integral=part)), degrees=1.0)
+        log = simulate(Model(robot), controller, hold(psi=1.0), duration=25.0)
+        left[name] = float(np.hypot(log["x"][-1], log["y"][-1]))
+    assert left["without"] > 0.04  # a degree times the gain's lean over its place, 3.5 m/rad
+    assert left["with"] < 1e-4  # the slowest pole is at -0.65 rad/s: 25 s leave exp(-16) of a transient
+
+
+def test_the_integral_rests_within_its_dead_band_and_at_the_torque_limit_and_stays_within_its_own():
+    robot, gain = alten(), np.ones((3, 3))
+    state = np.zeros(10)
+
+    def grown(part: IntegralAction, *, error: float, feedback: float, samples: int = 400) -> float:
+        K = np.zeros((3, 10))
+        K[:, 4] = feedback
+        controller = Controller(robot, K, parts=Parts(integral=part), torque_limit=1.0)
+        reference = np.zeros(10)
+        reference[0], reference[4] = error, 1.0
+        for _ in range(samples):
+            torques = controller.update(0.0, state, reference)
+        return float(torques[0])
+
+    still = IntegralAction(gain=gain * [1, 0, 0], memory=1e9)
+    assert grown(still, error=0.1, feedback=0.0) == pytest.approx(0.1 * 399 * SAMPLE)
+    assert grown(replace(still, dead_band=0.2), error=0.1, feedback=0.0) == 0.0
+    assert grown(replace(still, limit=0.05), error=0.1, feedback=0.0) == pytest.approx(0.05)
+    over = Controller(robot, np.zeros((3, 10)), parts=Parts(integral=still), torque_limit=1e-3)
+    reference = np.zeros(10)
+    reference[0] = 0.1
+    for _ in range(400):
+        over.update(0.0, state, reference)
+    reference[0] = -0.1
+    turned = [over.update(0.0, state, reference)[0] for _ in range(40)]
+    assert turned[-1] < 0.0  # 0.2 s; 2 s of it, wound up, would take 2 s to unwind
+
+
+def test_a_wheel_at_rest_is_given_its_break_away_torque_in_the_direction_of_the_push():
+    robot = alten(replace(FRICTION, rolling=0.0))
+    gain = design_gain(robot).gain
+    state = leaning(0.05)
+    pushed = Controller(robot, gain).update(0.0, state, np.zeros(10))
+    fed = Controller(
+        robot, gain, compensation="full", parts=Parts(standstill=Standstill(feed=0.7, feed_torque=0.1))
+    )
+    added = fed.update(0.0, state, np.zeros(10)) - pushed
+    wanted = 0.7 * np.add(FRICTION.coulomb, FRICTION.stribeck) * np.clip(pushed / 0.1, -1.0, 1.0)
+    np.testing.assert_allclose(added, wanted, atol=1e-12)
+
+
+def test_ahead_compensates_the_speed_that_is_asked_for():
+    robot = alten(FRICTION)
+    gain = np.zeros((3, 10))
+    parts = Parts(shaping=ReferenceShaping(speed_limit=1e3), feed_forward=FeedForward.of(robot))
+    bare = Controller(robot, gain, parts=parts)
+    given = replace(parts, standstill=Standstill(ahead=1.0))
+    ahead = Controller(robot, gain, compensation="full", parts=given)
+    at_rest, reference = np.zeros(10), np.zeros(10)
+    reference[0] = 0.5
+    for _ in range(200):  # 1 s: on the way at 0.3 m/s
+        added = ahead.update(0.0, at_rest, reference) - bare.update(0.0, at_rest, reference)
+    moving = np.zeros(10)
+    moving[5] = 0.3
+    known = Controller(robot, gain, compensation="full").update(0.0, moving, np.zeros(10))
+    assert (np.sign(added[1:]) == np.sign(known[1:])).all()  # wheel 1 does not turn on this way
+    np.testing.assert_allclose(np.abs(added), np.abs(known), atol=0.03)
+
+
+def peak_error(robot: Robot, controller: Controller, *, duration: float = 16.0) -> float:
+    """Return the largest distance from the square's second corner in its last two seconds [m]."""
+    log = simulate(Model(robot), controller, square(), duration=duration)
+    late = log.t >= duration - 2.0
+    return float(np.hypot(*(log.states[late, :2] - log.reference[late, :2]).T).max())
+
+
+def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
+    robot = alten(FRICTION)
+    gain = design_gain(robot).gain
+    observer = DisturbanceObserver(balance=TorqueBalance.of(robot))
+    bare = peak_error(robot, Controller(robot, gain))
+    assert peak_error(robot, Controller(robot, gain, parts=Parts(observer=observer))) < 0.5 * bare
+
+
+def test_the_observer_finds_a_torque_that_is_lost():
+    robot = alten(replace(friction_of(0.0), viscous=(0.05, 0.05, 0.05)))
+    balance = TorqueBalance.of(robot)
+    design = design_gain(robot).gain
+    observer = DisturbanceObserver(balance=balance, frequency=20.0)
+    free = alten()
+    paths = {}
+    for name, plant, controller in (
+        ("free", free, Controller(free, design)),
+        ("viscous", robot, Controller(robot, design)),
+        ("observed", robot, Controller(robot, design, parts=Parts(observer=observer))),
+    ):
+        paths[name] = simulate(Model(plant), controller, hold(x=0.3), duration=6.0)["x"]
+    off = np.abs(paths["viscous"] - paths["free"]).max()
+    assert np.abs(paths["observed"] - paths["free"]).max() < 0.3 * off
+
+
+def friction_of(size: float):
+    return replace(FRICTION, viscous=(size,) * 3, coulomb=(size,) * 3, stribeck=(size,) * 3, rolling=0.0)
+
+
+def test_adaptation_finds_friction_that_has_changed_and_rests_without_motion():
+    now = alten(replace(FRICTION, stribeck=(0.0, 0.0, 0.0), rolling=0.0))
+    known = now.replace(friction=scaled_friction(now.friction, 0.7))
+    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(known), highest=3.0, time=1.0, spread=0.15)
+    controller = Controller(
+        known, design_gain(known).gain, compensation="full", parts=Parts(driveline_adaptation=adaptation)
+    )
+    assert controller.friction_scales == pytest.approx(np.ones(4))
+    simulate(Model(now), controller, circle(radius=0.5, period=12.0), duration=48.0)
+    np.testing.assert_allclose(controller.friction_scales[:3], 1.0 / 0.7, atol=0.1)
+    limited = controller.with_parts(Parts(driveline_adaptation=replace(adaptation, highest=1.2)))
+    simulate(Model(now), limited, circle(radius=0.5, period=12.0), duration=24.0)
+    assert limited.friction_scales[:3].max() <= 1.2
+    limited.reset()
+    for _ in range(400):  # torques, but no motion: play, or a wheel held
+        limited.update(0.0, leaning(0.05), np.zeros(10))
+    np.testing.assert_array_equal(limited.friction_scales, np.ones(4))
+
+
+def test_adaptation_tells_the_floor_from_the_drivelines():
+    known = alten(FRICTION)
+    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(known), time=10.0, spread=0.15)
+    for wheels, floor in ((1.0, 2.5), (1.3, 1.0), (0.8, 0.4)):
+        now = replace(scaled_friction(FRICTION, wheels), rolling=floor * FRICTION.rolling)
+        controller = precise_controller(known)
+        controller = controller.with_parts(replace(controller.parts, driveline_adaptation=adaptation))
+        simulate(Model(alten(now)), controller, circle(radius=0.5, period=12.0), duration=96.0)
+        # after 48 s a fifth of the way is left, after 96 s a twentieth
+        np.testing.assert_allclose(controller.friction_scales[:3], wheels, atol=0.06)
+        assert controller.friction_scales[3] == pytest.approx(floor, abs=0.15)
+
+
+def compensated_at_rest(
+    robot: Robot, scaling: LoadScaling | None, lean: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what compensation adds at two updates (2, n) for a robot that leans at rest, and the torques without."""
+    gain = np.zeros((robot.wheel_count, 10))
+    gain[:, 4] = 0.5 + 0.1 * np.arange(robot.wheel_count)  # a heading off by 1 rad pushes every wheel
+    parts = Parts(load_scaling=scaling, standstill=Standstill(feed=1.0))
+    controllers = (
+        Controller(robot, gain, compensation=kind, parts=own)
+        for kind, own in (("full", parts), ("none", Parts()))
+    )
+    state = leaning(lean)
+    state[4] = -1.0
+    added, alone = (np.array([one.update(0.0, state, np.zeros(10)) for _ in range(2)]) for one in controllers)
+    return added - alone, alone[0]
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+@pytest.mark.parametrize("lean", [0.0, 0.1, -0.2])
+def test_compensation_follows_the_load_on_each_wheel(robot, lean):
+    plain, torques = compensated_at_rest(robot, None, lean)
+    scaled, _ = compensated_at_rest(robot, LoadScaling(share=0.7), lean)
+    # wheels carry the weight, turned by the lean and by psi = -1, along their contacts' directions, and at the second
+    # update what their torques push along the ball besides: of four wheels' loads those of the least squares
+    tilt, azimuths = robot.wheels.tilt, np.asarray(robot.wheels.azimuths)
+    level = np.zeros_like(azimuths)
+    contacts = np.array(
+        [np.cos(azimuths) * np.sin(tilt), np.sin(azimuths) * np.sin(tilt), level + np.cos(tilt)]
+    )
+    along = np.array([-np.sin(azimuths), np.cos(azimuths), level])
+    c, s = np.cos(1.0), np.sin(1.0)
+    weight = robot.body.mass * robot.gravity
+    up = weight * np.array(
+        [-s * np.sin(lean), c * np.sin(lean), np.cos(lean)]
+    )  # R^T e_z for R = Rx(lean) Rz(-1)
+    pushed = along @ torques / robot.wheels.radius
+    at_rest = np.linalg.pinv(contacts) @ [0.0, 0.0, weight]
+    for update, force in enumerate((up, up + pushed)):
+        loads = np.linalg.pinv(contacts) @ force / at_rest
+        wanted = 1.0 + 0.7 * (np.clip(loads, 0.0, 3.0) - 1.0)
+        np.testing.assert_allclose(scaled[update] / plain[update], wanted, rtol=1e-9)
+
+
+def test_lanes_remember_each_its_own():
+    robot = alten(FRICTION)
+    controllers = [
+        everything(robot),
+        precise_controller(robot),
+        Controller(robot, design_gain(robot).gain),
+    ] * 3
+    starts = np.array([leaning(0.01 * k, -0.005 * k) for k in range(9)])
+    reference = square(period=8.0)
+    batch = simulate_batch(Model(robot), controllers, reference, duration=4.0, initial_states=starts)
+    for lane, controller in enumerate(controllers):
+        log = simulate(Model(robot), controller, reference, duration=4.0, initial_state=starts[lane])
+        # rounding of 1e-16, carried through 4 s of stick and slip; it grows a thousandfold in 2 s
+        np.testing.assert_allclose(batch.torques[lane], log.torques, atol=1e-6)
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
+    nominal = peak_error(robot, Controller(robot, design_gain(robot).gain))
+    assert peak_error(robot, precise_controller(robot)) < 0.05 * nominal
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: ReferenceShaping(frequency=0.0), "frequency of the reference shaping is 0"),
+        (lambda: ReferenceShaping(yaw_rate_limit=np.nan), "yaw_rate_limit"),
+        (lambda: IntegralAction(gain=np.zeros((3, 2))), "three finite numbers for each wheel"),
+        (lambda: IntegralAction(gain=np.zeros((3, 3)), memory=0.0), "memory of the integral action is 0"),
+        (lambda: IntegralAction(gain=np.zeros((3, 3)), dead_band=-1.0), "dead_band"),
+        (lambda: Standstill(feed=1.5), "feed of the standstill is 1.5; it must be from 0 to 1"),
+        (lambda: Standstill(feed_torque=0.0), "feed_torque"),
+        (lambda: DisturbanceObserver(balance=TorqueBalance.of(alten()), frequency=-1.0), "frequency of the dist"),
+        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), time=0.0), "time of the driveline adaptation"),
+        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), highest=0.9), "1 must lie between"),
+        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), lowest=1.1), "1 must lie between"),
+        (
+            lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), noise=0.0),
+            "noise of the driveline adaptation",
+        ),
+        (lambda: LoadScaling(share=1.2), "share of the load scaling is 1.2; it must be from 0 to 1"),
+        (
+            lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(load_scaling=LoadScaling(share=1.0))),
+            "A load scaling adjusts",
+        ),
+        (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs reference shaping"),
+        (
+            lambda: Controller(
+                alten(),
+                np.zeros((3, 10)),
+                parts=Parts(driveline_adaptation=DrivelineAdaptation(balance=TorqueBalance.of(alten()))),
+            ),
+            "choose compensation",
+        ),
+        (
+            lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
+            "integral action is for 4 wheels; this robot has 3",
+        ),
+    ],
+)  # fmt: skip
+def test_wrong_parts_are_told(make, sentence):
+    with pytest.raises(InputError, match=sentence):
+        make()

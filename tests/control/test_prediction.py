@@ -1,0 +1,255 @@
+"""Prediction over the delay: the augmented Riccati equation's gain, and a late plant that moves as a punctual one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_are
+
+from ballbot import Controller, InputError, Model, Robot
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
+from ballbot.control.lqr import held
+from ballbot.control.parts import Parts
+from ballbot.control.parts.disturbance_observer import DisturbanceObserver
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.presets import (
+    NOMINAL_STATE_WEIGHTS,
+    NOMINAL_TORQUE_WEIGHT,
+    design_gain,
+    precise_controller,
+)
+from ballbot.control.references import change_pose, hold
+from ballbot.robot.file import write_robot
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.conditions import Conditions
+from ballbot.simulation.model_plant import ModelPlant
+from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+
+SAMPLE = 0.005
+
+
+def predicting(robot: Robot, delay: float) -> Controller:
+    """Return the nominal gain with no limit to speak of, for torques that come late."""
+    parts = Parts(prediction=DelayPrediction.of(robot, delay=delay))
+    return Controller(robot, design_gain(robot).gain, torque_limit=1e3, parts=parts)
+
+
+def linear(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    model = Model(robot).linearize()
+    return np.asarray(model.A), np.asarray(model.B)
+
+
+@pytest.mark.parametrize("robot", [alten(), four_wheeled(friction=False)], ids=["three", "four"])
+@pytest.mark.parametrize("samples", [1, 2, 5])
+def test_whole_samples_give_the_gain_of_the_riccati_equation_with_the_torques_under_way(robot, samples):
+    n = robot.wheel_count
+    F, G = held(*linear(robot), SAMPLE)
+    # state and the torques under way, the oldest first: it acts now, all move up, and the new one joins them
+    size = 10 + samples * n
+    A, B = np.zeros((size, size)), np.zeros((size, n))
+    A[:10, :10], A[:10, 10 : 10 + n] = F, G
+    A[10 : size - n, 10 + n :] = np.eye((samples - 1) * n)
+    B[size - n :] = np.eye(n)
+    Q, R = np.zeros((size, size)), NOMINAL_TORQUE_WEIGHT * np.eye(n)
+    Q[:10, :10] = np.diag(NOMINAL_STATE_WEIGHTS)
+    P = solve_discrete_are(A, B, Q, R)
+    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    controller, random = predicting(robot, samples * SAMPLE), np.random.default_rng(samples)
+    under_way = np.zeros(samples * n)
+    for _ in range(samples + 3):
+        state = 1e-4 * random.standard_normal(10)
+        state[4] = 0.0  # the gain is that at psi = 0
+        found = controller.update(0.0, state, np.zeros(10))
+        wanted = -gain @ np.concatenate((state, under_way))
+        # of torques of 3e-3 N m; that the heading turns meanwhile is of second order, 3e-9
+        np.testing.assert_allclose(found, wanted, atol=1e-8)
+        under_way = np.concatenate((under_way[n:], found))
+
+
+@pytest.mark.parametrize("delay", [0.002, 0.005, 0.0123, 0.1])
+def test_a_late_linear_robot_moves_as_a_punctual_one_from_where_it_is_when_the_first_torque_acts(delay):
+    robot = alten()
+    A, B = linear(robot)
+    controller = predicting(robot, delay)
+    K = design_gain(robot).gain
+    F, G = held(A, B, SAMPLE)
+    steps, fine = 200, 10  # the delay in whole parts of a sample, so that the late robot is stepped exactly
+    part = SAMPLE / (fine * 5)
+    A_part, B_part = held(A, B, part)
+    late, per_sample = round(delay / part), fine * 5
+    x, torques = leaning(0.02, -0.03), []
+    when_acts = []
+    for k in range(steps * per_sample):
+        if k % per_sample == 0:
+            torques.append(controller.update(0.0, x, np.zeros(10)))
+        acting = (k - late) // per_sample
+        if k >= late and (k - late) % per_sample == 0:
+            when_acts.append(x)
+        x = A_part @ x + (B_part @ torques[acting] if acting >= 0 else 0.0)
+    punctual = expm(A * delay) @ leaning(0.02, -0.03)
+    for found in when_acts:
+        # rounding of 1e-16, grown by the unstable pole and fed back
+        np.testing.assert_allclose(found, punctual, atol=1e-10)
+        punctual = (F - G @ K) @ punctual
+
+
+def test_turned_by_psi_it_is_the_same():
+    robot = alten()
+    controller, psi = predicting(robot, 0.012), 2.3
+    random = np.random.default_rng(4)
+    states = 0.01 * random.standard_normal((6, 10))
+    states[:, [4, 9]] = 0.0
+    straight = [controller.update(0.0, state, np.zeros(10)) for state in states]
+    controller.reset()
+    c, s = np.cos(psi), np.sin(psi)
+    for state, wanted in zip(states, straight, strict=True):
+        turned, reference = state.copy(), np.zeros(10)
+        for i in (0, 2, 5, 7):
+            turned[i], turned[i + 1] = c * state[i] - s * state[i + 1], s * state[i] + c * state[i + 1]
+        turned[4] = reference[4] = psi
+        np.testing.assert_allclose(controller.update(0.0, turned, reference), wanted, atol=1e-12)
+
+
+def test_torques_stay_smooth_where_the_delay_makes_a_stiff_gain_ring():
+    robot, delay = alten(FRICTION), 8
+    stiff = precise_controller(robot)
+    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction.of(robot, delay=delay * SAMPLE)))
+
+    def change(controllers: list[Controller], late: int) -> np.ndarray:
+        batch = simulate_batch(
+            Model(robot),
+            controllers,
+            hold(),
+            duration=10.0,
+            initial_states=np.tile(leaning(0.1), (len(controllers), 1)),
+            conditions=[Conditions(delay=late)],
+        )
+        assert not np.isfinite(batch.ended).any()
+        return batch.torque_change
+
+    punctual = change([stiff], 0)[0]
+    rings, smooth = change([stiff, knows], delay)
+    assert rings > 3.0 * punctual
+    assert smooth < 1.2 * punctual
+
+
+def test_a_moving_reference_is_followed_without_the_delays_lag():
+    robot, delay = alten(), 6
+    stiff = precise_controller(robot, compensation="none")
+    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction.of(robot, delay=delay * SAMPLE)))
+    ramp = change_pose(x=2.0, y=0.0, psi=0.0, at=1.0, ramp=10.0)
+
+    def behind(controller: Controller, late: int) -> float:
+        found = simulate_batch(
+            Model(robot), [controller], ramp, duration=11.0, conditions=[Conditions(delay=late)], every=1
+        )
+        steady = (found.t > 9.0) & (found.t < 10.9)
+        asked = np.array([ramp(t)[0] for t in found.t[steady]])
+        return float(np.abs(found.states[0, steady, 0] - asked).max())
+
+    # without the lead the robot is 30 ms late at 0.2 m/s, 6 mm
+    assert behind(knows, delay) < behind(stiff, 0) + 0.001
+
+
+@pytest.mark.parametrize("delay", [1, 4])
+def test_the_observer_judges_the_torque_that_acted_and_not_the_last_one(delay):
+    """Without friction nothing is lost, however late the torques are."""
+    robot = alten()
+    parts = Parts(
+        prediction=DelayPrediction.of(robot, delay=delay * SAMPLE),
+        observer=DisturbanceObserver(balance=TorqueBalance.of(robot)),
+    )
+    controller = Controller(robot, design_gain(robot).gain, parts=parts)
+    plant, waiting, back = ModelPlant(Model(robot)), [np.zeros(3)] * delay, 0.0
+    state = plant.reset(leaning(0.05), seed=0).state
+    for k in range(800):
+        waiting.append(controller.update(k * SAMPLE, state, np.zeros(10)))
+        state = plant.step(waiting.pop(0), SAMPLE).state
+        back = max(back, float(np.abs(controller.given_back).max()))
+    # of torques of 0.6 N m; a sample too late or too early makes it 0.06, and linearising leaves 0.003
+    assert back < 0.01
+
+
+def test_one_measurement_that_is_no_number_is_forgotten():
+    robot = alten(FRICTION)
+    prediction = DelayPrediction.of(robot, delay=0.012)
+    controller = Controller(
+        robot, design_gain(robot).gain, compensation="full", parts=Parts(prediction=prediction)
+    )
+    for k in range(20):
+        state = leaning(0.01)
+        state[7] = np.nan if k == 3 else 0.0
+        found = controller.update(0.0, state, np.zeros(10))
+        assert np.isfinite(found).all()
+        assert (found == 0.0).all() == (k == 3)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: DelayPrediction.of(alten(), delay=0.0), "must be positive"),
+        (lambda: DelayPrediction.of(alten(), delay=np.nan), "must be positive"),
+        (
+            lambda: DelayPrediction.of(alten(), delay=0.01, sample_time=0.0),
+            "sample time to predict with is 0 s",
+        ),
+        (lambda: DelayPrediction.of(alten(), delay=0.1001), "at most 0.1 s"),
+        (
+            lambda: Controller(
+                alten(),
+                np.zeros((3, 10)),
+                sample_time=0.01,
+                parts=Parts(prediction=DelayPrediction.of(alten(), delay=0.01)),
+            ),
+            "a sample time of 0.005 s; the controller's sample time is 0.01 s",
+        ),
+        (
+            lambda: Controller(
+                alten(),
+                np.zeros((3, 10)),
+                parts=Parts(prediction=DelayPrediction.of(four_wheeled(friction=False), delay=0.01)),
+            ),
+            "prediction is for 4 wheels; this robot has 3",
+        ),
+    ],
+)
+def test_a_wrong_prediction_is_told(make, sentence):
+    with pytest.raises(InputError, match=sentence):
+        make()
+
+
+def test_a_delay_of_next_to_nothing_is_none():
+    robot, state = alten(), leaning(0.02, 0.01)
+    plain = Controller(robot, design_gain(robot).gain, torque_limit=1e3)
+    wanted = plain.update(0.0, state, np.zeros(10))
+    np.testing.assert_allclose(predicting(robot, 1e-12).update(0.0, state, np.zeros(10)), wanted, atol=1e-9)
+
+
+def test_design_writes_what_it_is_asked_for(tmp_path, capsys):
+    path = tmp_path / "robot.toml"
+    write_robot(alten(FRICTION), path)
+    options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]
+    assert main(["design", str(path), *options]) == 0
+    assert "Adaptation and load scaling may raise that up to 150 %" in capsys.readouterr().out
+    parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
+    assert parts.prediction is not None
+    assert parts.prediction.delay == 0.016
+    assert parts.floor_adaptation is not None
+    assert parts.driveline_adaptation is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--delay", "0"], "The delay to predict over is 0 s; it must be positive"),
+        (["--delay", "0.3"], "it can be at most 0.1 s"),
+        (["--adaptive"], "--adaptive has nothing to adapt"),
+        (["--robust", "--adaptive"], "remove --kind"),
+    ],
+)
+def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):
+    assert main(["design", "alten", *options, "--out", str(tmp_path / "out")]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

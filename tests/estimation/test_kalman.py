@@ -1,0 +1,347 @@
+"""The Kalman filter: its parts against what they should be, its errors against what it says of them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import figure_eight
+from ballbot.errors import InputError
+from ballbot.estimation.attitude import attitude_of_swing, heading_of, lean_of
+from ballbot.estimation.interface import Fix, Reading
+from ballbot.estimation.kalman import KalmanFilter, filter_model
+from ballbot.estimation.kalman_model import (
+    BIAS,
+    PSI,
+    STATES,
+    FilterNoise,
+    G,
+    S,
+    X,
+    absorb,
+    advance,
+    attitude_seen,
+    propagate,
+    tilt,
+    transition,
+    wheels_seen,
+)
+from ballbot.mechanics.geometry import body_rates_matrix, rotation
+from ballbot.mechanics.model import Model, contact_momentum
+from ballbot.robot.robot import Friction
+from ballbot.simulation.run import simulate
+from tests.support.estimation_examples import ALTEN, H, Run, light_wheels, swaying, turned
+
+LIGHT = light_wheels()
+NOISE = FilterNoise.of(ALTEN)
+leans = arrays(np.float64, 2, elements=st.floats(-0.6, 0.6))
+
+
+def ran(run: Run, noise: FilterNoise = NOISE) -> tuple[KalmanFilter, NDArray[np.float64]]:
+    """A filter after a run, and its states (N, 10)."""
+    kalman = KalmanFilter(LIGHT, sample_time=H, noise=noise)
+    return kalman, np.array([kalman.update(reading) for reading in run.readings])
+
+
+# the parts
+
+
+@settings(deadline=None)  # the first example compiles
+@given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-9, 9), st.floats(-3, 3))
+def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta, phi, psi, turn) -> None:
+    lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)
+    np.testing.assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
+    s, c = np.sin(heading), np.cos(heading)
+    about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    np.testing.assert_allclose(about_vertical @ tilt(lean), rotation(theta, phi, psi), atol=1e-12)
+    turned = attitude_of_swing(lean, heading + turn)
+    np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
+
+
+def test_momentum_of_weightless_wheels_is_the_planar_two_body_formula() -> None:
+    body, ball = LIGHT.body, LIGHT.ball
+    mass = ball.mass + ball.inertia / ball.radius**2 + body.mass
+    whole = mass + body.mass * body.center_of_mass / ball.radius
+    lever = (4.37 / ball.radius + body.mass * body.center_of_mass) / whole
+    pull = body.mass * body.center_of_mass * LIGHT.gravity / ball.radius / whole
+    found = contact_momentum(LIGHT)
+    np.testing.assert_allclose(found.lever, [[0, lever, 0], [-lever, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(found.pull, pull * np.eye(2), atol=1e-9)
+
+
+def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None:
+    """The exact model with dry friction and wild torques keeps d/dt (v + C w) = -Lambda g; torques alone do not."""
+    rough = replace(Friction.none(3), viscous=(0.02,) * 3, coulomb=(0.1,) * 3, stribeck=(0.05,) * 3)
+    robot = ALTEN.replace(friction=rough)
+    model, law = Model(robot), contact_momentum(robot)
+    random = np.random.default_rng(1)
+    state = np.array([0, 0, 0.03, -0.02, 0.7, 0.1, -0.05, 0.0, 0.02, 0.3])
+    momenta, leans_ = [], []
+    for _ in range(61):
+        s3, c3 = np.sin(state[4]), np.cos(state[4])
+        turn = np.array([[c3, -s3], [s3, c3]])
+        rate = body_rates_matrix(*state[2:5]) @ state[7:]
+        momenta.append(state[5:7] + turn @ law.lever @ rate)
+        leans_.append(turn @ law.pull @ lean_of(*state[2:5]))
+        state = model.advance(state, random.uniform(-1.5, 1.5, 3), H)
+    by_gravity = -H * (np.sum(leans_, axis=0) - 0.5 * (leans_[0] + leans_[-1]))
+    # 0.3 s; the speed itself has changed by more; neglected: squares of lean and rates, up to 0.1^2
+    assert np.linalg.norm(by_gravity) > 0.05
+    np.testing.assert_allclose(
+        momenta[-1] - momenta[0], by_gravity, atol=0.01 * float(np.linalg.norm(by_gravity))
+    )
+    assert np.linalg.norm(state[5:7] - [0.1, -0.05] - by_gravity) > 0.5 * np.linalg.norm(by_gravity)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_derivatives_are_those_of_the_functions(seed: int) -> None:
+    """At random states that lean by up to 6 degrees, against central differences."""
+    random = np.random.default_rng(seed)
+    x, gyro, ball_rate = random.uniform(-0.1, 0.1, STATES), random.uniform(-1, 1, 3), random.uniform(-3, 3, 3)
+    model = filter_model(ALTEN, sample_time=H, noise=NOISE)
+
+    def velocity(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return x[S : S + 2] - model.lever @ (gyro - x[BIAS : BIAS + 3])
+
+    def moved(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = x.copy()
+        advance(x, model, gyro, gyro)
+        return x
+
+    def wheels(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return -wheels_seen(x, model, ball_rate, gyro, velocity(x))[0]
+
+    def attitude(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return -attitude_seen(x, np.zeros(2), 0.0)[0]
+
+    # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
+    np.testing.assert_allclose(transition(x, model, gyro)[0], numerical(moved, x), atol=5e-4)
+    np.testing.assert_allclose(attitude_seen(x, np.zeros(2), 0.0)[1], numerical(attitude, x), atol=1e-9)
+    for lean, tolerance in (
+        (0.0, 1e-6),
+        (0.1, 0.1 * 2 * 3.0),
+    ):  # rows are to first order: lean times ball's rate
+        x[G : G + 2] = lean
+        rows = wheels_seen(x, model, ball_rate, gyro, velocity(x))[1]
+        np.testing.assert_allclose(rows, numerical(wheels, x), atol=tolerance)
+
+
+def numerical(
+    function: Callable[[NDArray[np.float64]], NDArray[np.float64]], x: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Central differences: a column for each state."""
+    steps = 1e-5 * np.eye(STATES)
+    return np.array([(function(x + step) - function(x - step)) / 2e-5 for step in steps]).T
+
+
+def test_linear_steps_are_the_textbook_s() -> None:
+    random = np.random.default_rng(5)
+    root, F, rows = random.normal(size=(6, 6)), random.normal(size=(6, 6)), random.normal(size=(3, 6))
+    P, Q = root @ root.T, np.diag(random.uniform(0, 1, 6))
+    x, seen, variances = random.normal(size=6), random.normal(size=3), random.uniform(0.1, 1, 3)
+    expected = F @ P @ F.T + Q
+    spread = rows @ expected @ rows.T + np.diag(variances)
+    gain = expected @ rows.T @ np.linalg.inv(spread)
+    x_expected, surprise = x + gain @ seen, seen @ np.linalg.inv(spread) @ seen
+    propagate(P, F, Q)
+    np.testing.assert_allclose(P, expected, rtol=1e-12, atol=1e-12)
+    assert absorb(x, P, seen, rows, variances) == pytest.approx(surprise, rel=1e-9)
+    np.testing.assert_allclose(x, x_expected, atol=1e-10)
+    np.testing.assert_allclose(P, expected - gain @ spread @ gain.T, atol=1e-10)
+
+
+def test_covariance_survives_what_the_short_form_does_not() -> None:
+    """Bierman's ill-conditioned pair of measurements (1977, section V): P - k s k^T is no covariance afterwards."""
+    tiny = 1e-8
+    rows = np.array([[1.0, tiny], [1.0, 1.0]])
+    P, short = np.eye(2) / tiny**2, np.eye(2) / tiny**2
+    absorb(np.zeros(2), P, np.zeros(2), rows, np.ones(2))
+    for row in rows:
+        Ph = short @ row
+        short = short - np.outer(Ph, Ph) / (row @ Ph + 1.0)
+    e = Fraction(tiny)
+    a, b, d = (
+        e * e + 2,
+        e + 1,
+        2 * e * e + 1,
+    )  # P^-1 = e^2 I + sum h h^T = [[d, b], [b, a]] turned round, exactly
+    exact = np.array([[float(x / (a * d - b * b)) for x in row] for row in ((d, -b), (-b, a))])
+    np.testing.assert_allclose(P, exact, rtol=1e-8)  # rounding over tiny
+    assert np.linalg.eigvalsh(short)[0] < -0.1
+
+
+def test_linear_filter_is_as_wrong_as_it_says() -> None:
+    """Constant velocity, seen by its place: errors and surprises are chi-squared with 2 and 1 degrees of freedom."""
+    random = np.random.default_rng(3)
+    F, Q = np.array([[1, 0.1], [0, 1.0]]), np.diag([0.0, 0.02])
+    errors, surprises = [], []
+    for _ in range(200):
+        P, x = np.diag([1.0, 0.25]), np.zeros(2)
+        truth = np.array([1.0, 0.5]) * random.standard_normal(2)
+        for _ in range(20):
+            truth = F @ truth + np.array([0.0, np.sqrt(0.02) * random.standard_normal()])
+            x = F @ x
+            propagate(P, F, Q)
+            seen = truth[0] + 0.3 * random.standard_normal()
+            surprises.append(absorb(x, P, np.array([seen - x[0]]), np.array([[1.0, 0.0]]), np.array([0.09])))
+        errors.append((x - truth) @ np.linalg.solve(P, x - truth))
+    for found, degrees in ((errors, 2), (surprises, 1)):
+        low, high = chi2.ppf([1e-4, 1 - 1e-4], degrees * len(found))
+        assert low < sum(found) < high
+
+
+# the whole
+
+
+def normalized(run: Run, kalman: KalmanFilter, state: NDArray[np.float64]) -> tuple[float, float]:
+    """Squared errors over the covariance: of place, attitude and velocity together (7), and of the bias (3)."""
+    error = (state - run.truth[-1])[:7]
+    bias = kalman.gyro_bias - run.bias
+    spread = kalman._P[BIAS : BIAS + 3, BIAS : BIAS + 3]
+    return float(error @ np.linalg.solve(kalman.covariance, error)), float(
+        bias @ np.linalg.solve(spread, bias)
+    )
+
+
+def test_filter_is_as_wrong_as_it_says() -> None:
+    """60 robots that sway, turn and slip with noise of the filter's sizes: errors are chi-squared."""
+    found = []
+    for seed in range(60):
+        run = swaying(samples=600, seed=seed, noise=NOISE)
+        kalman, states = ran(run)
+        found.append(normalized(run, kalman, states[-1]))
+    for total, degrees in zip(np.sum(found, axis=0), (7, 3), strict=True):
+        low, high = chi2.ppf([1e-4, 1 - 1e-4], degrees * len(found))
+        assert low < total < high
+
+
+def test_no_heading_is_drawn_out_of_nothing() -> None:
+    """A gyro of any bias and an AHRS of any drift leave the wheels: the heading walks by `pivoting` a root second.
+
+    An unsure lean adds to that, for the ball's turning is then not known to be level; a sure one, seen to turn in the
+    body's frame, tells a little of the bias.
+    """
+    blind = replace(NOISE, gyro_bias=1.0, heading_drift=1.0)
+    run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=0.01))
+    walked = blind.pivoting * np.sqrt(4000 * H)
+    assert 0.9 * walked < np.sqrt(ran(run, blind)[0].covariance[4, 4]) < 1.5 * walked
+    level = replace(blind, lean_error=1e-6)
+    assert np.sqrt(ran(run, level)[0].covariance[4, 4]) == pytest.approx(walked, rel=0.1)
+
+
+def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
+    """Perfect encoders and a gyro with bias, an AHRS whose heading runs away by 16 degrees in 3 minutes."""
+    log = simulate(Model(ALTEN), nominal_controller(ALTEN), figure_eight(), duration=40.0)
+    random = np.random.default_rng(1)
+    sensors, truth = ALTEN.sensors, log.truth().states
+    rate = np.einsum("nij,nj->ni", body_rates_matrix(*truth[:, 2:5].T), truth[:, 7:])
+    bias = np.array([0.002, -0.001, 0.0015])
+    kalman = KalmanFilter(ALTEN, sample_time=H)
+    attitude = truth[:, 2:5] + sensors.attitude_noise * random.standard_normal((len(log), 3))
+    attitude = turned(attitude, sensors.heading_drift * log.t)
+    found = []
+    for k in range(len(log)):
+        gyro = rate[k] + bias + sensors.gyro_noise * random.standard_normal(3)
+        angles = np.array([log[f"wheel{i}"][k] for i in (1, 2, 3)])
+        found.append(
+            kalman.update(
+                Reading(wheel_angles=angles, wheel_speeds=np.zeros(3), gyro=gyro, attitude=attitude[k])
+            )
+        )
+    error = np.array(found) - truth
+    assert np.degrees(attitude[-1, 2] - truth[-1, 4]) == pytest.approx(3.55, abs=0.4)
+    assert np.abs(np.degrees(error[:, 4])).max() < 1.2  # 0.005 rad a root second would be 1.8
+    assert np.abs(error[:, :2]).max() < 0.012  # that heading's over 0.5 m
+    assert np.degrees(np.sqrt(np.mean(error[400:, 2:4] ** 2))) < 0.05
+    np.testing.assert_allclose(kalman.gyro_bias, bias, atol=5e-4)
+    assert np.degrees(kalman.heading_error) == pytest.approx(3.55, abs=1.2)
+
+
+def test_a_fix_takes_the_drift_away_and_a_lost_one_does_nothing() -> None:
+    run = swaying(samples=1000, seed=4, noise=NOISE)
+    kalman, _ = ran(run)
+    before, drifted = kalman.covariance, kalman._x.copy()
+    for lost in (Fix(), Fix(position=np.full(2, np.nan), heading=float("nan"))):
+        kalman._take_fix(lost)
+        assert (kalman._x == drifted).all()
+    place = np.array([3.0, -1.0])
+    kalman._take_fix(Fix(position=place, heading=drifted[PSI] + 0.3 + 4 * np.pi, heading_deviation=1e-3))
+    np.testing.assert_allclose(kalman._x[X : X + 2], place, atol=5.0)
+    assert (np.diag(kalman.covariance)[:2] < 0.005**2).all()
+    assert np.diag(kalman.covariance)[4] < 1e-3**2 < before[4, 4]
+    assert kalman._x[PSI] == pytest.approx(drifted[PSI] + 0.3, abs=0.02)  # whole turns do not matter
+
+
+def test_a_pivoting_ball_does_not_take_the_heading_along() -> None:
+    spin = np.where((np.arange(4000) >= 3000) & (np.arange(4000) < 3200), 0.8, 0.0)  # 46 degrees in 1 s
+    run = swaying(samples=4000, seed=1, noise=replace(NOISE, gyro_bias=1e-4), pivot=spin)
+    watchful, trusting = replace(NOISE, pivoting_limit=0.08), replace(NOISE, pivoting_limit=1e9)
+    errors = [np.degrees(ran(run, noise)[1][-1, 4] - run.truth[-1, 4]) for noise in (watchful, trusting)]
+    assert abs(errors[0]) < 5.0
+    assert abs(errors[1]) > 2 * abs(errors[0])
+    kalman = KalmanFilter(LIGHT, sample_time=H)
+    seen = []
+    for reading in run.readings:
+        kalman.update(reading)
+        seen.append(kalman.pivots)
+    assert not any(seen[:3000])
+    assert all(seen[3030:3200])
+    assert not any(seen[3800:])
+
+
+def test_reset_forgets() -> None:
+    run = swaying(samples=50, seed=1, noise=NOISE)
+    kalman, fresh = ran(run)[0], KalmanFilter(LIGHT, sample_time=H)
+    for one in (kalman, fresh):
+        one.reset(position=(1.0, 2.0))
+    for reading in run.readings:
+        assert (kalman.update(reading) == fresh.update(reading)).all()
+    np.testing.assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
+
+
+def test_four_wheels_are_as_good() -> None:
+    azimuths = tuple(np.pi / 4 + np.pi / 2 * np.arange(4))
+    robot = ALTEN.replace(wheels=replace(ALTEN.wheels, azimuths=azimuths), friction=Friction.none(4))
+    kalman = KalmanFilter(robot, sample_time=H)
+    state = np.zeros(10)
+    for _ in range(20):
+        state = kalman.update(
+            Reading(
+                wheel_angles=np.zeros(4), wheel_speeds=np.zeros(4), gyro=np.zeros(3), attitude=np.zeros(3)
+            )
+        )
+    np.testing.assert_allclose(state, 0.0, atol=1e-9)
+
+
+def test_takes_less_than_50_microseconds() -> None:
+    run = swaying(samples=600, seed=1, noise=NOISE)
+    kalman = ran(run)[0]
+    fastest = np.inf  # of batches: what else the machine does can only slow one down
+    for start in range(0, 600, 30):
+        began = time.perf_counter()
+        for reading in run.readings[start : start + 30]:
+            kalman.update(reading)
+        fastest = min(fastest, (time.perf_counter() - began) / 30)
+    assert fastest < 50e-6
+
+
+def test_refuses_what_is_no_filter() -> None:
+    with pytest.raises(InputError, match="above 0 s"):
+        KalmanFilter(ALTEN, sample_time=0.0)
+    with pytest.raises(InputError, match="push"):
+        replace(NOISE, push=-1.0)
+    with pytest.raises(InputError, match="no measurement is perfect"):
+        replace(NOISE, rolling=0.0)
+    with pytest.raises(InputError, match="position_deviation"):
+        Fix(position_deviation=0.0)
+    with pytest.raises(InputError, match="x and y"):
+        Fix(position=np.zeros(3))

@@ -1,0 +1,114 @@
+"""Work over a Dask cluster: the same bits as in one process, also where a worker is killed on the way."""
+
+import json
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from threading import Timer
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.fitting.run import Executor, ProgressCallback, Threads
+from ballbot.identification import Identification, Progress, identify
+from tests.support.control_examples import alten
+from tests.support.identification_examples import balancing_log, noisy
+
+distributed = pytest.importorskip("distributed")
+
+from ballbot.fitting import cluster as module  # noqa: E402
+from ballbot.fitting.cluster import Cluster  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[distributed.LocalCluster]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as made:
+        yield made
+
+
+@pytest.fixture
+def cluster(local: distributed.LocalCluster) -> Iterator[Cluster]:
+    with Cluster(local.scheduler_address) as made:
+        yield made
+
+
+def scaled_sine(shared: np.ndarray, piece: int) -> np.ndarray:
+    time.sleep(0.02)
+    return np.sin(shared * piece)
+
+
+def refuse(shared: str, piece: int) -> None:
+    raise InputError(f"piece {piece} of {shared} is no good")
+
+
+def quick(*, spread: Executor, report: ProgressCallback | None = None) -> Identification:
+    log = noisy(balancing_log(), seed=2).between(6.0, 14.0)
+    return identify(
+        alten(),
+        log,
+        window=0.1,
+        seed=3,
+        generations=12,
+        population=12,
+        polish_steps=4,
+        step=2.5e-3,
+        spread=spread,
+        progress=report,
+    )
+
+
+@pytest.mark.slow
+def test_an_identification_ends_in_the_same_bytes_though_a_worker_is_killed_on_the_way(local, cluster):
+    alone = quick(spread=Threads(count=1))
+    killed = []
+
+    def kill_a_worker(progress: Progress) -> None:
+        if (progress.stage, progress.step) in (("evolution", 3), ("polish", 1)):
+            worker = next(iter(local.workers.values()))
+            killed.append(worker.pid)
+            # while the next step is computed
+            Timer(0.03, os.kill, (worker.pid, signal.SIGKILL)).start()
+
+    spread = quick(spread=cluster, report=kill_a_worker)
+    assert len(killed) == 2
+    assert json.dumps(spread.to_dict()) == json.dumps(alone.to_dict())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [0, 1, 7, 40])
+def test_pieces_come_back_in_their_order(cluster, count):
+    shared = np.linspace(0.0, 1.0, 5)
+    here = Threads(count=2)(scaled_sine, shared, range(count))
+    there = cluster(scaled_sine, shared, range(count))
+    assert len(there) == count
+    assert [one.tobytes() for one in there] == [one.tobytes() for one in here]
+
+
+@pytest.mark.slow
+def test_an_error_in_a_piece_arrives_as_it_is(cluster):
+    with pytest.raises(InputError, match="piece 3 of all is no good"):
+        cluster(refuse, "all", [3])
+
+
+@pytest.mark.slow
+def test_workers_of_another_kind_are_refused(cluster, monkeypatch):
+    other = module.machine() | {"numba": "0.1"}
+    monkeypatch.setattr(module, "machine", lambda: other)
+    with pytest.raises(InputError, match=r"A worker of the cluster has numba \S+ and this process has 0\.1"):
+        cluster(scaled_sine, np.ones(1), [1])
+
+
+def test_no_cluster_is_one_sentence(monkeypatch):
+    monkeypatch.setattr(module, "_PATIENCE", 0.5)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # bound and not listened to: no one answers
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(InputError, match="There is no Dask cluster with a worker at"):
+            Cluster(address)
+    with pytest.raises(InputError, match="--cluster is 'nonsense://a:1'; it must be the address"):
+        Cluster("nonsense://a:1")

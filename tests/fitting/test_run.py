@@ -1,0 +1,126 @@
+"""The context of a run: the time left, from shares done and a clock that the test moves; and its processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.fitting.run import EtaEstimator, as_clock
+
+
+class Clock:
+    """A clock that stands still until it is moved."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def watched(steps: list[tuple[float, float]]) -> tuple[EtaEstimator, Clock, list[float | None]]:
+    """Return what is left after each step of so many seconds to a share."""
+    clock = Clock()
+    pace = EtaEstimator(clock)
+    left = []
+    for seconds, share in steps:
+        clock.now += seconds
+        left.append(pace.seconds_left(share))
+    return pace, clock, left
+
+
+@given(step=st.floats(1.0, 1e4), count=st.integers(2, 50), first=st.floats(0.0, 1e5))
+def test_an_even_pace_is_foretold_exactly_whatever_the_first_step_took(step, count, first):
+    """The first step compiles: of 54 s for 1/3000 of the work, 45 hours were foretold."""
+    _, _, left = watched([(first, 1 / count), *((step, done / count) for done in range(2, count + 1))])
+    assert left[0] is None
+    # rounding of the shares' differences, of 1e-16 each and no smaller than 1/50
+    expected = [step * (count - done) for done in range(2, count + 1)]
+    assert left[1:] == [pytest.approx(one, rel=1e-9, abs=1e-9 * (first + step)) for one in expected]
+
+
+def test_steps_read_from_a_checkpoint_say_nothing_of_those_that_are_computed():
+    read = [(1e-3, done / 100) for done in range(1, 51)]
+    _, _, left = watched([*read, (60.0, 0.51)])
+    assert left[:-1] == [None] * 50
+    assert left[-1] == pytest.approx(49 * 60.0, rel=1e-6)
+
+
+def test_steps_that_end_together_are_no_fast_pace():
+    waits = [60.0, *[1e-3] * 15] * 10  # sixteen threads, each step takes a minute
+    _, _, left = watched([(wait, (i + 1) / 320) for i, wait in enumerate(waits)])
+    foretold = [one for one in left[33:] if one is not None]
+    # within the share of a whole burst of what is left: 10 minutes
+    assert foretold[-1] == pytest.approx(600.0, rel=0.25)
+    assert max(foretold) < 2.0 * 19 * 60.0
+
+
+def test_the_estimate_grows_while_nothing_ends():
+    pace, clock, left = watched([(1.0, 0.1), (1.0, 0.2), (1.0, 0.3), (1.0, 0.4)])
+    assert left[-1] == pytest.approx(6.0)
+    clock.now += 60.0
+    assert pace.seconds_left(0.4) == pytest.approx(63.0 / 0.3 * 0.6)
+
+
+def test_nothing_is_said_before_anything_is_done():
+    assert watched([(1.0, 0.0)])[2] == [None]
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=20), st.floats(0.0, 10.0))
+def test_it_is_never_negative(shares, seconds):
+    left = watched([(seconds, share) for share in shares])[2]
+    assert all(one is None or one >= 0.0 for one in left)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0:00"), (59.6, "1:00"), (61.0, "1:01"), (3600.0, "1:00:00"), (36061, "10:01:01")],
+)
+def test_clock(seconds, text):
+    assert as_clock(seconds) == text
+
+
+#: starts two workers, shows their process numbers, and waits for work that takes a minute
+WORK = """
+import os, sys, time
+from ballbot.fitting.run import uninterrupted, worker_pool
+pool = worker_pool(2)
+with uninterrupted():
+    pids = [pool.submit(os.getpid).result()]
+    waiting = [pool.submit(time.sleep, 60.0) for _ in range(2)]
+while len(pids) < 2:
+    pids = list(pool._processes)
+print(*pids, flush=True)
+waiting[0].result()
+"""
+
+
+def alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"  # ended, and nobody has asked how
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks processes up in /proc")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_when_their_parent_is_killed(how):
+    parent = subprocess.Popen([sys.executable, "-c", WORK], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    workers = [int(pid) for pid in parent.stdout.readline().split()]
+    assert len(workers) == 2
+    assert all(map(alive, workers))
+    os.kill(parent.pid, how)
+    parent.wait()
+    parent.stdout.close()
+    deadline = time.monotonic() + 10.0
+    while any(map(alive, workers)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not any(map(alive, workers))

@@ -1,0 +1,156 @@
+"""Identification of one axis as a whole: choice of the law, files, and the command."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from ballbot.cli.main import main
+from ballbot.errors import InputError
+from ballbot.identification.axis import AxisRecord, identify_axis
+from ballbot.identification.axis import output_error as ladder
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.log.formats.text import write_text_table
+from tests.support.axis_examples import LOOP, TRUTH, simulated_record
+
+OPTIONS = [
+    "--limit",
+    "10",
+    "--force-scale",
+    "35",
+    "--reference",
+    "aim",
+    "--position-gain",
+    "160",
+    "--velocity-gain",
+    "kv",
+]
+
+
+@pytest.fixture(scope="module")
+def noisy_record() -> AxisRecord:
+    return simulated_record(noise=1.0, duration=9.0)
+
+
+@pytest.fixture(scope="module")
+def mat_file(tmp_path_factory, noisy_record):
+    path = tmp_path_factory.mktemp("axis") / "record.mat"
+    volts = noisy_record.force / LOOP.force_per_input
+    columns = {
+        "t": noisy_record.t,
+        "position": noisy_record.position,
+        "force": volts,
+        "aim": noisy_record.reference,
+    }
+    savemat(path, columns | {"kv": LOOP.velocity_gain})
+    return path
+
+
+@pytest.mark.slow
+def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
+    tmp_path, mat_file, capsys, monkeypatch
+):
+    other = tmp_path / "other.mat"
+    other.write_bytes(mat_file.read_bytes())
+    command = ["identify-axis", str(mat_file), str(other), "--out", str(tmp_path), *OPTIONS]
+
+    def interrupt(_bar: object, _share: float, *, doing: str) -> None:
+        if doing == "open loop, law stribeck":
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ballbot.cli.output._WrittenLines.show", interrupt)
+        assert main(command) == 130
+    assert "continue with: ballbot identify-axis" in capsys.readouterr().err
+    # six laws on the ladder and two of the fits that follow; what is on file is not made again
+    assert (tmp_path / "checkpoint.jsonl").read_bytes().count(b"\n") == 1 + 6 + 2
+    monkeypatch.setattr(ladder, "_held_out", pytest.fail)
+    assert main([*command, "--resume"]) == 0
+    assert not (tmp_path / "checkpoint.jsonl").exists()
+    results = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)
+    assert results["law"] == "coulomb"  # what made the record
+    for name, value in TRUTH.items():
+        found, error = results["parameters"][name], results["standard_errors"][name]
+        # one run, four parameters: five standard errors
+        assert abs(found - value) < 5.0 * error + 0.01 * abs(value)
+    assert {"inverse", "closed loop", "open loop"} == set(results["estimates"])
+    errors = results["estimates"]["closed loop"]["errors"]
+    assert errors["record.mat"]["closed_loop_force"] < 0.05
+    assert errors["other.mat"] == errors["record.mat"]
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("<svg") == 4
+    assert "law coulomb" in capsys.readouterr().out
+
+
+def test_a_mat_file_that_is_not_there(tmp_path, capsys):
+    assert main(["identify-axis", str(tmp_path / "none.mat"), "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.endswith("none.mat cannot be read: No such file or directory.\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--position", "possition"], "did you mean 'position'?"),
+        (["--force-scale", "aim"], "it must be one number"),
+        (["--force-scale", "0"], "the force is 0 N throughout"),
+        (["--position-gain", "160"], "needs both"),
+        (["--law", "magic"], "There is no friction law 'magic'"),
+        (["--window", "5"], "model selection needs 8"),
+        (["--bandwidth", "0"], "needs a filter at 0 Hz"),
+        (["{file}"], "have the same name"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, words, sentence):
+    words = [word.format(file=mat_file) for word in words]
+    assert main(["identify-axis", str(mat_file), *words, "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count("\n") == 1
+
+
+def test_a_force_of_the_wrong_sign_is_told(noisy_record):
+    record = AxisRecord(
+        name="wrong", sample_time=1e-3, force=-noisy_record.force, position=noisy_record.position
+    )
+    with pytest.raises(InputError, match="The sign of the force or its column is wrong"):
+        identify_axis(record)
+
+
+def test_a_csv_reads_as_the_mat_does(tmp_path, mat_file, noisy_record):
+    path = tmp_path / "record.csv"
+    volts = noisy_record.force / LOOP.force_per_input
+    write_text_table(path, {"t": noisy_record.t, "position": noisy_record.position, "force": volts})
+    columns = AxisColumns(force_scale="35")
+    one, other = read_axis_record(path, columns), read_axis_record(mat_file, columns)
+    np.testing.assert_array_equal(one.force, other.force)
+    np.testing.assert_array_equal(one.position, other.position)
+
+
+def test_uneven_time_is_refused(tmp_path):
+    t = np.arange(400) * 1e-3
+    t[200:] += 0.004
+    path = tmp_path / "gap.csv"
+    write_text_table(path, {"t": t, "position": np.sin(t), "force": np.cos(t)})
+    with pytest.raises(InputError, match="at row 201 and by"):
+        read_axis_record(path, AxisColumns())
+
+
+@pytest.mark.slow
+def test_emps_better_than_published(shared_data):
+    columns = AxisColumns(
+        position="qm",
+        force="vir",
+        force_scale="gtau",
+        reference="qg",
+        position_gain="kp",
+        velocity_gain="kv",
+        limit="10",
+    )
+    record = read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", columns)
+    found = identify_axis(record)
+    assert found.chosen.symmetric
+    # published: 5.848 % by the inverse model's parameters
+    assert found.estimate("closed loop").errors[0].closed_loop_force < 0.0585
+    # published in open loop on the other record: linear 5.53 mm, polynomial 5.17 mm
+    assert found.best.errors[0].open_loop_rmse < 2.9e-3

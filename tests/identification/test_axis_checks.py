@@ -1,0 +1,162 @@
+"""Wrong records of an axis are stopped with their cause; friction below zero and added forces are dealt with."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ballbot.cli.main import main
+from ballbot.identification.axis import AxisRecord, inverse_fit
+from ballbot.identification.axis.inverse import free_inverse_fit, record_findings
+from ballbot.identification.axis.model import AXIS_LAWS, Axis
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.log import Log
+from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
+
+CLOSED = simulated_record(duration=9.0, noise=1.0)
+OPEN = replace(CLOSED, loop=None, reference=None)
+
+
+def noise(record: AxisRecord) -> NDArray[np.float64]:
+    return 50.0 * np.random.default_rng(3).standard_normal(len(record))
+
+
+def looped(**changes: float) -> Callable[[AxisRecord], AxisRecord]:
+    return lambda record: replace(record, loop=replace(LOOP, **changes))  # type: ignore[arg-type]
+
+
+Change = Callable[[AxisRecord], AxisRecord]
+WRONG_OPEN: dict[str, tuple[Change, str, str]] = {
+    "force negated": (lambda r: replace(r, force=-r.force), "force-sign", "has the opposite sign"),
+    "position negated": (lambda r: replace(r, position=-r.position), "force-sign", "has the opposite sign"),
+    "random force": (lambda r: replace(r, force=noise(r)), "force-unrelated", "noise or from another run"),
+    "time in ms": (lambda r: replace(r, sample_time=1.0), "scale", "t appears to be in milliseconds"),
+}
+WRONG_CLOSED: dict[str, tuple[Change, str, str]] = {
+    "force negated": (
+        lambda r: replace(r, force=-r.force),
+        "force-sign",
+        "the opposite sign of the control law",
+    ),
+    "force in mN": (
+        lambda r: replace(r, force=1e3 * r.force),
+        "axis-loop",
+        "1000 times the force of the control law",
+    ),
+    "no force scale": (looped(force_per_input=1.0), "axis-loop", "35 times the force of the control law"),
+    "position in mm": (
+        lambda r: replace(r, position=1e3 * r.position),
+        "axis-reference",
+        "1/1000 times as far",
+    ),
+    "reference negated": (
+        lambda r: replace(r, reference=-r.reference),
+        "axis-reference",
+        "negate one of them",
+    ),
+    "another column": (lambda r: replace(r, force=noise(r)), "axis-loop", "another column"),
+    "time ten times": (lambda r: replace(r, sample_time=1e-2), "axis-loop", "the time base"),
+    "position gain": (looped(position_gain=16.0), "axis-loop", "--position-gain is wrong by that factor"),
+}
+
+
+def stops(record: AxisRecord, code: str, says: str) -> None:
+    findings = record_findings(record)
+    assert any(says in one.text for one in findings if (one.code, one.severity) == (code, "error")), findings
+
+
+@pytest.mark.parametrize(("change", "code", "says"), WRONG_OPEN.values(), ids=WRONG_OPEN)
+def test_wrong_records_in_open_loop_are_stopped(change: Change, code: str, says: str) -> None:
+    stops(change(OPEN), code, says)
+
+
+@pytest.mark.parametrize(("change", "code", "says"), WRONG_CLOSED.values(), ids=WRONG_CLOSED)
+def test_wrong_records_in_closed_loop_are_stopped(change: Change, code: str, says: str) -> None:
+    stops(change(CLOSED), code, says)
+
+
+@pytest.mark.parametrize("record", [OPEN, CLOSED], ids=["open loop", "closed loop"])
+def test_correct_records_pass(record: AxisRecord) -> None:
+    assert record_findings(record) == ()
+
+
+def test_the_benchmark_s_record_passes(shared_data: Path) -> None:
+    columns = AxisColumns(
+        position="qm",
+        force="vir",
+        force_scale="gtau",
+        reference="qg",
+        position_gain="kp",
+        velocity_gain="kv",
+    )
+    assert record_findings(read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", columns)) == ()
+
+
+def test_friction_below_zero_is_held_at_zero() -> None:
+    """An axis that a force along its speed pushes a little has less than no viscous friction."""
+    fit = free_inverse_fit(CLOSED)
+    speed = np.gradient(CLOSED.position, SAMPLE_TIME)
+    force = np.asarray(CLOSED.force - 1.2 * fit.value("viscous") * speed, dtype=np.float64)
+    pushed = replace(OPEN, force=force)
+    assert free_inverse_fit(pushed).value("viscous") < 0.0
+    held = inverse_fit(pushed)
+    assert held.value("viscous") == 0.0
+    assert np.isnan(held.clustered_errors[held.names.index("viscous")])
+    assert held.value("coulomb") > 0.0
+    found = [one for one in record_findings(pushed) if one.code == "force-friction"]
+    assert [one.severity for one in found] == ["warning"]
+    # a law takes the values, which it refused below zero
+    Axis(
+        rung=AXIS_LAWS["coulomb"], values=dict(zip(held.names, held.values.tolist(), strict=True))
+    ).open_loop(pushed.force[:100], position=0.0, speed=0.0, sample_time=SAMPLE_TIME)
+
+
+def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
+    """A spring's force beside the motor's: the loop, simulated with it, gives the motor's force back."""
+    t = np.arange(len(CLOSED)) * SAMPLE_TIME
+    added = np.asarray(40.0 * np.sin(2.0 * np.pi * t / 2.0), dtype=np.float64)
+    empty = replace(CLOSED, added=added)
+    axis = Axis(rung=AXIS_LAWS["coulomb"], values=TRUTH)
+    assert CLOSED.reference is not None
+    start = float((CLOSED.reference[1] - CLOSED.reference[0]) / SAMPLE_TIME)
+    moved = axis.closed_loop(empty, speed=start)
+    file = tmp_path / "record.csv"
+    Log(
+        {
+            "t": t,
+            "position": moved.positions,
+            "input": (moved.forces - added) / LOOP.force_per_input,
+            "spring": added,
+            "wanted": CLOSED.reference,
+        }
+    ).write(file)
+    columns = AxisColumns(
+        force="input",
+        force_scale=str(LOOP.force_per_input),
+        added_force="spring",
+        reference="wanted",
+        position_gain=str(LOOP.position_gain),
+        velocity_gain=str(LOOP.velocity_gain),
+        limit=str(LOOP.limit),
+    )
+    record = read_axis_record(file, columns)
+    assert record.loop is not None
+    assert record.loop.span == 1
+    assert record_findings(record) == ()
+    again = axis.closed_loop(record, speed=start)
+    # the file has its numbers in full
+    np.testing.assert_allclose(again.forces, record.force, atol=1e-6)
+
+
+def test_the_command_stops_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(len(OPEN)) * SAMPLE_TIME
+    Log({"t": t, "position": OPEN.position, "force": -OPEN.force}).write(tmp_path / "record.csv")
+    out = tmp_path / "out"
+    assert main(["identify-axis", str(tmp_path / "record.csv"), "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "the force, or the position, has the opposite sign" in told
+    assert told.endswith("To continue despite this: --accept force-sign.\n")
+    assert not out.exists()

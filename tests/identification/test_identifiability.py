@@ -1,0 +1,157 @@
+"""Intervals and what is said of them in words."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.fitting.uncertainty import covariance, unleveraged
+from ballbot.identification.identifiability import Errors, Interval, Profile, between, intervals
+from ballbot.identification.parameters import scale_between
+from ballbot.identification.result import correlation_findings, interval_findings, ridge_findings
+from tests.support.control_examples import alten
+
+COORDINATES = scale_between(alten())
+LABELS = COORDINATES.labels
+
+
+def place(label: str) -> int:
+    return LABELS.index(label)
+
+
+def errors(**scaled: tuple[float, float, float]) -> Errors:
+    """Return errors of parameters by label: where it stands, clustered, bootstrap; scaled."""
+    found = np.full((3, len(LABELS)), np.nan)
+    for label, numbers in scaled.items():
+        found[:, place(label)] = numbers
+    return Errors(point=np.nan_to_num(found[0]), clustered=found[1], bootstrap=found[2], quantile=2.0)
+
+
+def test_the_larger_error_makes_the_interval_in_si_units():
+    found = intervals(COORDINATES, errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)), None, most_profiles=0)
+    assert set(found) == {"c1", "b1"}
+    # c is sought between 0 and 0.5 N m, b between 0 and 0.1 N m s/rad
+    assert (found["c1"].lower, found["c1"].upper) == (pytest.approx(0.088), pytest.approx(0.112))
+    assert found["c1"].method == "bootstrap"
+    assert (found["b1"].lower, found["b1"].upper) == (pytest.approx(0.046), pytest.approx(0.054))
+    assert found["b1"].method == "clustered"
+
+
+def test_a_ratio_has_an_interval_of_ratios():
+    found = intervals(COORDINATES, errors(v_s=(0.5, 0.02, 0.02)), None, most_profiles=0)["v_s"]
+    middle = math.sqrt(0.1 * 3.0)
+    assert found.upper / middle == pytest.approx(middle / found.lower)
+    assert found.upper / middle == pytest.approx(30.0**0.04)
+
+
+@pytest.mark.parametrize(
+    ("label", "limits", "expected"),
+    [
+        ("c1", (-0.1, 0.4), (0.0, 0.2)),  # friction is not negative: zero is a limit
+        ("c1", (0.2, 1.3), (0.1, math.inf)),  # the bound is ours, not the robot's
+        ("v_s", (-0.1, 0.5), (-math.inf, math.sqrt(0.3))),
+        ("delta", (None, None), (-math.inf, math.inf)),
+    ],
+)
+def test_a_bound_is_no_limit_but_for_an_amounts_zero(label, limits, expected):
+    found = between(COORDINATES, place(label), *limits, method="profile")
+    assert (found.lower, found.upper) == pytest.approx(expected)
+
+
+def test_doubtful_errors_are_profiled_the_worst_first():
+    doubtful = errors(
+        c1=(0.2, 0.01, 0.011), c2=(0.2, 0.01, 0.02), v_s=(0.5, 0.2, 0.2), s1=(0.1, 0.004, 0.013)
+    )
+    assert [LABELS[i] for i in doubtful.doubtful] == ["s1", "c2", "v_s"]
+    found = intervals(
+        COORDINATES, doubtful, lambda i: Profile(place=i, lower=0.15, upper=None), most_profiles=2
+    )
+    assert [found[label].method for label in ("s1", "c2", "v_s")] == ["profile", "profile", "clustered"]
+    assert (found["s1"].lower, found["s1"].upper) == (pytest.approx(0.075), math.inf)
+
+
+def test_a_side_without_limit_is_null_in_files():
+    one = Interval(lower=0.3, upper=math.inf, method="profile")
+    assert one.to_dict() == {"lower": 0.3, "upper": None, "from": "profile"}
+    assert 7.0 in one
+    assert 0.2 not in one
+
+
+def test_scores_without_leverage_make_the_jackknife_over_windows():
+    random = np.random.default_rng(5)
+    J, y = random.standard_normal((25, 6, 3)), random.standard_normal((25, 6))
+
+    def fitted(rows: np.ndarray) -> np.ndarray:
+        return np.asarray(np.linalg.lstsq(J[rows].reshape(-1, 3), -y[rows].ravel())[0])
+
+    everything = np.arange(25)
+    estimate = fitted(everything)
+    apart = np.array([fitted(np.delete(everything, i)) for i in everything]) - estimate
+    left = y + J @ estimate
+    equations = unleveraged(
+        np.einsum("wki,wkj->wij", J, J), np.einsum("wki,wk->wi", J, left), np.ones(3, bool)
+    )
+    # `covariance` has W / (W - 1) where the jackknife about the estimate has (W - 1) / W
+    jackknife = np.einsum("wi,wj->ij", apart, apart) * 25 / 24
+    np.testing.assert_allclose(covariance(equations, np.ones(3, bool)), jackknife, rtol=1e-8)
+
+
+# --- words ---
+
+
+def test_open_intervals_are_told():
+    two = Interval(lower=0.1, upper=0.2, method="clustered")
+    told = interval_findings(
+        {
+            "b1": two,
+            "v_s": replace(two, upper=math.inf),
+            "delta": replace(two, lower=-math.inf),
+            "s1": replace(two, lower=-math.inf, upper=math.inf),
+            "c1": replace(two, lower=0.0, upper=math.inf),
+        }
+    )
+    assert [sentence.split()[0] for sentence in told] == ["v_s", "delta", "s1", "c1"]
+    assert "limited from below only: 0.1 or more" in told[0]
+    assert "limited from above only: 0.2 or less" in told[1]
+    assert "its value means nothing" in told[2]
+    assert "any value fits, zero included" in told[3]
+
+
+@pytest.mark.parametrize(
+    ("pair", "experiment"),
+    [
+        (("c1", "s1"), "slow motion through standstill"),
+        (("s2", "v_s"), "slow motion through standstill"),
+        (("b3", "c3"), "high and low speeds"),
+        (("c1", "C_rr"), "upside down"),
+        (("gain1", "l"), "data sheet's value"),
+        (("b2", "gain2"), "data sheet's torque constant"),
+        (("late_imu", "delay"), "quick changes of torque"),
+        (("offset2", "lean_x"), "half a turn apart"),
+    ],
+)
+def test_what_the_logs_cannot_tell_apart_is_named_with_an_experiment_that_can(pair, experiment):
+    told = correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]]))
+    assert f"{pair[0]} and {pair[1]} (-0.97)" in told[0]
+    assert experiment in told[1]
+
+
+def test_pairs_that_can_be_told_apart_are_not_named():
+    assert correlation_findings(("c1", "s1"), np.array([[1.0, -0.6], [-0.6, 1.0]])) == []
+
+
+def test_a_ridge_of_several_parameters_is_named():
+    # three numbers of which the logs tell the sum alone: every pair has a correlation of only -0.5
+    random = np.random.default_rng(0)
+    free = random.standard_normal((100_000, 3))
+    known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))
+    values = np.column_stack([known_sum, random.standard_normal(100_000)])
+    correlation = np.asarray(np.corrcoef(values, rowvar=False))
+    told, *advice = ridge_findings(("b1", "c1", "s1", "C_rr"), correlation)
+    assert [words.split(", log")[0] for words in advice] == [
+        "To separate viscous from dry friction",
+        "To separate dry friction at rest from that at speed",
+    ]
+    assert told.startswith("b1, c1 and s1 are nearly collinear")
+    assert ridge_findings(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []

@@ -1,0 +1,287 @@
+"""The body's inertia from a swing (Appendix III): truth by SciPy's integrator, in logs and in a film."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+from ballbot.cli.check import SwingOptions, examine_swing
+from ballbot.cli.main import main
+from ballbot.errors import InputError
+from ballbot.identification.inertia import Pivot, inertia_of_swing, recording_findings, swing_findings
+from ballbot.identification.swing import fit_swing, follow_pendulum, period_growth, swing_in_log, swing_of
+from ballbot.log import Log
+from ballbot.robot import Robot
+from tests.support.vision_examples import pendulum, sensor_noise, swing_video
+
+#: of Appendix III: m g r / I
+STIFFNESS = 17.076 * 9.81 * 0.393 / 4.37
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """A pendulum's motion."""
+
+    t: NDArray[np.float64]
+    angle: NDArray[np.float64]
+    rate: NDArray[np.float64]
+
+
+def swung(
+    *, duration: float, h: float, amplitude: float = 0.25, viscous: float = 0.01, dry: float = 0.01
+) -> Truth:
+    """Return the motion of Appendix III's body, let go at `amplitude`."""
+    t = np.arange(0.0, duration, h)
+    angle, rate = pendulum(t, stiffness=STIFFNESS, viscous=viscous, dry=dry, amplitude=amplitude)
+    return Truth(t=t, angle=angle, rate=rate)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return Robot.load("alten")
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    amplitude=st.floats(0.02, 2.5),
+    viscous=st.floats(0.0, 0.3),
+    dry=st.floats(0.0, 0.3),
+    h=st.floats(0.005, 0.05),
+)
+def test_pendulum_moves_as_scipy_says(amplitude: float, viscous: float, dry: float, h: float) -> None:
+    t = np.arange(0.0, 6.0, h)
+    angle, rate = pendulum(t, stiffness=STIFFNESS, viscous=viscous, dry=dry, amplitude=amplitude)
+    angles, rates = np.empty_like(t), np.empty_like(t)
+    follow_pendulum(STIFFNESS, viscous, dry, amplitude, 0.0, t, 0.0125, angles, rates)
+    # Runge and Kutta's phase error is (omega h)^5 / 120 a step, 2e-9 here, over 500 steps
+    np.testing.assert_allclose(angles, angle, atol=1e-5)
+    np.testing.assert_allclose(rates, rate, atol=4e-5)
+
+
+def test_appendix_iii_comes_out_of_its_period(robot: Robot) -> None:
+    """A small swing with the period that 4.37 kg m^2 have gives 4.37 kg m^2, though it was never told them."""
+    period = 2.0 * np.pi / np.sqrt(STIFFNESS)
+    t = np.linspace(0.0, 30.0, 901)
+    fit = fit_swing(swing_of(t, 0.02 * np.cos(2.0 * np.pi / period * t), kind="angle", source="a video"))
+    found = inertia_of_swing(fit, robot, Pivot.of(robot))
+    # a cosine is a pendulum but for the amplitude's 2.5e-5 of the period
+    assert found.about_pivot.value == pytest.approx(4.37, rel=1e-4)
+    assert found.about_ball_center.value == found.about_pivot.value
+    assert found.about_center_of_mass.value == pytest.approx(4.37 - 17.076 * 0.393**2, rel=3e-4)
+
+
+@pytest.mark.parametrize("amplitude", [0.5, 1.5])
+def test_large_swings_give_the_small_ones_frequency(amplitude: float) -> None:
+    truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
+    fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
+    assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), rel=2e-6)
+    # what would come out without the correction, by the mean period: 1.6 % or more too slow
+    crossings = truth.t[:-1][np.diff(np.sign(truth.angle)) != 0]
+    mean = np.pi / np.diff(crossings).mean()
+    assert np.sqrt(STIFFNESS) / mean - 1.0 > 0.4 * (period_growth(amplitude) - 1.0) > 4e-3
+
+
+@pytest.mark.parametrize(
+    ("viscous", "dry"), [(0.09, 0.0), (0.0, 0.035), (0.03, 0.02)], ids=["viscous", "dry", "both"]
+)
+def test_frictions_are_told_apart(viscous: float, dry: float) -> None:
+    truth = swung(duration=40.0, h=0.01, viscous=viscous, dry=dry)
+    noisy = truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=3)
+    fit = fit_swing(swing_of(truth.t, noisy, kind="angle", source="angle"))
+    half = fit.half_widths
+    # an interval of 95 % may miss; one and a half of it miss in 0.3 %
+    assert abs(fit.values[1] - viscous) < 1.5 * half[1]
+    assert abs(fit.values[2] - dry) < 1.5 * half[2]
+    assert (fit.values[1] > 3.0 * half[1]) == (viscous > 0.0)
+    assert (fit.values[2] > 3.0 * half[2]) == (dry > 0.0)
+
+
+def test_intervals_hold_the_truth(robot: Robot) -> None:
+    """Of 40 swings with noise that goes together over samples, and a mass and a distance that are mismeasured."""
+    truth = swung(duration=25.0, h=0.025)
+    deviations = {"body.mass": 0.02, "body.center_of_mass": 0.002}
+    random, held, runs = np.random.default_rng(5), 0, 40
+    for seed in range(runs):
+        noise = sensor_noise(len(truth.t), deviation=0.003, seed=seed, memory=0.8)
+        fit = fit_swing(swing_of(truth.t, truth.angle + noise + 0.1, kind="angle", source="angle"))
+        # errors of scale and tube: N(0, their standard deviations)
+        mass, height = (17.076, 0.393) + np.array([0.02, 0.002]) * random.standard_normal(2)
+        body = replace(robot.body, mass=float(mass), center_of_mass=float(height))
+        file = robot.replace(body=body, standard_deviations=deviations)
+        own = inertia_of_swing(fit, file, Pivot.of(file)).about_center_of_mass
+        held += abs(own.value - (4.37 - 17.076 * 0.393**2)) <= own.half_width
+    # as many as in 99.9 % of draws with a true 95 %
+    assert held >= binom.ppf(0.001, runs, 0.95)
+
+
+def test_pivot_elsewhere(robot: Robot) -> None:
+    """Hung 0.3 m from its centre of mass, the same body swings otherwise and has the same inertia."""
+    own = 4.37 - 17.076 * 0.393**2
+    stiffness = 17.076 * 9.81 * 0.3 / (own + 17.076 * 0.3**2)
+    t = np.linspace(0.0, 24.98, 1250)
+    angle, _ = pendulum(t, stiffness=stiffness, viscous=0.02, amplitude=0.2)
+    fit = fit_swing(swing_of(t, angle, kind="angle", source="angle"))
+    found = inertia_of_swing(fit, robot, Pivot.of(robot, distance=0.3, deviation=0.003))
+    assert found.about_center_of_mass.value == pytest.approx(own, rel=1e-4)
+    assert found.about_ball_center.value == pytest.approx(4.37, rel=1e-4)
+    # by differences: the same swing read with the distance one deviation off
+    off = inertia_of_swing(fit, robot, Pivot.of(robot, distance=0.303))
+    change = off.about_ball_center.value - found.about_ball_center.value
+    # to second order in 1 % of the distance, m times the square of 3 mm
+    assert abs(change) == pytest.approx(found.about_ball_center.deviation, abs=17.1 * 0.003**2)
+
+
+def test_recording_before_and_after_the_swing_is_left_out() -> None:
+    """Held for three seconds at its largest angle, let go, and at rest for the last ten."""
+    truth = swung(duration=40.0, h=0.01, dry=0.2, viscous=0.0)
+    held = np.concatenate([np.full(300, truth.angle[0]), truth.angle])
+    t = np.linspace(0.0, 0.01 * (len(held) - 1), len(held))
+    noisy = held + sensor_noise(len(t), deviation=0.001, seed=1)
+    fit = fit_swing(swing_of(t, noisy, kind="angle", source="angle"))
+    assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), abs=1.5 * fit.frequency_half_width)
+    assert 3.0 < fit.swing.t[0] < 3.0 + 2.0 * np.pi / np.sqrt(STIFFNESS)
+    assert fit.swing.t[-1] < t[-1] - 10.0
+
+
+def test_film_gives_the_angle(tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    from ballbot.vision.swing import swing_in_video
+
+    truth = swung(duration=9.0, h=0.05, amplitude=0.3)
+    path = tmp_path / "swing.avi"
+    swing_video(path, truth.angle, rate=20.0)
+    swing = swing_in_video(path)
+    error = swing.values - np.interp(swing.t, truth.t, truth.angle)
+    # a pixel at the body's end, 180 pixels from the pivot, is 6 mrad; a hundred corners find a tenth of it
+    assert float(np.std(error)) < 6e-4
+    fit = fit_swing(swing)
+    assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), rel=3e-4)
+
+
+def test_gyro_about_any_axis_is_read(robot: Robot) -> None:
+    truth = swung(duration=25.0, h=0.01)
+    log = Log(
+        {"t": truth.t}
+        | {
+            name: share * truth.rate + sensor_noise(len(truth.t), deviation=0.002, seed=seed)
+            for seed, (name, share) in enumerate({"gyro_x": 0.6, "gyro_y": -0.8, "gyro_z": 0.0}.items())
+        }
+    )
+    fit = fit_swing(swing_in_log(log))
+    assert inertia_of_swing(fit, robot, Pivot.of(robot)).about_pivot.value == pytest.approx(4.37, rel=2e-4)
+
+
+def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = swung(duration=15.0, h=0.02)
+    Log({"t": truth.t, "theta": np.pi + truth.angle}).write(tmp_path / "swing.csv")
+    words = ["check", "alten", "--swing", str(tmp_path / "swing.csv"), "--pivot-deviation", "0.002"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert "inertia about the pivot" in capsys.readouterr().out
+    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["swing"]
+    assert results["inertia_about_pivot"]["value"] == pytest.approx(4.37, rel=1e-4)
+    assert results["inertia_about_center_of_mass"]["shares"]["pivot distance"] > 0.99
+    assert (tmp_path / "out" / "swing.svg").read_text(encoding="utf-8").startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (np.zeros(500), "no motion"),
+        (np.degrees(0.3) * np.cos(4.0 * 0.02 * np.arange(500)), "degrees"),
+        (0.3 * np.cos(0.02 * np.arange(500)), "need at least"),
+        (np.random.default_rng(0).standard_normal(500) * 0.1, "samples in a swing"),
+    ],
+    ids=["still", "in degrees", "too short", "noise"],
+)
+def test_what_is_no_swing_is_refused(values: NDArray[np.float64], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        fit_swing(swing_of(np.linspace(0.0, 9.98, 500), values, kind="angle", source="theta"))
+
+
+def test_distance_that_no_body_has_is_refused(robot: Robot) -> None:
+    truth = swung(duration=10.0, h=0.02)
+    fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
+    with pytest.raises(InputError, match=r"the distance must be below 0\.651"):
+        inertia_of_swing(fit, robot, Pivot.of(robot, distance=0.7))
+    with pytest.raises(InputError, match="must be above zero"):
+        Pivot.of(robot, distance=-0.1)
+
+
+#: a swing of so many radians, recorded wrongly, and what must be said
+MISTAKES: dict[str, tuple[float, str, str]] = {
+    "milliseconds": (0.3, "swing-inertia", "t appears to be in milliseconds"),
+    "1 degree in degrees": (np.radians(1.0), "swing-unit", "appears to be in degrees"),
+    "clipped": (0.3, "swing-clipped", "of its rows have its (largest|least) value"),
+    "frozen": (0.3, "stuck", "repeats one value for 4 s from t = 10 s on"),
+}
+
+
+@pytest.mark.parametrize(("amplitude", "code", "words"), MISTAKES.values(), ids=MISTAKES)
+def test_swing_recorded_wrongly_is_stopped_with_its_cause(
+    tmp_path: Path, amplitude: float, code: str, words: str, request: pytest.FixtureRequest
+) -> None:
+    truth = swung(duration=30.0, h=0.02, amplitude=amplitude, dry=0.0)
+    t, angle = truth.t, truth.angle
+    match request.node.callspec.id:
+        case "milliseconds":
+            t = 1e3 * t
+        case "clipped":
+            angle = np.clip(angle, -0.2, 0.2)
+        case "frozen":
+            angle = np.where((t > 10.0) & (t < 14.0), angle[500], angle)
+        case _:
+            angle = np.degrees(angle)
+    file = tmp_path / "swing.csv"
+    Log({"t": t, "theta": angle}).write(file)
+    options = SwingOptions(file=file, column=None, pivot_distance=None, pivot_deviation=None)
+    with pytest.raises(InputError, match=words) as refusal:
+        examine_swing(Robot.load("alten"), options)
+    assert f"--accept {code}" in str(refusal.value)
+
+
+@pytest.mark.parametrize("degrees", [2.0, 5.0, 20.0])
+def test_rates_in_degrees_a_second_are_refused(degrees: float) -> None:
+    truth = swung(duration=30.0, h=0.02, amplitude=np.radians(degrees), dry=0.0)
+    with pytest.raises(InputError, match="in degrees per second"):
+        fit_swing(swing_of(truth.t, np.degrees(truth.rate), kind="rate", source="gyro_x"))
+
+
+@pytest.mark.parametrize(("distance", "unit"), [(39.3, "centimetres"), (393.0, "millimetres")])
+def test_pivot_distance_in_another_unit_is_recognised(robot: Robot, distance: float, unit: str) -> None:
+    truth = swung(duration=15.0, h=0.02)
+    fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="theta"))
+    with pytest.raises(InputError, match=f"appears to be in {unit}, that is 0.393 m"):
+        inertia_of_swing(fit, robot, Pivot.of(robot, distance=distance))
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.3, 0.6, 1.2])
+def test_correct_swings_have_no_findings(robot: Robot, amplitude: float) -> None:
+    truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
+    swing = swing_of(
+        truth.t,
+        truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=1),
+        kind="angle",
+        source="theta",
+    )
+    fit, pivot = fit_swing(swing), Pivot.of(robot)
+    found = inertia_of_swing(fit, robot, pivot)
+    assert recording_findings(swing) == ()
+    assert swing_findings(fit, found, robot, pivot) == ()
+
+
+def test_another_bodys_swing_is_warned_of(robot: Robot) -> None:
+    """A body with twice the file's inertia: the file, the mass or the clock is wrong."""
+    t = np.linspace(0.0, 25.0, 1251)
+    angle, _ = pendulum(t, stiffness=0.5 * STIFFNESS, viscous=0.02, amplitude=0.2)
+    fit, pivot = fit_swing(swing_of(t, angle, kind="angle", source="theta")), Pivot.of(robot)
+    findings = swing_findings(fit, inertia_of_swing(fit, robot, pivot), robot, pivot)
+    assert {one.severity for one in findings} == {"warning"}
+    assert any("2 times the file's 4.37" in one.text for one in findings)

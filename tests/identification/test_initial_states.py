@@ -1,0 +1,147 @@
+"""Start states estimated together with the parameters: the equations, and what they are good for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.fitting.run import Threads
+from ballbot.fitting.uncertainty import bootstrap, covariance, resamples
+from ballbot.identification.identifiability import profile
+from ballbot.identification.initial_states import costs, fit_with_initial_states, linearize
+from ballbot.identification.parameters import Bounds, scale_between
+from ballbot.identification.prediction import Cost, Predictor, Problem
+from ballbot.identification.windows import cut_windows
+from tests.support.control_examples import alten
+from tests.support.identification_examples import NOISE, TRUTH, balancing_log, noisy
+
+DURATION = 14.0  # [s]
+
+
+def problem_of(*, seed: int, bounds: Bounds | None = None) -> Problem:
+    """Return the fit of a noisy log; where there are bounds, of what they free, the rest held at the truth."""
+    coordinates = scale_between(alten(), bounds=bounds)
+    predictor = Predictor(robot=alten(), formulation="exact", step=1e-3, layout=coordinates.layout, threads=1)
+    log = noisy(balancing_log(duration=DURATION), seed=seed)
+    windows = cut_windows([log], wheel_count=3, duration=0.25)
+    none = coordinates.layout.without_friction(TRUTH)[None]
+    reference = predictor.square_sums(none, windows, every=windows.comparison_interval)[0]
+    return Problem(
+        predictor=predictor,
+        windows=windows,
+        coordinates=coordinates,
+        cost=Cost(reference=reference),
+        spread=Threads(count=1),
+    )
+
+
+def held_but(label: str) -> Bounds:
+    """Return bounds that free C_rr or v_s alone."""
+    around = {"v_s": {"stribeck_speed": (0.1, 3.0)}, "C_rr": {"rolling": (0.0, 0.05)}}[label]
+    at_truth = {
+        "viscous": (0.014, 0.014),
+        "coulomb": (0.1, 0.1),
+        "stribeck": (0.05, 0.05),
+        "stribeck_speed": (0.6, 0.6),
+        "stribeck_exponent": (1.1, 1.1),
+        "rolling": (0.007, 0.007),
+    }
+    return Bounds(**(at_truth | around))
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return problem_of(seed=1)
+
+
+@pytest.fixture(scope="module")
+def finished(problem):
+    begin = problem.coordinates.scaled(1.2 * TRUTH)
+    return fit_with_initial_states(
+        problem, begin, free=problem.coordinates.free, most_steps=40, report=_silent
+    )
+
+
+def test_freed_starts_come_near_the_true_ones(problem, finished):
+    truth = cut_windows([balancing_log(duration=DURATION)], wheel_count=3, duration=0.25).initial
+    measured = np.sqrt(((problem.windows.initial - truth) ** 2).mean(axis=0))
+    freed = np.sqrt(((finished.starts - truth) ** 2).mean(axis=0))
+    np.testing.assert_allclose(measured, NOISE, rtol=0.35)  # 56 windows give a deviation to 10 %
+    # eleven samples tie a start and its rate: on average over the states at least halved
+    assert np.exp(np.log(freed / measured).mean()) < 0.6
+
+
+def test_known_friction_is_found_within_its_errors_and_better_than_from_measured_starts(problem, finished):
+    free = problem.coordinates.free
+    errors = np.sqrt(covariance(finished.equations.normal, free).diagonal())
+    deviation = (finished.point - problem.coordinates.scaled(TRUTH)) / errors
+    # 3.5 of them: one in 2000 if normal, and twelve are looked at
+    assert np.abs(deviation).max() < 3.5
+    there = problem.linearize(problem.coordinates.scaled(TRUTH))
+    from_measured = np.sqrt(covariance(there, free).diagonal())
+    assert np.median(from_measured / errors) > 1.5
+
+
+def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(problem, finished):
+    point = finished.point.copy()
+    point[3] += 0.01  # c1, off the optimum
+    starts = finished.starts
+    for _ in range(3):  # let the starts settle there
+        about = linearize(problem, point, starts)
+        starts = starts + about.shift
+    about = linearize(problem, point, starts)
+    normal = about.equations.normal
+    step = 1e-3
+    moved = np.stack([point, point])
+    moved[0, 3], moved[1, 3] = point[3] + step, point[3] - step
+    follow = np.stack([starts + about.shift + about.response @ (one - point) for one in moved])
+    rise = costs(problem, moved, follow)
+    compared = len(problem.windows) * 11
+    expected = (rise[0] - rise[1]) / (2 * step) * 10 * compared
+    # differences over sticking steps, and weights taken at the point: a few hundredths
+    assert normal.scores.sum(axis=0)[3] == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.slow
+def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
+    free, count = problem.coordinates.free, len(problem.windows)
+    errors = bootstrap(finished.equations, free, seed=1).errors
+    few = bootstrap(finished.equations, free, seed=0, repeats=2)
+    drawn = resamples(count, block=few.block, repeats=2, seed=0)
+    for times, shift in zip(drawn, few.shifts, strict=True):
+        resampled = problem.resampled(np.repeat(np.arange(count), times.astype(int)))
+        anew = fit_with_initial_states(resampled, finished.point, free=free, most_steps=40, report=_silent)
+        # curvature: second order in shifts of a standard error or two
+        np.testing.assert_allclose(shift / errors, (anew.point - finished.point) / errors, atol=1.0)
+        assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
+
+
+def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
+    problem = problem_of(seed=2, bounds=held_but("C_rr"))
+    free = problem.coordinates.free
+    place = problem.coordinates.labels.index("C_rr")
+    found = fit_with_initial_states(
+        problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20, report=_silent
+    )
+    independent = 1.0 / np.sqrt(found.equations.normal.matrix[place, place])
+    limits = profile(problem, found, place, free=free, error=2.0 * independent, rise=4.0)
+    assert limits.lower is not None
+    assert limits.upper is not None
+    # rise = ((p - p^) / error)^2, found to a tenth, which is a twentieth of the distance; sticking bends the rest
+    assert found.point[place] - limits.lower == pytest.approx(2.0 * independent, rel=0.15)
+    assert limits.upper - found.point[place] == pytest.approx(2.0 * independent, rel=0.15)
+
+
+def test_a_profile_has_no_limit_where_the_logs_set_none():
+    bounds = replace(held_but("v_s"), stribeck=(0.0, 0.0))
+    problem = problem_of(seed=2, bounds=bounds)
+    free = problem.coordinates.free
+    place = problem.coordinates.labels.index("v_s")
+    begin = problem.coordinates.scaled(TRUTH)
+    found = fit_with_initial_states(problem, begin, free=free, most_steps=5, report=_silent)
+    limits = profile(problem, found, place, free=free, error=0.3, rise=4.0)
+    assert (limits.lower, limits.upper) == (None, None)
+
+
+def _silent(step: int, cost: float) -> None:
+    """Report nothing."""

@@ -1,0 +1,128 @@
+"""The ladder of friction laws: what a rung gains, how surely, and which is taken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.identification import Bounds, Identification, ModelSelection, identify, select_model
+from ballbot.identification.laws import (
+    BLOCK,
+    LAWS,
+    LawName,
+    bounds_of,
+    gain_between,
+    law_named,
+    window_blocks,
+)
+from ballbot.identification.stages import LARGEST_LOSS
+from ballbot.identification.windows import Span
+from ballbot.report.friction import ladder_figure
+from tests.support.control_examples import FRICTION, alten
+from tests.support.identification_examples import balancing_log, noisy
+
+
+def groups(count: int) -> list[np.ndarray]:
+    return window_blocks([Span(log=0, start=0.25 * i, end=0.25 * i + 0.25) for i in range(count)])
+
+
+def test_a_gain_is_the_share_by_which_errors_fall():
+    theirs = np.random.default_rng(0).gamma(2.0, size=(60, 10))
+    gain = gain_between(0.81 * theirs, theirs, groups(60))
+    assert gain.share == pytest.approx(0.1)  # squares by 0.81: errors by 0.9
+    # in every draw alike, since it is paired
+    assert (gain.lower, gain.upper) == (pytest.approx(0.1), pytest.approx(0.1))
+    assert gain.sure
+
+
+def test_the_interval_holds_the_truth_as_often_as_it_says():
+    # errors of both laws share what is hard in a window (neighbours in common), and differ by noise without mean
+    random, held = np.random.default_rng(1), 0
+    repeats = 200
+    for _ in range(repeats):
+        hard = np.repeat(random.gamma(2.0, size=(40, 1)), BLOCK, axis=0)
+        noise = np.repeat(random.normal(size=(2, 40, 10)), BLOCK, axis=1)
+        ours, theirs = hard * np.exp(0.2 * noise)
+        gain = gain_between(ours, theirs, groups(160))
+        held += gain.lower <= 0.0 <= gain.upper
+    # 95 % of 200 within three standard deviations, and the percentile bootstrap of 40 blocks is a little short
+    assert 0.88 < held / repeats < 0.995
+
+
+def test_blocks_are_neighbours_of_one_log():
+    spans = [
+        Span(log=log, start=start, end=start + 0.25) for log in (0, 1) for start in (3.0, 1.0, 2.0, 0.0, 4.0)
+    ]
+    found = [rows.tolist() for rows in window_blocks(spans)]
+    assert found == [[3, 1, 2, 0], [4], [8, 6, 7, 5], [9]]
+
+
+def test_every_law_but_the_first_has_another_within_it():
+    assert LAWS[0].within is None
+    for place, law in enumerate(LAWS[1:], start=1):
+        (within,) = [one for one in LAWS[:place] if one.name == law.within]
+        assert set(within.sought) < set(law.sought)
+
+
+def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
+    given = Bounds(viscous=(0.0, 0.02), stribeck=(0.0, 0.3))
+    bounds = bounds_of(law_named("coulomb"), given)
+    assert bounds.viscous == (0.0, 0.02)
+    assert bounds.stribeck == (0.0, 0.0)
+    with pytest.raises(InputError, match=r"'colomb' is not a friction law; did you mean 'coulomb'\?"):
+        law_named("colomb")
+
+
+@pytest.fixture(scope="module")
+def ladder() -> ModelSelection:
+    """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
+    plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
+    log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 20.0)
+
+    def fit(law: LawName, start: Identification | None) -> Identification:
+        return identify(
+            alten(),
+            log,
+            law=law,
+            start=start,
+            window=0.1,
+            seed=3,
+            generations=15,
+            population=12,
+            evolution_windows=24,
+            polish_steps=6,
+            step=2.5e-3,
+        )
+
+    return select_model(fit)
+
+
+def test_rungs_that_the_robot_does_not_have_are_not_taken(ladder):
+    taken = {rung.law.name: rung.taken for rung in ladder.rungs}
+    assert taken == {
+        "viscous": True,
+        "coulomb": True,
+        "stribeck": False,
+        "asymmetric": False,
+        "load": False,
+    }
+    assert ladder.best.law.name == "coulomb"
+    # rungs over one that was not taken are held against the highest that was
+    assert [rung.over for rung in ladder.rungs] == [None, "viscous", "coulomb", "coulomb", "coulomb"]
+
+
+def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
+    cost = {rung.law.name: rung.found.polish_cost[-1] for rung in ladder.rungs}
+    for law in LAWS[1:]:
+        # but for what a parameter without influence may cost when it goes back to its value before
+        assert law.within is not None
+        assert cost[law.name] <= cost[law.within] + LARGEST_LOSS
+
+
+def test_results_and_figure_tell_every_rung(ladder):
+    told = ladder.to_dict()
+    assert told["best"] == "coulomb"
+    assert [rung["law"] for rung in told["rungs"]] == [law.name for law in LAWS]
+    shown = [text.get_text() for axes in ladder_figure(ladder).axes for text in axes.texts]
+    assert sum("not taken" in text for text in shown) == 3

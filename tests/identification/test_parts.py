@@ -1,0 +1,228 @@
+"""The parts of identification, each against an independent calculation; wheels that chatter within the play."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot import Log
+from ballbot.errors import InputError
+from ballbot.fitting.uncertainty import NormalEquations, covariance
+from ballbot.identification.excitation import chatter, chatter_finding, check_excitation
+from ballbot.identification.parameters import read_bounds, scale_between
+from ballbot.identification.prediction import Cost, Predictor, Problem
+from ballbot.identification.quantities import Layout
+from ballbot.identification.windows import cut_windows, split
+from tests.support.control_examples import alten
+from tests.support.identification_examples import TRUTH, balancing_log, noisy
+from tests.support.log_examples import smooth_log
+
+NONE = Layout(wheel_count=3).without_friction(TRUTH[None])
+
+
+def predictor(formulation="exact") -> Predictor:
+    return Predictor(robot=alten(), formulation=formulation, step=1e-3)
+
+
+# --- windows ---
+
+
+@pytest.mark.parametrize("formulation", ["exact", "thesis"])
+def test_true_friction_predicts_a_simulated_log_to_rounding(formulation):
+    # torques of row k act from t_k to t_(k+1): one row off would leave errors of 1e-3 rad
+    log = balancing_log(formulation=formulation, duration=5.0)
+    windows = cut_windows([log], wheel_count=3, duration=0.25)
+    residuals = predictor(formulation).residuals(TRUTH[None], windows, every=1)
+    assert np.abs(residuals).max() < 1e-9  # rounding, grown by at most e^(5.2 * 0.25)
+    assert np.abs(predictor(formulation).residuals(NONE, windows, every=1)).max() > 1e-2
+
+
+def test_windows_lie_end_to_end():
+    log = smooth_log(rows=1001)
+    windows = cut_windows([log, log], wheel_count=3, duration=0.25)
+    assert len(windows) == 40
+    assert windows.samples == 50
+    np.testing.assert_array_equal(windows.measured[3], log.states[151:201])
+    np.testing.assert_array_equal(windows.torques[3], log.torques[150:200])
+    np.testing.assert_array_equal(windows.initial[23], log.states[150])
+    assert (windows.spans[23].log, windows.spans[23].start) == (1, pytest.approx(0.75))
+
+
+def test_gaps_missing_values_and_falls_are_passed_over():
+    log = smooth_log(rows=1001)
+    columns = dict(log.columns)
+    columns["t"] = log.t + np.where(np.arange(1001) >= 420, 0.3, 0.0)  # rows 419 to 420: a gap
+    columns["u2"] = np.where(np.arange(1001) == 130, np.nan, log["u2"])
+    columns["theta"] = np.where(np.arange(1001) >= 900, 1.0, log["theta"])  # fallen
+    windows = cut_windows([Log(columns)], wheel_count=3, duration=0.25)
+    starts = [int(np.searchsorted(columns["t"], span.start - 1e-9)) for span in windows.spans]
+    expected = [0, 50, *range(131, 370, 50), *range(420, 850, 50)]
+    assert starts == expected
+    assert np.isfinite(windows.measured).all()
+    assert np.isfinite(windows.torques).all()
+
+
+def test_a_heading_kept_within_one_turn_does_not_jump():
+    log = smooth_log(rows=1001)
+    wrapped = log.with_columns({"psi": (log["psi"] + 3.2 + np.pi) % (2 * np.pi) - np.pi})
+    assert np.abs(np.diff(wrapped["psi"])).max() > 6.0
+    windows = cut_windows([wrapped], wheel_count=3, duration=0.25)
+    whole = cut_windows([log], wheel_count=3, duration=0.25)
+    turned = windows.measured[:, :, 4] - windows.initial[:, None, 4]
+    np.testing.assert_allclose(turned, whole.measured[:, :, 4] - whole.initial[:, None, 4], atol=1e-12)
+
+
+def test_logs_of_different_rates_are_refused():
+    with pytest.raises(InputError, match=r"sample times of 0.005 and 0.01 s"):
+        cut_windows([smooth_log(), smooth_log(sample_time=0.01)], wheel_count=3, duration=0.25)
+
+
+def test_a_log_without_torques_is_refused():
+    log = smooth_log()
+    with pytest.raises(InputError, match="u2"):
+        cut_windows([Log({k: v for k, v in log.columns.items() if k != "u2"})], wheel_count=3, duration=0.25)
+
+
+def test_a_wheel_that_hardly_turns_is_named():
+    # rolling straight ahead turns wheels 2 and 3; wheel 1, in front, is carried sideways on its rollers
+    log = smooth_log(rows=4000)
+    ahead = dict.fromkeys(("y", "theta", "psi", "y_dot", "theta_dot", "psi_dot"), np.zeros(len(log)))
+    windows = cut_windows([log.with_columns(ahead)], wheel_count=3, duration=0.25)
+    coordinates = scale_between(alten(), free=("friction", "torque_gain"))
+    found = check_excitation(windows, alten(), coordinates)
+    assert found.remarks[0].startswith("Wheel 1 turns in only 0 of")
+    refused = [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row]
+    assert refused == ["b1", "c1", "s1", "gain1"]
+
+
+def test_split_is_a_partition():
+    fitted, held_out = split(101, held_out=0.25, seed=7)
+    assert sorted([*fitted, *held_out]) == list(range(101))
+    assert len(held_out) == 25
+    assert not np.array_equal(split(101, held_out=0.25, seed=8)[1], held_out)
+
+
+# --- search ---
+
+
+def test_coordinates_come_back_and_have_the_slopes_they_say():
+    coordinates = scale_between(alten())
+    scaled = np.random.default_rng(0).uniform(0.05, 0.95, 12)
+    step = 1e-6
+    slopes = (coordinates.physical(scaled + step) - coordinates.physical(scaled - step)) / (2 * step)
+    np.testing.assert_allclose(
+        coordinates.slopes(scaled), slopes, rtol=1e-8
+    )  # central difference, curvature 1e-12
+    np.testing.assert_allclose(coordinates.scaled(coordinates.physical(scaled)), scaled, rtol=1e-12)
+    np.testing.assert_array_equal(coordinates.physical(np.zeros(12)), coordinates.lower)
+    np.testing.assert_allclose(coordinates.physical(np.ones(12)), coordinates.upper, rtol=1e-15)
+
+
+def test_normal_equations_hold_the_gradient_of_the_cost():
+    windows = cut_windows([noisy(balancing_log(duration=12.0), seed=1)], wheel_count=3, duration=0.25)
+    coordinates = scale_between(alten())
+    reference = predictor().square_sums(NONE, windows, every=5)[0]
+    problem = Problem(
+        predictor=predictor(), windows=windows, coordinates=coordinates, cost=Cost(reference=reference)
+    )
+    point = np.random.default_rng(1).uniform(0.1, 0.4, 12)
+    step = 2e-3 * np.eye(12)
+    expected = (problem.costs(point + step) - problem.costs(point - step)) / 4e-3
+    # cost = 1/10 sum_s 1/2 ln SS_s, and a weight is compared / SS_s
+    gradient = problem.linearize(point).scores.sum(axis=0) / (10 * len(windows) * 10)
+    # the cost bends within the difference's width: a few thousandths of the steepest slope
+    np.testing.assert_allclose(gradient, expected, atol=5e-3 * np.abs(expected).max())
+
+
+def test_standard_errors_clustered_by_window_are_those_of_many_repeats():
+    # a linear problem whose noise is one number a window and a little besides: independent-sample errors would be
+    # sqrt(20) times too small
+    random = np.random.default_rng(3)
+    windows, samples, repeats = 200, 20, 800
+    J = np.repeat(random.standard_normal((windows, 1, 2)), samples, axis=1)
+    H = np.einsum("wki,wkj->ij", J, J)
+    estimates, predicted = [], []
+    for _ in range(repeats):
+        residual = random.standard_normal((windows, 1)) + 0.1 * random.standard_normal((windows, samples))
+        shift = -np.linalg.solve(H, np.einsum("wki,wk->i", J, residual))
+        left = residual + J @ shift
+        scores = np.einsum("wki,wk->wi", J, left)
+        estimates.append(shift)
+        predicted.append(
+            covariance(NormalEquations(matrix=H, scores=scores), np.array([True, True])).diagonal()
+        )
+    # 800 repeats give a standard deviation to 2.5 %; the small-sample bias at 200 windows is about 1 %
+    np.testing.assert_allclose(np.sqrt(np.mean(predicted, axis=0)), np.std(estimates, axis=0), rtol=0.1)
+
+
+# --- bounds ---
+
+
+def test_bounds_come_from_a_file(tmp_path):
+    (tmp_path / "bounds.toml").write_text("coulomb = [0.05, 0.2]\nrolling = [0, 0.01]\n")
+    bounds = read_bounds(tmp_path / "bounds.toml")
+    assert bounds.coulomb == (0.05, 0.2)
+    assert bounds.rolling == (0.0, 0.01)
+    assert bounds.viscous is None
+    assert bounds.given == ("coulomb", "rolling")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("coulom = [0, 1]", "'coulom' is not a quantity that can be identified; did you mean 'coulomb'?"),
+        ("coulomb = 0.3", "coulomb is 0.3; write two numbers"),
+        ("coulomb = [0.3, 0.1]", "the lower one must come first"),
+        ("stribeck_speed = [0, 1]", "lower bound of stribeck_speed is 0; it must be above zero"),
+        ("viscous = [-1, 1]", "lower bound of viscous is -1; it must be zero or more"),
+        ("coulomb = [", "is not valid TOML"),
+    ],
+)
+def test_wrong_bounds_are_one_sentence(tmp_path, text, sentence):
+    path = tmp_path / "bounds.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as raised:
+        read_bounds(path)
+    assert sentence in str(raised.value)
+    assert "bounds.toml" in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+PLAY = alten().drive.backlash
+
+
+def log_of(angle: np.ndarray) -> Log:
+    """Return a log at 200 Hz of three wheels at that angle."""
+    speed = np.gradient(angle, 0.005)
+    return Log({"t": 0.005 * np.arange(len(angle))} | {f"wheel{i}_dot": speed for i in (1, 2, 3)})
+
+
+def test_swings_as_long_as_the_play_are_chatter():
+    t = 0.005 * np.arange(2000)
+    found = chatter(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), alten())
+    assert found.share > 0.98
+    assert found.swing == pytest.approx(PLAY, rel=0.05)  # twenty samples a turn miss its ends by 1 %
+    assert found.matters
+
+
+@pytest.mark.parametrize("amplitude", [0.1 * PLAY, 5.0 * PLAY])
+def test_swings_much_shorter_or_longer_are_not(amplitude):
+    t = 0.005 * np.arange(2000)
+    assert chatter(log_of(amplitude * np.sin(2 * np.pi * 2 * t)), alten()).share < 0.05
+
+
+def test_a_robot_without_play_does_not_chatter():
+    robot = alten()
+    rigid = robot.replace(drive=replace(robot.drive, backlash=0.0))
+    t = 0.005 * np.arange(2000)
+    assert chatter(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), rigid).share == 0.0
+
+
+def test_the_stiff_log_chatters_and_the_soft_ones_do_not(shared_data):
+    found = {
+        name: chatter(Log.read(shared_data / "bbr" / f"{name}.csv"), alten())
+        for name in ("square_soft", "hold_soft", "thesis_step_soft", "square_stiff")
+    }
+    assert [name for name, one in found.items() if one.matters] == ["square_stiff"]
+    said = chatter_finding(found["square_stiff"], alten(), "square_stiff")
+    assert "by 1.0 deg for 89 % of the time" in said

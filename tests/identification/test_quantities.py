@@ -1,0 +1,382 @@
+"""What identification can free besides friction, each against a log made with a known value of it."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot import Log, Model
+from ballbot.errors import InputError
+from ballbot.identification.excitation import heading_findings, share_shown
+from ballbot.identification.identify import estimated_parameters
+from ballbot.identification.input_and_sensor_model import seen_late, state_delays
+from ballbot.identification.parameters import Bounds, scale_between
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.quantities import QUANTITIES, Layout, names_in, second_moments, with_rigid_body
+from ballbot.identification.stages import windows_for
+from ballbot.identification.windows import back_emf_of, ball_spin, standstill_torques
+from ballbot.log import STATE_NAMES
+from ballbot.mechanics.geometry import rotation
+from tests.support.control_examples import FRICTION, alten
+from tests.support.identification_examples import TRUTH, balancing_log, late
+
+#: rounding, grown by at most e^(5.2 * 0.25) over a window
+ROUNDING = 1e-9
+THETA, PHI, PSI = (STATE_NAMES.index(name) for name in ("theta", "phi", "psi"))
+
+
+def residuals(log: Log, extra: dict[str, list[float]], *, back_emf: float = 0.0) -> np.ndarray:
+    """Return the residuals of the log's windows under the true friction and these values."""
+    layout = Layout(wheel_count=3, extra=names_in(list(extra)))
+    values = np.concatenate([TRUTH, *(np.array(extra[name]) for name in layout.extra)])
+    predictor = Predictor(robot=alten(), formulation="exact", step=1e-3, layout=layout, back_emf=back_emf)
+    windows = windows_for(predictor, values, [log], duration=0.25)
+    return predictor.residuals(values[None], windows, every=1)[0]
+
+
+def with_torques(log: Log, torques: np.ndarray) -> Log:
+    return log.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)})
+
+
+def short_log() -> Log:
+    return balancing_log(duration=5.0)
+
+
+def moving_log() -> Log:
+    """Return a log of wheels that never stop, half a second of it, the torques going to and fro."""
+    plant, x = Model(alten(FRICTION)), np.array([0, 0, 0.02, -0.01, 0, 1.0, 0.7, 0, 0, 0.2])
+    torques = 0.4 * np.sin(np.arange(104)[:, None] * [0.05, 0.08, 0.06] + [0.0, 1.0, 2.0])
+    states = [x]
+    for u in torques[:-1]:
+        states.append(plant.advance(states[-1], u, 0.005))
+    return Log(
+        {"t": 0.005 * np.arange(104)}
+        | dict(zip(STATE_NAMES, np.array(states).T, strict=True))
+        | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    )
+
+
+# --- the table ---
+
+
+def test_every_quantity_can_be_given_bounds():
+    assert [field.name for field in fields(Bounds)] == [quantity.name for quantity in QUANTITIES]
+
+
+def test_what_is_not_sought_is_held_where_it_was():
+    coordinates = scale_between(alten(FRICTION), free=("delay",), bounds=Bounds(rolling=(0.001, 0.01)))
+    free = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
+    assert free == ["C_rr", "delay"]
+    np.testing.assert_array_equal(coordinates.lower[:11], TRUTH[:11])
+
+
+def test_a_group_stands_for_its_quantities_and_a_misspelling_is_told():
+    assert names_in(["torque", "coulomb"]) == ("coulomb", "torque_gain", "torque_offset", "delay")
+    with pytest.raises(InputError, match=r"'torqe_gain' is not a quantity .* did you mean 'torque_gain'\?"):
+        names_in(["torqe_gain"])
+
+
+def test_a_scale_that_the_robot_does_not_give_is_asked_for():
+    robot = alten()
+    without = robot.replace(wheels=replace(robot.wheels, inertia=0.0))
+    with pytest.raises(InputError, match="wheel_inertia is zero in the robot's description"):
+        scale_between(without, free=("wheel_inertia",))
+
+
+@pytest.mark.parametrize(
+    ("law", "free"),
+    [
+        ("viscous", "b1 b2 b3"),
+        ("coulomb", "b1 b2 b3 c1 c2 c3 C_rr"),
+        ("stribeck", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr"),
+        ("asymmetric", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr offset1 offset2 offset3"),
+        ("load", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr mu1 mu2 mu3"),
+    ],
+)
+def test_a_law_frees_what_it_has(law, free):
+    coordinates = estimated_parameters(alten(), free=("friction",), law=law, bounds=Bounds())
+    found = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
+    assert found == free.split()
+
+
+# --- the rigid body ---
+
+SIZES = st.floats(0.01, 10.0)
+
+
+@given(
+    second=st.tuples(SIZES, SIZES, SIZES),
+    height=st.floats(0.05, 2.0),
+    about=st.sampled_from(["ball_center", "center_of_mass"]),
+)
+def test_any_second_moments_are_a_body_s(second, height, about):
+    robot = alten()
+    J = robot.body.inertia_about_center_of_mass()
+    if about == "center_of_mass":  # products of inertia in proportion must keep it a body as well
+        body = replace(robot.body, inertia=(*np.diag(J), 0.05, -0.02, 0.01), inertia_about=about)
+        robot = robot.replace(body=body)
+    parts = {"second_moment": np.array(second), "center_of_mass": np.array([height])}
+    found = with_rigid_body(robot, parts)  # a Robot refuses an inertia that no body has
+    # J_xx = S_y + S_z and so on; 1e-9: m l^2 is up to 70 kg m^2 against 0.02
+    about_center = np.diag(found.body.inertia_about_center_of_mass())
+    np.testing.assert_allclose(about_center, sum(second) - np.array(second), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(second_moments(found), second, rtol=1e-6, atol=1e-3 * sum(second))
+
+
+def test_the_rigid_body_found_is_the_one_that_predicts():
+    heavy = alten(FRICTION)
+    heavy = heavy.replace(
+        body=replace(heavy.body, center_of_mass=0.42, inertia=(4.9, 4.8, 0.8, 0.0, 0.0, 0.0)),
+        wheels=replace(heavy.wheels, inertia=1.4e-3),
+    )
+    plant, x = Model(heavy), np.array([0, 0, 0.02, -0.01, 0, 0.1, 0, 0, 0, 0.2])
+    torques = 0.3 * np.sin(np.arange(60)[:, None] * [0.2, 0.31, 0.17])
+    states = [x]
+    for u in torques[:-1]:
+        states.append(plant.advance(states[-1], u, 0.005))
+    log = Log(
+        {"t": 0.005 * np.arange(60)}
+        | dict(zip(STATE_NAMES, np.array(states).T, strict=True))
+        | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    )
+    found = {
+        "center_of_mass": [0.42],
+        "second_moment": list(second_moments(heavy)),
+        "wheel_inertia": [1.4e-3],
+    }
+    assert np.abs(residuals(log, found)).max() < ROUNDING
+    assert np.abs(residuals(log, {"delay": [0.0]})).max() > 1e-4
+
+
+# --- motors ---
+
+
+def test_gain_and_offset_undo_what_the_motors_did():
+    log = short_log()
+    gain, offset = np.array([0.9, 1.1, 1.3]), np.array([0.02, -0.03, 0.01])
+    commanded = with_torques(log, (log.torques - offset) / gain)
+    assert np.abs(residuals(commanded, {"torque_gain": [*gain], "torque_offset": [*offset]})).max() < ROUNDING
+
+
+def test_a_delay_of_whole_samples_takes_earlier_rows():
+    log = short_log()
+    early = with_torques(log, np.roll(log.torques, -3, axis=0))  # logged three rows before it acts
+    found = residuals(early, {"delay": [0.015]})
+    # the last windows reach the rows that were rolled around
+    assert np.abs(found[:-1]).max() < ROUNDING
+
+
+def test_a_delay_of_part_of_a_sample_is_nearly_that_of_its_shares():
+    plant, x = Model(alten(FRICTION)), np.array([0, 0, 0.02, -0.01, 0, 0.1, 0, 0, 0, 0.2])
+    torques = 0.4 * np.sin(np.arange(60)[:, None] * [0.2, 0.31, 0.17])
+    states = [x]
+    for before, now in zip(np.vstack([torques[:1], torques[:-2]]), torques[:-1], strict=True):
+        states.append(plant.advance(plant.advance(states[-1], before, 0.002), now, 0.003))
+    log = Log(
+        {"t": 0.005 * np.arange(60)}
+        | dict(zip(STATE_NAMES, np.array(states).T, strict=True))
+        | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    )
+    late, prompt = residuals(log, {"delay": [0.002]}), residuals(log, {"delay": [0.0]})
+    # each sample's impulse is right and its place within the sample is not: an error a sample long, not a delay's
+    assert np.abs(late).max() < 0.1 * np.abs(prompt).max()
+
+
+def test_back_emf_brakes_the_predicted_wheels():
+    brake = 0.05
+    braked = alten(replace(FRICTION, viscous=tuple(b + brake for b in FRICTION.viscous)))
+    log = balancing_log(friction=braked.friction, duration=5.0)
+    speeds = Model(alten()).wheel_speed(log.states[:, :5], log.states[:, 5:])
+    as_mapped = with_torques(log, log.torques - brake * speeds)  # what a mapping makes of duties
+    if "wheel1_dot" in as_mapped:
+        as_mapped = as_mapped.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
+    undone = standstill_torques(as_mapped, alten(), brake)
+    np.testing.assert_allclose(undone.torques, log.torques, atol=1e-12)
+    assert np.abs(residuals(undone, {"delay": [0.0]}, back_emf=brake)).max() < ROUNDING
+
+
+def test_the_back_emf_of_a_mapping_is_its_motors(tmp_path):
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text(
+        """[columns]
+t = "time"
+
+[wheels]
+speed = { from = ["w1", "w2", "w3"] }
+
+[input]
+kind = "pwm"
+from = ["a", "b", "c"]
+supply_voltage = 12.0
+torque_constant = 0.02
+back_emf_constant = 0.021
+resistance = 2.0
+gear_ratio = 30.0
+"""
+    )
+    assert back_emf_of(mapping) == pytest.approx(30.0**2 * 0.02 * 0.021 / 2.0)
+    assert back_emf_of(None) == 0.0
+
+
+# --- sensors ---
+
+
+def test_a_tilted_imu_is_seen_through():
+    # the robot stands turned by 0.8 rad: the tilt's axes turn with the body (to x, y and lean the model is indifferent)
+    log, (a, b) = short_log(), (0.004, -0.006)
+    tilt = rotation(a, b, 0.0)
+    R = rotation(log["theta"], log["phi"], log["psi"]) @ tilt
+    seen = {
+        "theta": np.arctan2(-R[:, 1, 2], R[:, 2, 2]),
+        "phi": np.arcsin(R[:, 0, 2]),
+    }
+    found = residuals(log.with_columns(seen), {"lean_bias": [a, b]})
+    blind = residuals(log.with_columns(seen), {"delay": [0.0]})
+    # to first order in tilt and lean: 0.006 * 0.05 rad of 0.006, and what a window makes of it
+    assert np.abs(found).max() < 0.05 * np.abs(blind).max()
+
+
+def test_a_gyro_s_bias_is_seen_through():
+    log, (x, y, z) = short_log(), (0.02, -0.01, 0.03)
+    c, s = np.cos(log["psi"]), np.sin(log["psi"])
+    seen = {
+        "theta_dot": log["theta_dot"] + c * x - s * y,
+        "phi_dot": log["phi_dot"] + s * x + c * y,
+        "psi_dot": log["psi_dot"] + z,
+        "psi": log["psi"] + z * log.t,
+    }
+    found = residuals(log.with_columns(seen), {"gyro_bias": [x, y, z]})
+    # the axes turn with the heading seen, which has run away by 0.15 rad at the end: 15 % of the bias
+    early = found[:2]
+    assert np.abs(early).max() < 0.002
+    assert np.abs(residuals(log.with_columns(seen), {"delay": [0.0]})[:2]).max() > 0.02
+
+
+@pytest.mark.parametrize(("imu", "velocity"), [(0.016, 0.0), (0.0, 0.006), (0.012, 0.0025), (-0.004, -0.002)])
+def test_late_sensors_are_seen_through(imu, velocity):
+    log = moving_log()
+    seen = late(log, imu=imu, velocity=velocity)
+    # from the second window on: before the first row nothing is known
+    found = residuals(seen, {"imu_delay": [imu], "velocity_delay": [velocity]})[1:]
+    blind = residuals(seen, {"delay": [0.0]})[1:]
+    pairs = [
+        0,
+        0,
+        1,
+        1,
+        2,
+        3,
+        3,
+        4,
+        4,
+        5,
+    ]  # x with y, and so on: what one of a pair feels of a delay may be little
+    left, all_of_it = (np.bincount(pairs, (one**2).mean(axis=(0, 1))) for one in (found, blind))
+    # starts are set right to first order in the delay: of 16 ms in motions of 15 rad/s that leaves a tenth or two
+    assert np.sqrt(left / all_of_it).max() < 0.25
+
+
+def test_sensors_that_are_not_late_change_nothing():
+    log = moving_log()
+    assert np.abs(residuals(log, {"imu_delay": [0.0], "velocity_delay": [0.0]})).max() < ROUNDING
+
+
+def test_a_row_seen_late_is_the_one_before():
+    layout = Layout(wheel_count=3, extra=("imu_delay",))
+    delays = state_delays(layout, np.array([[*TRUTH, 0.005], [*TRUTH, 0.0125]]))
+    states = np.arange(6.0)[None, None, :, None] ** 2 * np.ones((2, 1, 1, 10))
+    shown = seen_late(states, delays, 0.005)
+    np.testing.assert_allclose(shown[0, 0, :, THETA], [0.0, 1.0, 4.0, 9.0, 16.0])
+    # half way between rows k - 3 and k - 2, and before the start the first line goes on
+    np.testing.assert_allclose(shown[1, 0, :, PSI], [-1.5, -0.5, 0.5, 2.5, 6.5])
+    np.testing.assert_array_equal(shown[:, 0, :, 0], np.tile([1.0, 4.0, 9.0, 16.0, 25.0], (2, 1)))
+
+
+# --- drive and floor ---
+
+
+def test_friction_that_grows_with_the_load_is_that_of_each_sample():
+    mu, robot = np.array([0.3, 0.2, 0.1]), alten(FRICTION)
+    x = np.array([0, 0, 0.02, -0.01, 0, 0.1, 0, 0, 0, 0.2])
+    torques = 0.5 * np.sin(np.arange(60)[:, None] * [0.2, 0.31, 0.17])
+    states = [x]
+    for u in torques[:-1]:
+        grown = tuple(float(c) for c in np.array(FRICTION.coulomb) + mu * np.abs(u))
+        states.append(
+            Model(robot.replace(friction=replace(FRICTION, coulomb=grown))).advance(states[-1], u, 0.005)
+        )
+    log = Log(
+        {"t": 0.005 * np.arange(60)}
+        | dict(zip(STATE_NAMES, np.array(states).T, strict=True))
+        | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    )
+    assert np.abs(residuals(log, {"load": [*mu]})).max() < ROUNDING
+    assert np.abs(residuals(log, {"delay": [0.0]})).max() > 1e-4
+
+
+def pivoting_log() -> tuple[Log, np.ndarray]:
+    """Return a log of a ball that pivots, with its wheel speeds, and the ball's spin in each row."""
+    plant = Model(alten(FRICTION), pivoting=0.05)
+    torques = 0.4 + 0.3 * np.sin(np.arange(60)[:, None] * [0.2, 0.31, 0.17])
+    states = [np.array([0, 0, 0.02, -0.01, 0.3, 0.1, 0, 0, 0, 0.2, 0.4])]
+    for u in torques[:-1]:
+        states.append(plant.advance(states[-1], u, 0.005))
+    x = np.array(states)
+    speeds = plant.wheel_speed(x[:, :5], x[:, 5:])
+    log = Log(
+        {"t": 0.005 * np.arange(60)}
+        | dict(zip(STATE_NAMES, x[:, :10].T, strict=True))
+        | {f"u{i + 1}": torques[:, i] for i in range(3)}
+        | {f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)}
+    )
+    return log, x[:, 10]
+
+
+def test_encoders_and_gyro_show_the_ball_s_spin():
+    log, spin = pivoting_log()
+    np.testing.assert_allclose(ball_spin(log, alten()), spin, atol=1e-12)
+    assert np.abs(spin).max() > 0.1
+
+
+def test_a_ball_that_pivots_is_predicted_from_its_spin():
+    log, _ = pivoting_log()
+    assert np.abs(residuals(log, {"pivoting": [0.05]})).max() < ROUNDING
+    assert np.abs(residuals(log, {"delay": [0.0]})[:, :, PSI]).max() > 1e-3
+
+
+def showing(log: Log, share: float) -> Log:
+    """Return the log with the wheel speeds of a ball that turns along by the rest of the heading's rate."""
+    q_dot = log.states[:, 5:] * [1.0, 1.0, 1.0, 1.0, share]
+    speeds = Model(alten()).wheel_speed(log.states[:, :5], q_dot)
+    return log.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
+
+
+def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
+    share = share_shown(showing(moving_log(), 0.4), alten())
+    # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
+    assert share == pytest.approx(0.4, abs=0.01)
+    for left_out, freed, words in (
+        ((), (), "(--free friction,pivoting), or exclude the heading"),
+        (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
+        ((), ("pivoting",), "T_p, was among the estimated parameters"),
+    ):
+        (told,) = heading_findings([share, None], left_out=left_out, sought=freed)
+        assert told.startswith("The wheels show only 40 % of the turning of the heading")
+        assert words in told
+
+
+def test_a_heading_that_the_wheels_show_is_not_spoken_of():
+    log = moving_log()
+    assert share_shown(showing(log, 1.0), alten()) == pytest.approx(1.0, abs=1e-9)
+    assert heading_findings([1.0, 0.85, None], left_out=(), sought=()) == []
+    still = showing(log, 1.0).with_columns({"psi_dot": 1e-3 * np.ones(len(log))})
+    assert share_shown(still, alten()) is None
+
+
+def test_a_ball_cannot_be_seen_to_pivot_without_encoders():
+    log, _ = pivoting_log()
+    blind = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
+    with pytest.raises(InputError, match=r"needs the wheel speeds wheel1_dot \.\. wheel3_dot"):
+        ball_spin(blind, alten())

@@ -1,0 +1,1 @@
+"""Tests of logs, their formats, checks and mappings."""

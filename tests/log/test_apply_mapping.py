@@ -1,0 +1,133 @@
+"""What a mapping does beside units and signs: even rows, attitude, resets, spans, damage, duties."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.apply_mapping import from_roll_pitch_yaw, without_resets
+from ballbot.log.mapping import DutyInput
+from ballbot.log.pose import with_odometry
+from ballbot.robot import Robot
+from tests.support.log_examples import smooth_log, with_wheels
+
+
+def read(folder, table: str, mapping: str) -> Log:
+    (folder / "log.csv").write_text(table)
+    (folder / "mapping.toml").write_text(mapping)
+    return Log.read(folder / "log.csv", mapping=folder / "mapping.toml")
+
+
+@given(
+    roll=st.floats(-1.0, 1.0), pitch=st.floats(-1.0, 1.0), yaw=st.floats(-3.0, 3.0), turn=st.floats(-3.0, 3.0)
+)
+def test_an_imus_angles_become_the_same_rotation(roll, pitch, yaw, turn):
+    theta, phi, psi = from_roll_pitch_yaw(np.array([[roll, pitch, yaw]]), turn=turn)[0]
+    imu = Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    # the IMU's x axis stands at `turn` in the body's frame
+    body = imu * Rotation.from_euler("z", turn).inv()
+    np.testing.assert_allclose(
+        Rotation.from_euler("XYZ", [theta, phi, psi]).as_matrix(), body.as_matrix(), atol=1e-12
+    )
+
+
+def test_even_rows_read_sensors_between_and_keep_the_commands_impulse(tmp_path):
+    t = np.cumsum(np.random.default_rng(2).uniform(0.008, 0.016, 300))
+    u = np.sign(np.sin(9.0 * t))
+    table = "time,a,u\n" + "\n".join(
+        f"{k!r},{2.0 * k!r},{v!r}" for k, v in zip(t.tolist(), u.tolist(), strict=True)
+    )
+    mapping = (
+        '[time]\nsample_time = 0.01\n[columns]\nt = "time"\nx = "a"\n[input]\nkind = "torque"\nfrom = ["u"]\n'
+    )
+    log = read(tmp_path, table, mapping)
+    np.testing.assert_allclose(np.diff(log.t), 0.01, atol=1e-12)
+    np.testing.assert_allclose(log["x"], 2.0 * log.t, atol=1e-12)  # a line is read exactly between its rows
+    held = np.sum(u[:-1] * np.diff(t))
+    # the last even row's command goes on past the file
+    assert np.sum(log["u1"]) * 0.01 == pytest.approx(held, abs=0.02)
+
+
+def test_a_held_command_of_a_delay_acts_later(tmp_path):
+    table = "time,u\n" + "\n".join(f"{0.01 * k!r},{float(k >= 50)!r}" for k in range(100))
+    mapping = '[time]\nsample_time = 0.01\n[columns]\nt = "time"\n[input]\nkind="torque"\nfrom=["u"]\ndelay = 0.025\n'
+    log = read(tmp_path, table, mapping)
+    u = dict(zip(np.round(log.t, 6).tolist(), log["u1"].tolist(), strict=True))
+    # it rises at 0.500 s and acts from 0.525 s: over half of the row at 0.52
+    assert [u[0.51], u[0.52], u[0.53]] == pytest.approx([0.0, 0.5, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("jump", [-400.0, 30.0])
+def test_an_encoders_reset_is_carried_on(jump):
+    t = 0.01 * np.arange(500)
+    angle = 3.0 * np.sin(t)
+    broken = angle + jump * (t > 2.0)
+    found = without_resets(t, broken, 40.0)
+    # the step over the jump is lost: at most a row's motion
+    np.testing.assert_allclose(found, angle, atol=0.031)
+
+
+def test_spans_and_damaged_rows(tmp_path):
+    rows = [f"{0.01 * k!r} {k}" for k in range(100)]
+    rows[40] = "0.4 40 41"
+    rows[41] = "0.41 oops"
+    mapping = (
+        '[file]\nseparator = "blanks"\ndamaged_rows = "drop"\nrows = [1, 90]\n'
+        "[time]\nkeep = [[0.105, 0.205], [0.305, 0.505]]\n"
+        '[columns]\nt = "time"\nx = "a"\n'
+    )
+    log = read(tmp_path, "time a\n" + "\n".join(rows) + "\nend\n", mapping)
+    expected = [*range(11, 21), *(k for k in range(31, 51) if k not in (40, 41))]
+    assert log["x"].tolist() == expected
+    with pytest.raises(InputError, match="selects no row"):
+        read(
+            tmp_path,
+            "time a\n0 1\n1 2\n",
+            '[file]\nseparator="blanks"\n[time]\nkeep=[[5.0, 6.0]]\n[columns]\nt="time"\n',
+        )
+
+
+def test_a_duty_with_a_dead_band():
+    drive = DutyInput(
+        supply_voltage=12.0,
+        torque_constant=0.01,
+        back_emf_constant=0.01,
+        resistance=2.0,
+        gear_ratio=70.0,
+        dead_band=0.03,
+        duty_limit=0.9,
+    )
+    assert drive.acting(np.array([-0.5, 0.0, 0.2, 0.89])).tolist() == [-0.53, 0.0, 0.23, 0.9]
+    # by hand: 70 x 0.01 x (0.5 x 12 - 0.01 x 70 x 5) / 2
+    assert drive.torque(np.array([0.5]), np.array([5.0]))[0] == pytest.approx(0.875)
+
+
+def test_odometry_is_the_states_own_motion():
+    robot = Robot.load("alten")
+    truth = with_wheels(smooth_log(), robot)
+    kept = {name: truth[name] for name in truth.names if name not in ("x", "y", "x_dot", "y_dot")}
+    log = with_odometry(Log(kept), robot)
+    # the example's wheel speeds are from central differences over 10 ms
+    for name in ("x_dot", "y_dot"):
+        np.testing.assert_allclose(log[name], truth[name], atol=2e-4)
+    for name in ("x", "y"):
+        np.testing.assert_allclose(log[name] - log[name][0], truth[name] - truth[name][0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "sentence"),
+    [
+        ('[time]\nrepair = true\n[columns]\nt = "time"\n', "needs the angles of at least two wheels"),
+        ('[time]\nkeep = [[2.0, 1.0]]\n[columns]\nt = "time"\n', "write the earlier time first"),
+        (
+            '[columns]\nt = "time"\ntheta = "a"\n[attitude]\nfrom = ["a", "a"]\n',
+            "has theta, which .attitude. provides",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_said(tmp_path, mapping, sentence):
+    with pytest.raises(InputError, match=sentence):
+        read(tmp_path, "time,a\n0,1\n1,2\n2,3\n", mapping)

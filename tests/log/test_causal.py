@@ -1,0 +1,90 @@
+"""`causal_states`: what a file had told by a moment, of a simulated robot whose truth is known."""
+
+import numpy as np
+import pytest
+
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.apply_mapping import causal_states, sensor_delay
+from ballbot.log.mapping import LogMapping
+from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping_inference.mapping_text import mapping_text
+from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.pose import with_odometry
+from tests.support.foreign_log_examples import (
+    MESSAGES,
+    SENSOR_DELAY,
+    Habits,
+    columns_of,
+    small_robot,
+    swaying_log,
+    write_foreign,
+)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    habits = Habits()
+    return write_foreign(
+        tmp_path_factory.mktemp("foreign") / "run.txt", columns_of(swaying_log(), habits), habits
+    )
+
+
+@pytest.fixture(scope="module")
+def mapping(file) -> LogMapping:
+    text = mapping_text(propose(file, small_robot()), small_robot(), file=file)
+    return parse_mapping(text, source="proposed")
+
+
+@pytest.fixture(scope="module")
+def moments(file, mapping) -> np.ndarray:
+    return Log.read(file, mapping=mapping).t[500:2000:50]
+
+
+def test_what_comes_after_a_moment_does_not_matter(file, mapping, moments, tmp_path):
+    robot = small_robot()
+    header, *lines = file.read_text().strip().splitlines()
+    rows = np.array([line.split() for line in lines], dtype=float)
+    t = rows[:, header.split().index("t_now")]
+    after = rows.copy()
+    moment = float(moments[3])
+    # the first row that tells of the moment counts, and none after it
+    later = np.flatnonzero(t >= moment + sensor_delay(mapping))[1:]
+    after[later, 2:] += np.random.default_rng(1).standard_normal((len(later), rows.shape[1] - 2))
+    changed = tmp_path / "changed.txt"
+    changed.write_text("\n".join([header, *(" ".join(map(repr, row)) for row in after.tolist())]) + "\n")
+
+    def states(path):
+        return causal_states(path, mapping=mapping, robot=robot, moments=np.array([moment]))
+
+    assert np.isfinite(states(file)).all()
+    np.testing.assert_array_equal(states(changed), states(file))
+
+
+def test_it_is_near_the_truth(file, mapping, moments):
+    truth = swaying_log()
+    states = causal_states(file, mapping=mapping, robot=small_robot(), moments=moments)
+    errors = {
+        name: states[:, place] - np.interp(moments, truth.t, truth[name])
+        for place, name in enumerate(STATE_NAMES)
+    }
+    # an IMU's noise of 0.5 mrad, and where the log's clock lies within a message's interval
+    assert np.sqrt(np.mean(errors["theta"] ** 2)) < 1e-3
+    # what a line's middle, 20 ms ago, lags behind: the lean's acceleration is some 2 rad/s^2, the ball's 0.5 m/s^2
+    assert np.sqrt(np.mean(errors["theta_dot"] ** 2)) < 0.5 * np.std(truth["theta_dot"])
+    assert np.sqrt(np.mean(errors["x_dot"] ** 2)) < 0.1 * np.std(truth["x_dot"])
+
+
+def test_a_row_of_the_log_has_seen_what_comes_after(file, mapping, moments):
+    log = with_odometry(Log.read(file, mapping=mapping), small_robot())
+    states = causal_states(file, mapping=mapping, robot=small_robot(), moments=moments)
+    rows = np.searchsorted(log.t, moments - 1e-6)
+    rate = STATE_NAMES.index("theta_dot")
+    assert np.abs(states[:, rate] - log["theta_dot"][rows]).max() > 1e-3
+
+
+def test_too_little_past_gives_no_state(file, mapping):
+    log = Log.read(file, mapping=mapping)
+    states = causal_states(file, mapping=mapping, robot=small_robot(), moments=log.t[[0, 200]])
+    assert sensor_delay(mapping) == pytest.approx(SENSOR_DELAY, abs=MESSAGES)
+    assert np.isnan(states[0]).all()
+    assert np.isfinite(states[1]).all()

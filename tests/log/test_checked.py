@@ -1,0 +1,115 @@
+"""Every analysis checks its logs before it works: an error stops it, --accept goes on, and reports show findings."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ballbot
+from ballbot import Log
+from ballbot.cli.main import main
+from ballbot.errors import InputError
+from ballbot.identification import identify
+from ballbot.log.checks import CheckedLogs, checked_logs
+from tests.support.identification_examples import alten, balancing_log, noisy
+from tests.support.validation_examples import true_robot
+
+
+@pytest.fixture(scope="module")
+def good() -> Log:
+    return noisy(balancing_log(), seed=6).between(6.0, 8.5).without_truth()
+
+
+@pytest.fixture(scope="module")
+def bad(good) -> Log:
+    """Return a log whose lean rate has the wrong sign."""
+    return good.with_columns({"phi_dot": -good["phi_dot"]})
+
+
+@pytest.fixture
+def bad_file(tmp_path, bad):
+    path = tmp_path / "my runs" / "bad.csv"
+    path.parent.mkdir()
+    bad.write(path)
+    return path
+
+
+@pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "spin", "check"])
+def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
+    tmp_path, bad_file, capsys, command
+):
+    out = tmp_path / "out"
+    words = {
+        "align": [str(bad_file), str(bad_file)],
+        "check": ["alten", "--predict", str(bad_file)],
+        "spin": ["none.mp4", "--log", str(bad_file), "--robot", "alten"],
+        "validate": ["alten", str(bad_file), "--against", "thesis"],
+    }.get(command, ["alten", str(bad_file)])
+    assert main([command, *words, "--out", str(out)]) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith(f"ballbot: {bad_file}: ")
+    assert "--accept sign" in shown.err
+    assert shown.err.count("\n") == 1
+    assert not shown.out
+    assert not out.exists()
+
+
+def test_an_unknown_code_is_refused(tmp_path, bad_file, capsys):
+    words = ["identify", "alten", str(bad_file), "--out", str(tmp_path / "out"), "--accept", "sgin"]
+    assert main(words) == 2
+    assert "did you mean" in capsys.readouterr().err
+
+
+def test_validate_goes_on_and_shows_what_was_accepted(tmp_path, bad_file, capsys):
+    out = tmp_path / "out"
+    words = ["validate", "alten", str(bad_file), "--against", "thesis", "--out", str(out)]
+    assert main([*words, "--accept", "sign", "--accept", "gap"]) == 0
+    results = json.loads((out / "results.json").read_text())
+    accepted = [one for one in results["findings"] if one["severity"] == "error"]
+    assert {one["code"] for one in accepted} == {"sign"}
+    assert accepted[0]["where"]["file"] == str(bad_file)
+    assert "--accept sign --accept gap" in results["provenance"]["command"]
+    page = (out / "report.html").read_text()
+    assert "accepted" in page
+    assert "bad.csv" in page
+    assert "error (accepted): " in capsys.readouterr().out
+
+
+def test_python_functions_check_too(good, bad):
+    with pytest.raises(InputError, match=r"accept=\['sign'\]"):
+        ballbot.identify(alten(), bad)
+    with pytest.raises(InputError, match=r"^log 2: .*accept=\['sign'\]"):
+        identify(alten(), [good, bad])
+    with pytest.raises(InputError, match=r"accept=\['sign'\]"):
+        ballbot.validate(true_robot(), bad)
+    with pytest.raises(InputError, match=r"^bad: .*accept=\['sign'\]"):
+        ballbot.study(alten(), {"good": good, "bad": bad})
+
+
+def test_logs_that_are_checked_are_not_checked_again(monkeypatch, good):
+    calls = []
+
+    def count(logs, *, robot):
+        calls.append((logs, robot))
+        return ()
+
+    monkeypatch.setattr("ballbot.log.checks.run.check_logs", count)
+    checked = checked_logs(alten(), good)
+    assert checked_logs(alten(), checked) is checked
+    assert len(calls) == 1
+    checked_logs(alten(), CheckedLogs.simulated(good))
+    assert len(calls) == 1
+
+
+def test_a_log_without_a_robot_is_checked_for_what_needs_none(good):
+    swapped = good.with_columns({"theta_dot": np.degrees(good["theta_dot"])})
+    with pytest.raises(InputError, match="degrees"):
+        checked_logs(None, swapped)
+
+
+def test_compensation_of_a_robot_without_friction_is_said_to_do_nothing(tmp_path, capsys):
+    words = ["simulate", "alten", "--reference", "hold", "--duration", "1", "--out", str(tmp_path / "out")]
+    assert main([*words, "--compensation", "full"]) == 0
+    assert (
+        "full compensation does nothing, because the robot alten has no friction" in capsys.readouterr().out
+    )

@@ -1,0 +1,113 @@
+"""The `Log` type: what it refuses, what it gives, and that nothing missing travels on unseen."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.log import STATE_NAMES, Log
+from tests.support.log_examples import smooth_log
+
+
+def test_views_take_their_columns_in_order():
+    log = smooth_log(rows=50).with_columns(
+        {"ref_x": np.full(50, 1.0), "ref_y": np.full(50, 2.0), "ref_psi": np.full(50, 3.0)}
+    )
+    assert log.states.shape == (50, 10)
+    np.testing.assert_array_equal(log.states[:, 6], log["y_dot"])
+    np.testing.assert_array_equal(log.torques, np.column_stack([log["u1"], log["u2"], log["u3"]]))
+    np.testing.assert_array_equal(log.reference[0], [1, 2, 0, 0, 3, 0, 0, 0, 0, 0])
+    assert "theta" in log
+    assert "wheel1" not in log
+    assert len(log) == 50
+    assert log.sample_time == pytest.approx(0.005, rel=1e-12)  # 5 ms up to rounding of the differences
+
+
+def test_columns_are_copied_and_read_only():
+    given_x = np.zeros(3)
+    log = Log({"t": np.arange(3.0), "x": given_x})
+    given_x[0] = 7.0
+    assert log["x"][0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        log["x"][0] = 1.0
+
+
+def test_four_wheels_are_four_torques():
+    columns = {"t": np.arange(2.0)} | {f"u{i}": np.full(2, float(i)) for i in (1, 2, 3, 4)}
+    np.testing.assert_array_equal(Log(columns).torques[0], [1, 2, 3, 4])
+
+
+@given(st.integers(1, 60), st.integers(0, 100), st.integers(0, 100))
+def test_between_splits_without_loss_or_overlap(rows, first, second):
+    log = Log({"t": 0.5 * np.arange(rows), "x": np.arange(rows, dtype=float)})
+    start, middle = sorted((0.5 * first, 0.5 * second))
+    kept = []
+    for a, b in ((-1.0, start), (start, middle), (middle, 1e9)):
+        if np.any((log.t >= a) & (log.t < b)):
+            kept.append(log.between(a, b)["x"])
+    np.testing.assert_array_equal(np.concatenate(kept), log["x"])
+
+
+def test_between_nothing_is_refused_with_the_range():
+    with pytest.raises(InputError, match=r"no row from 5 to 6 s; it runs from 0 to 2 s"):
+        Log({"t": np.arange(3.0)}).between(5.0, 6.0)
+
+
+@pytest.mark.parametrize(
+    ("columns", "sentence"),
+    [
+        ({"x": [1.0]}, "needs the column t"),
+        ({"t": []}, "has no rows"),
+        ({"t": [0.0, 1.0], "x": [1.0]}, r"column x has the shape \(1,\)"),
+        ({"t": [0.0, 1.0], "x": ["a", "b"]}, "column x does not contain numbers"),
+        ({"t": [0.0, float("nan")]}, "missing or not finite at row 2"),
+        ({"t": [0.0, 1.0, 0.5]}, "runs backwards at row 3: t = 0.5 s after 1 s"),
+        ({"t": [0.0, 1.0, 1.0]}, "stands still at row 3"),
+    ],
+)
+def test_what_is_no_log_is_refused(columns, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Log(columns)
+
+
+@given(st.integers(0, 99), st.sampled_from(STATE_NAMES), st.sampled_from([np.nan, np.inf]))
+def test_a_missing_value_is_kept_and_then_refused_by_who_needs_it(row, name, value):
+    log = smooth_log(rows=100)
+    spoiled = log[name].copy()
+    spoiled[row] = value
+    log = log.with_columns({name: spoiled})
+    assert not np.isfinite(log[name][row])
+    with pytest.raises(InputError, match=f"column {name} has 1 of 100 .* row {row + 1} "):
+        _ = log.states
+    assert log.torques.shape == (100, 3)
+
+
+def test_require_names_every_missing_column_and_the_nearest_there():
+    log = smooth_log(rows=3)
+    log.require("t", "theta")
+    with pytest.raises(InputError, match=r"no columns thetaa, ref_x \(it has theta\)"):
+        log.require("thetaa", "x", "ref_x")
+    with pytest.raises(InputError, match="no column wheel1_dot"):
+        _ = log.wheel_speeds
+
+
+def test_truth_takes_the_sensors_place():
+    log = smooth_log(rows=20)
+    truth = {f"true_{name}": log[name] + 1.0 for name in STATE_NAMES}
+    both = log.with_columns(truth)
+    np.testing.assert_array_equal(both.truth().states, log.states + 1.0)
+    np.testing.assert_array_equal(both.truth().torques, log.torques)
+    assert not any(name.startswith("true_") for name in both.truth())
+    assert both.without_truth().names == log.names
+    with pytest.raises(InputError, match="has no true states"):
+        log.truth()
+
+
+def test_a_log_goes_to_another_process():
+    log = smooth_log(rows=5)
+    again = pickle.loads(pickle.dumps(log))
+    assert again.names == log.names
+    np.testing.assert_array_equal(again.states, log.states)

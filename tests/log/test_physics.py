@@ -1,0 +1,152 @@
+"""Mistakes in lean and torque columns are named by the robot's own equations, and correct logs pass."""
+
+from __future__ import annotations
+
+import pytest
+
+from ballbot.findings import Finding
+from ballbot.log import Log
+from ballbot.log.checks import check, check_logs
+from ballbot.log.checks.lean import AS_LOGGED, READINGS, lean_evidence, motion_of, usable_rows
+from ballbot.log.checks.physics import examine
+from ballbot.log.checks.torque_balance import driving_of, torque_evidence
+from ballbot.robot import Robot
+from tests.support.physics_examples import FRICTION, MISTAKES, balancing, exchanged, scaled
+
+
+def errors(log: Log, robot: Robot) -> list[Finding]:
+    return [finding for finding in examine(log, robot).findings if finding.severity == "error"]
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_each_mistake_gets_its_one_error(mistake):
+    spoil, code, words = MISTAKES[mistake]
+    log, robot = balancing()
+    found = errors(spoil(log), robot)
+    assert [finding.code for finding in found] == [code]
+    assert words in found[0].text
+
+
+def test_correct_log_is_not_stopped():
+    log, robot = balancing()
+    assert errors(log, robot) == []
+
+
+def test_check_with_a_robot_includes_the_physics():
+    log, robot = balancing()
+    assert "torque-sign" in [finding.code for finding in check(scaled(log, -1.0, "u1"), robot=robot)]
+
+
+def test_gains_of_a_correct_log_are_one():
+    log, robot = balancing()
+    rows = usable_rows(log, robot)
+    assert rows
+    motion = motion_of(log, rows)
+    lean = lean_evidence(motion, robot)
+    # noise takes from the rates' term and leaves gravity's; 5 % is ten standard errors
+    assert abs(lean.gravity_gain) == pytest.approx(1.0, abs=0.05)
+    driving = driving_of(log, rows, motion, robot)
+    assert driving
+    torque = torque_evidence(driving)
+    forward, reverse = torque.scale
+    assert forward < 1.05
+    assert reverse > 0.95
+
+
+@pytest.mark.parametrize("name", ["theta", "x_dot", "psi"])
+def test_log_without_a_column_is_left_alone(name):
+    log, robot = balancing()
+    assert examine(Log({n: log[n] for n in log if n != name}), robot).findings == ()
+
+
+def test_log_without_torques_still_has_its_lean_checked():
+    log, robot = balancing()
+    states = Log({name: log[name] for name in log if name not in ("u1", "u2", "u3")})
+    assert errors(states, robot) == []
+    assert [f.code for f in errors(scaled(states, -1.0, "theta", "theta_dot"), robot)] == ["lean-axes"]
+
+
+def test_short_or_still_log_is_no_error():
+    log, robot = balancing()
+    assert examine(log.select(slice(0, 400)), robot).findings == ()
+    still = scaled(log, 1e-9, *(name for name in log if name != "t"))
+    assert errors(still, robot) == []
+
+
+@pytest.mark.parametrize("reading", READINGS, ids=[str(k) for k in range(len(READINGS))])
+def test_every_reading_has_words_of_its_own(reading):
+    words = [one.words(("theta", "phi")) for one in READINGS]
+    assert len(set(words)) == len(READINGS)
+    assert (reading.words(("theta", "phi")) == "") == (reading == AS_LOGGED)
+
+
+@pytest.mark.parametrize("name", ["square_soft", "hold_soft", "thesis_step_soft", "square_stiff"])
+def test_measured_logs_are_not_stopped(shared_data, name):
+    log = Log.read(shared_data / "bbr" / f"{name}.csv")
+    assert errors(log, Robot.load("alten")) == []
+
+
+def test_measured_log_with_negated_torques_is_stopped(shared_data):
+    log = Log.read(shared_data / "bbr" / "hold_soft.csv")
+    found = errors(scaled(log, -1.0, "u1", "u2", "u3"), Robot.load("alten"))
+    assert [finding.code for finding in found] == ["torque-sign"]
+
+
+def test_friction_in_the_robot_s_file_changes_nothing():
+    log, robot = balancing()
+    assert examine(log, robot.replace(friction=FRICTION)).findings == examine(log, robot).findings
+
+
+def test_logs_of_one_robot_are_not_stopped():
+    first, robot = balancing()
+    second, _ = balancing(seed=2)
+    assert [
+        f.code for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.severity == "error"
+    ] == []
+
+
+def test_heavier_robot_in_one_of_two_logs_is_found():
+    first, robot = balancing()
+    second, _ = balancing(mass=1.5)
+    found = [f for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.code == "robots"]
+    assert [finding.severity for finding in found] == ["error"]
+    assert found[0].where.file == "b.csv"
+    assert "One is heavier" in found[0].text
+
+
+def test_other_wheels_in_one_of_two_logs_are_found():
+    first, robot = balancing()
+    second = scaled(first, 1.3, "x", "y", "x_dot", "y_dot")
+    found = [f for f in check_logs({"a.csv": first, "b.csv": second}, robot=robot) if f.code == "robots"]
+    assert any("wheel or ball radius" in finding.text for finding in found)
+    assert {finding.where.file for finding in found} == {"b.csv"}
+
+
+@pytest.mark.parametrize(
+    ("names", "code", "words"),
+    [
+        (("x", "x_dot"), "ball-axes", "x has the opposite sign, with its rate"),
+        (("psi", "psi_dot", "gyro_z"), "heading-sign", "psi has the opposite sign, with its rate"),
+    ],
+)
+def test_negated_ball_and_heading_columns_are_found_by_the_wheels(names, code, words):
+    log, robot = balancing()
+    found = [f for f in check(scaled(log, -1.0, *names), robot=robot) if f.severity == "error"]
+    assert [finding.code for finding in found] == [code]
+    assert words in found[0].text
+
+
+def test_exchanged_ball_columns_are_found_by_the_wheels():
+    log, robot = balancing()
+    spoiled = exchanged(log, ("x", "y"), ("x_dot", "y_dot"))
+    found = [f for f in check(spoiled, robot=robot) if f.severity == "error"]
+    assert [finding.code for finding in found] == ["ball-axes"]
+    assert "x and y are swapped, with their rates" in found[0].text
+
+
+def test_other_gear_ratio_is_an_error_of_the_wheels():
+    log, robot = balancing()
+    wheels = ("wheel1", "wheel2", "wheel3", "wheel1_dot", "wheel2_dot", "wheel3_dot")
+    found = [f for f in check(scaled(log, 1.25, *wheels), robot=robot) if f.severity == "error"]
+    assert [finding.code for finding in found] == ["wheels"]
+    assert "gear ratio" in found[0].text

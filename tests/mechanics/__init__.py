@@ -1,0 +1,1 @@
+"""Tests of equations of motion, friction and the stick-slip step."""

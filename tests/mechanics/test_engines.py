@@ -1,0 +1,154 @@
+"""The exact formulation against MuJoCo and Drake, whose models know nothing of rolling or meshing.
+
+Both engines give mass matrix and bias of the mechanism taken apart (`freed_mechanism`); the constraints are imposed in
+NumPy (`constraint_elimination`), so that neither their soft contacts nor any equation of `ballbot` takes part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import import_module
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from ballbot import Model, Robot
+from tests.support.constraint_elimination import Freed, Solution, constrained, constraints, robot_acceleration
+from tests.support.freed_mechanism import Motion, reflected_inertia, rolling_motion
+from tests.support.symbolic_oracle import random_robot, random_state
+
+# The issue asks for 1e-8. Both sides are float64 and solve well-conditioned systems: 4e-14 was the worst seen
+TOLERANCE = 1e-11
+
+STATES = 1000
+
+#: an engine's package and the test module that builds the mechanism with it
+ENGINES = {"mujoco": "mujoco_mechanism", "pydrake": "drake_mechanism"}
+
+
+class Case(NamedTuple):
+    """One robot at N states, and what an engine and the constraints make of it."""
+
+    robot: Robot
+    q: NDArray[np.float64]
+    q_dot: NDArray[np.float64]
+    u: NDArray[np.float64]
+    motion: Motion
+    freed: Freed
+    solution: Solution
+
+
+def case(engine: str, robot: Robot, rng: np.random.Generator, count: int) -> Case:
+    """Return a robot at `count` random states in that engine, or skip where it is not installed."""
+    pytest.importorskip(engine, reason=f"{engine} is not installed")
+    mechanism = import_module(ENGINES[engine])
+    states = [random_state(rng, robot.wheel_count) for _ in range(count)]
+    q, q_dot, u = (np.array(part) for part in zip(*states, strict=True))
+    motion = rolling_motion(robot, q, q_dot, seed=int(rng.integers(2**31)))
+    freed = mechanism.freed(robot, motion)
+    return Case(robot, q, q_dot, u, motion, freed, constrained(robot, motion, freed, u))
+
+
+def random_cases(engine: str, wheel_count: int, *, states: int) -> list[Case]:
+    """Return 20 random robots that share that many random states."""
+    rng = np.random.default_rng(wheel_count)
+    return [case(engine, random_robot(rng, wheel_count), rng, states // 20) for _ in range(20)]
+
+
+def cases(engine: str, kind: str, *, states: int) -> list[Case]:
+    """Return the cases of the preset, or of random robots with "3" or "4" wheels."""
+    if kind == "alten":
+        return [case(engine, Robot.load("alten"), np.random.default_rng(0), states)]
+    return random_cases(engine, int(kind), states=states)
+
+
+def relative_difference(actual: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+    """Return the worst of N rows' largest differences, each over its row's largest value."""
+    return float((np.abs(actual - expected).max(axis=1) / np.abs(expected).max(axis=1)).max())
+
+
+def engine_acceleration(one: Case) -> NDArray[np.float64]:
+    return robot_acceleration(one.q, one.q_dot, one.solution.accelerations)
+
+
+each_engine = pytest.mark.parametrize("engine", list(ENGINES))
+each_kind = pytest.mark.parametrize("kind", ["alten", "3", "4"])
+
+
+@each_engine
+@each_kind
+def test_accelerations_equal_the_engine_s(engine: str, kind: str) -> None:
+    for one in cases(engine, kind, states=STATES):
+        actual = Model(one.robot, "exact").acceleration(one.q, one.q_dot, one.u)
+        assert relative_difference(actual, engine_acceleration(one)) < TOLERANCE
+
+
+@each_engine
+@each_kind
+def test_floor_s_force_is_what_moves_the_whole_robot(engine: str, kind: str) -> None:
+    """Linear momentum: the floor bears the robot as `normal_force` says; ball and body together weigh the rest."""
+    for one in cases(engine, kind, states=100):
+        upward = Model(one.robot, "exact").normal_force(one.q, one.q_dot, one.u)
+        weight = (one.robot.ball.mass + one.robot.body.mass) * one.robot.gravity
+        assert_allclose(one.solution.floor_force[:, 2], upward, rtol=0, atol=TOLERANCE * weight)
+
+
+@each_engine
+@each_kind
+def test_mass_matrix_and_energy_equal_the_engine_s(engine: str, kind: str) -> None:
+    """S^T M S with S the motions of unit rates, which turn the wheels as an encoder sees it."""
+    for one in cases(engine, kind, states=100):
+        model, M = Model(one.robot, "exact"), one.freed.mass_matrix
+        units = [np.broadcast_to(unit, one.q.shape) for unit in np.eye(5)]
+        S = np.stack([rolling_motion(one.robot, one.q, unit, 0).velocities for unit in units], axis=2)
+        reduced = np.einsum("kia,kij,kjb->kab", S, M, S)
+        assert_allclose(model.mass_matrix(one.q), reduced, rtol=0, atol=TOLERANCE * np.abs(reduced).max())
+        nu = one.motion.velocities
+        kinetic = np.einsum("ki,kij,kj->k", nu, M, nu) / 2
+        at_rest = model.energy(one.q, np.zeros_like(one.q_dot))
+        assert_allclose(model.energy(one.q, one.q_dot) - at_rest, kinetic, rtol=TOLERANCE * 10)
+        assert_allclose(model.wheel_speed(one.q, one.q_dot), nu[:, 12:], rtol=0, atol=TOLERANCE * 100)
+
+
+@each_engine
+def test_an_error_of_a_wheel_s_inertia_would_show(engine: str) -> None:
+    """The comparison tells robots apart whose wheels alone differ, by one part in a million."""
+    one = cases(engine, "alten", states=20)[0]
+    wheels = one.robot.wheels
+    heavier = replace(wheels, inertia=wheels.inertia * (1 + 1e-6))
+    other = Model(one.robot.replace(wheels=heavier)).acceleration(one.q, one.q_dot, one.u)
+    assert relative_difference(other, engine_acceleration(one)) > 1e3 * TOLERANCE
+
+
+@each_engine
+def test_the_mechanism_is_the_robot(engine: str) -> None:
+    """Wheels locked, body and wheels together have the file's mass, centre of mass and J_0."""
+    for one in cases(engine, "4", states=20):
+        robot, M = one.robot, one.freed.mass_matrix[0]
+        R = one.motion.body.as_matrix()[0]
+        c = robot.body.mass * robot.body.center_of_mass * R[:, 2]
+        lever = np.array([[0, c[2], -c[1]], [-c[2], 0, c[0]], [c[1], -c[0], 0]])
+        J = R @ robot.body.inertia_about_ball_center() @ R.T
+        expected = np.block([[robot.body.mass * np.eye(3), lever], [lever.T, J]])
+        assert_allclose(M[6:12, 6:12], expected, rtol=0, atol=TOLERANCE * 100)
+        hinges = (robot.wheels.inertia + reflected_inertia(robot)) * np.eye(robot.wheel_count)
+        assert_allclose(M[12:, 12:], hinges, rtol=TOLERANCE, atol=TOLERANCE)
+        ball = np.repeat([robot.ball.mass, robot.ball.inertia], 3)
+        assert_allclose(M[:6, :6], np.diag(ball), rtol=TOLERANCE, atol=TOLERANCE)
+
+
+@each_engine
+def test_the_constraints_hold_and_keep_holding(engine: str) -> None:
+    """G nu = 0, and nu_dot obeys its derivative: G_dot nu against a central difference along the motion."""
+    one = cases(engine, "4", states=20)[0]
+    G, G_dot_nu = constraints(one.robot, one.motion)
+    nu = one.motion.velocities[..., None]
+    assert_allclose((G @ nu)[..., 0], 0.0, atol=1e-12)
+    h = 1e-5  # truncation h^2 and rounding eps/h meet near 1e-10
+    ahead, _ = constraints(one.robot, rolling_motion(one.robot, one.q + h * one.q_dot, one.q_dot, 0))
+    behind, _ = constraints(one.robot, rolling_motion(one.robot, one.q - h * one.q_dot, one.q_dot, 0))
+    assert_allclose(G_dot_nu, ((ahead - behind) @ nu)[..., 0] / (2 * h), atol=1e-7)
+    assert_allclose((G @ one.solution.accelerations[..., None])[..., 0], -G_dot_nu, atol=1e-9)

@@ -1,0 +1,372 @@
+"""The ball that pivots: its sixth velocity against engines, what holds it, where it breaks away, and runs with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from ballbot import InputError, Model, Robot, simulate
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import change_pose, hold
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.model_plant import ModelPlant, lift_off, sinking_of
+from tests.mechanics.test_engines import ENGINES, TOLERANCE, each_engine, each_kind, relative_difference
+from tests.support.constraint_elimination import NO_PIVOT, constrained, robot_acceleration
+from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+from tests.support.freed_mechanism import reflected_inertia, rolling_motion
+from tests.support.symbolic_oracle import random_robot, random_state
+
+STATES = 1000
+
+#: more than any wheel of these robots can exert on the ball [N m]
+HIGH = 1e3
+
+
+def spinning_states(
+    rng: np.random.Generator, wheel_count: int, count: int
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return q (count, 5), q_dot (count, 6) with the ball's spin to 3 rad/s, and u (count, n)."""
+    states = [random_state(rng, wheel_count) for _ in range(count)]
+    q, q_dot, u = (np.array(part) for part in zip(*states, strict=True))
+    return q, np.column_stack([q_dot, rng.uniform(-3, 3, count)]), u
+
+
+def robots(kind: str, rng: np.random.Generator) -> list[Robot]:
+    return [alten()] if kind == "alten" else [random_robot(rng, int(kind)) for _ in range(20)]
+
+
+@each_engine
+@each_kind
+def test_accelerations_mass_and_energy_equal_the_engine_s(engine: str, kind: str) -> None:
+    """The freed mechanism, held by all constraints but the one that keeps the ball from pivoting."""
+    pytest.importorskip(engine, reason=f"{engine} is not installed")
+    rng = np.random.default_rng(31)
+    some = robots(kind, rng)
+    for robot in some:
+        q, q_dot, u = spinning_states(rng, robot.wheel_count, STATES // len(some))
+        motion, model = rolling_motion(robot, q, q_dot, seed=1), Model(robot, pivoting=0.0)
+        freed = import_module(ENGINES[engine]).freed(robot, motion)
+        solution = constrained(robot, motion, freed, u, released=(NO_PIVOT,))
+        expected = np.column_stack(
+            [robot_acceleration(q, q_dot, solution.accelerations), solution.accelerations[:, 5]]
+        )
+        assert relative_difference(model.acceleration(q, q_dot, u), expected) < TOLERANCE
+
+        weight = (robot.ball.mass + robot.body.mass) * robot.gravity
+        upward = model.normal_force(q, q_dot, u)
+        assert_allclose(solution.floor_force[:, 2], upward, rtol=0, atol=TOLERANCE * weight)
+
+        units = [np.broadcast_to(unit, q_dot.shape) for unit in np.eye(6)]
+        S = np.stack([rolling_motion(robot, q, unit, 0).velocities for unit in units], axis=2)
+        reduced = np.einsum("kia,kij,kjb->kab", S, freed.mass_matrix, S)
+        assert_allclose(model.mass_matrix(q), reduced, rtol=0, atol=TOLERANCE * np.abs(reduced).max())
+        nu = motion.velocities
+        assert_allclose(model.wheel_speed(q, q_dot), nu[:, 12:], rtol=0, atol=TOLERANCE * 100)
+        kinetic = np.einsum("ki,kij,kj->k", nu, freed.mass_matrix, nu) / 2
+        assert_allclose(model.energy(q, q_dot) - model.energy(q, np.zeros(6)), kinetic, rtol=TOLERANCE * 10)
+
+
+@pytest.mark.parametrize("wheel_count", [3, 4])
+def test_the_wheels_power_is_the_energy_s_growth(wheel_count: int) -> None:
+    """dE/dt along the motion, by central differences, is (u - b w) . w, spin and all."""
+    rng = np.random.default_rng(32)
+    h = 1e-5  # truncation h^2 and rounding eps/h meet near 1e-10, times energies of some hundred joules
+    for _ in range(20):
+        robot = random_robot(rng, wheel_count)
+        model = Model(robot, pivoting=0.0)
+        q, q_dot, u = spinning_states(rng, wheel_count, 10)
+        q_ddot = model.acceleration(q, q_dot, u)
+        middle = (
+            h * q_ddot[:, :5] / 2
+        )  # q at second order, so that the central difference is one along the motion
+        ahead = model.energy(q + h * (q_dot[:, :5] + middle), q_dot + h * q_ddot)
+        behind = model.energy(q - h * (q_dot[:, :5] - middle), q_dot - h * q_ddot)
+        speeds = model.wheel_speed(q, q_dot)
+        power = np.sum((u - np.array(robot.friction.viscous) * speeds) * speeds, axis=1)
+        assert_allclose((ahead - behind) / (2 * h), power, atol=1e-5)
+
+
+# --- held: the five-DOF model comes back -----------------------------------------------------------
+
+
+def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64]:
+    """Return the states (samples, size) after each 5 ms of torques (samples, n)."""
+    states = []
+    for u in torques:
+        state = model.advance(state, u, 5e-3)
+        states.append(state)
+    return np.array(states)
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
+def test_held_hard_enough_the_five_dof_model_comes_back(robot: Robot) -> None:
+    """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
+    rng = np.random.default_rng(33)
+    start = np.array([0.1, -0.2, 0.03, -0.02, 0.4, 0.2, -0.1, 0.1, 0.05, 0.5])
+    torques = rng.uniform(-0.5, 0.5, (100, robot.wheel_count))
+    plain = driven(Model(robot), start, torques)
+    pivoting = driven(Model(robot, pivoting=HIGH), np.append(start, 0.0), torques)
+    assert_array_equal(pivoting[:, 10], 0.0)
+    # 500 steps; differences of rounding, 1e-16, grow with the robot's fall and the wheels' sticking
+    assert_allclose(pivoting[:, :10], plain, rtol=0, atol=1e-11)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([3, 4]))
+@settings(max_examples=60, deadline=None)
+def test_held_the_acceleration_is_the_five_dof_one_and_free_it_is_the_frictionless_pivot_s(
+    seed: int, wheel_count: int
+) -> None:
+    """Over one short step from random states, without other dry friction: limit 0 and a high one."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, wheel_count)
+    (q,), (q_dot,), (u,) = spinning_states(rng, wheel_count, 1)
+    q_dot[5] = 0.0
+    h = 1e-7
+    start = np.concatenate([q, q_dot])
+    for pivoting, expected in (
+        (HIGH, np.append(Model(robot).acceleration(q, q_dot[:5], u), 0.0)),
+        (0.0, Model(robot, pivoting=0.0).acceleration(q, q_dot, u)),
+    ):
+        end = Model(robot, pivoting=pivoting).advance(start, u, h)
+        # a one-sided difference: h times a jerk of some hundred accelerations, and rounding 1e-15 / h
+        scale = 1.0 + np.abs(expected).max()
+        assert_allclose((end[5:] - q_dot) / h, expected, rtol=0, atol=1e-4 * scale**1.5)
+        assert pivoting == 0.0 or end[10] == 0.0
+
+
+# --- break-away ------------------------------------------------------------------------------------
+
+
+def yaw_inertia(robot: Robot) -> tuple[NDArray[np.float64], float]:
+    """Return, upright, the mass matrix (2, 2) of (ball's spin, body's yaw rate), and the ball's torque over u.
+
+    By hand: equal wheels turn at kappa (sigma - w), kappa = (r_b / r_w) sin(tilt), about axles that see sin(tilt) of
+    the body's yaw; the body's inertia J_0 has the locked wheels in it.
+    """
+    n, wheels, ball = robot.wheel_count, robot.wheels, robot.ball
+    slope = np.sin(wheels.tilt)
+    kappa = ball.radius / wheels.radius * slope
+    both = n * kappa**2 * (wheels.inertia + reflected_inertia(robot))
+    mixed = n * kappa * wheels.inertia * slope
+    J = robot.body.inertia_about_ball_center()[2, 2]
+    M = np.array([[ball.inertia + both, -both - mixed], [-both - mixed, J + both + 2 * mixed]])
+    return M, n * kappa
+
+
+def held_torque(robot: Robot, u: float) -> float:
+    """Return the torque on the ball that pivoting friction must bear, upright at rest under equal torques u."""
+    M, gain = yaw_inertia(robot)
+    return gain * u * (1.0 + M[0, 1] / M[1, 1])
+
+
+@given(st.floats(0.005, 3.0), st.floats(1e-9, 0.5), st.booleans(), st.sampled_from([1.0, -1.0]))
+@settings(max_examples=60, deadline=None)
+def test_the_spin_breaks_away_at_exactly_the_limit(
+    u: float, excess: float, beyond: bool, direction: float
+) -> None:
+    """Equal torques on frictionless wheels, from rest (the convex step) and while the heading turns (RK4)."""
+    robot = alten()
+    limit = held_torque(robot, u) / (1.0 + excess if beyond else 1.0 - excess)
+    model = Model(robot, pivoting=limit)
+    for heading_rate in (0.0, 0.1):
+        start = np.zeros(11)
+        start[9] = heading_rate
+        end = model.advance(start, np.full(3, direction * u), 1e-3)
+        assert (end[10] != 0.0) == beyond
+        assert not beyond or np.sign(end[10]) == direction
+
+
+@given(st.floats(0.01, 0.3), st.floats(0.01, 0.3), st.floats(1e-9, 0.1), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_a_whole_robot_at_rest_turns_where_the_weaker_of_wheels_and_pivot_gives_way(
+    dry: float, u: float, excess: float, beyond: bool
+) -> None:
+    """Wheels that stick carry the motors' torque back into the body: nothing turns until u passes c + s."""
+    friction = replace(FRICTION, coulomb=(0.7 * dry,) * 3, stribeck=(0.3 * dry,) * 3)
+    model = Model(alten(friction), pivoting=held_torque(alten(), u))
+    torque = dry * (1.0 + excess if beyond else 1.0 - excess)
+    end = model.advance(np.zeros(11), np.full(3, torque), 1e-3)
+    assert bool(np.any(end != 0.0)) == beyond
+
+
+def test_a_spinning_ball_is_braked_by_exactly_the_limit_and_stops_for_good() -> None:
+    """Without drive or wheels to hold it, the ball loses its spin at limit / inertia, and then has none."""
+    robot = alten()
+    M, _ = yaw_inertia(robot)
+    limit, start = 0.02, np.zeros(11)
+    start[10] = 1.0
+    model = Model(robot, pivoting=limit)
+    braking = np.linalg.solve(M, [-limit, 0.0])[0]
+    end = model.advance(start, np.zeros(3), 0.5)
+    assert end[10] == pytest.approx(1.0 + 0.5 * braking, abs=1e-12)
+    stopped = model.advance(start, np.zeros(3), 1.5 / -braking)
+    assert stopped[10] == 0.0
+    assert stopped[9] != 0.0  # the wheels' inertia has passed some of it to the body
+
+
+# --- the heading's share ---------------------------------------------------------------------------
+
+
+def with_wheel_inertia(wheel_inertia: float) -> Robot:
+    return alten().replace(wheels=replace(alten().wheels, inertia=wheel_inertia))
+
+
+def free_share(robot: Robot) -> float:
+    """Return the heading's acceleration over the no-pivot one, upright at rest, where nothing holds the ball."""
+    M, _ = yaw_inertia(robot)
+    return float(np.linalg.solve(M, [1.0, -1.0])[1] * -M[1, 1])
+
+
+@pytest.mark.parametrize("share_of_limit", [0.0, 0.3, 0.6, 0.999, 1.0, 2.0])
+@pytest.mark.parametrize("wheel_inertia", [1e-3, 4e-3, 9e-3])
+def test_the_heading_answers_with_the_share_that_the_pivot_leaves(
+    share_of_limit: float, wheel_inertia: float
+) -> None:
+    """All of the no-pivot value from the limit on; below it, linearly less, down to what the ball's inertia leaves."""
+    robot = with_wheel_inertia(wheel_inertia)
+    u, h = 0.1, 1e-3
+    limit = share_of_limit * held_torque(robot, u)
+    least = free_share(robot)
+    expected = least + (1.0 - least) * min(1.0, share_of_limit)
+    end = Model(robot, pivoting=limit, step=h).advance(np.zeros(11), np.full(3, u), 10 * h)
+    plain = Model(robot, step=h).advance(np.zeros(10), np.full(3, u), 10 * h)
+    assert end[9] / plain[9] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_shares_above_cover_what_real_robots_show() -> None:
+    """Logs show 0 to 85 %: the thesis's ball on a frictionless floor leaves the heading 61 %, heavy wheels nothing."""
+    assert free_share(with_wheel_inertia(1e-3)) == pytest.approx(0.61, abs=0.03)
+    assert abs(free_share(with_wheel_inertia(9e-3))) < 0.05
+
+
+# --- friction's work, plants and refusals -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.02, 0.2])
+def test_friction_takes_energy_only(limit: float) -> None:
+    """Released from a lean with spin and every wheel crossing zero, the mechanical energy never grows."""
+    model = Model(alten(FRICTION), pivoting=limit)
+    state = np.array([0, 0, 0.05, -0.03, 0.2, 0.15, -0.1, -0.3, 0.2, 0.4, -0.8])
+    energy = model.energy(state[:5], state[5:])
+    for _ in range(300):
+        state = model.advance(state, np.zeros(3), 1e-3)
+        after = model.energy(state[:5], state[5:])
+        # the potential energy of a first-order step errs by h^2 times accelerations
+        assert after <= energy + 2e-5
+        energy = after
+
+
+def test_known_signs_are_the_numpy_law() -> None:
+    """One short step against M q_ddot = .. - W^T tau(w) - rolling - pivoting friction, in NumPy."""
+    rng = np.random.default_rng(34)
+    limit, h = 0.15, 1e-6
+    model, free = Model(alten(FRICTION), pivoting=limit), Model(alten(), pivoting=0.0)
+    weight = (free.robot.ball.mass + free.robot.body.mass) * free.robot.gravity
+    for _ in range(20):
+        (q,), (q_dot,), _ = spinning_states(rng, 3, 1)
+        force = free.wheel_jacobian(q).T @ -wheel_friction(free.wheel_speed(q, q_dot), FRICTION)
+        force[:2] -= weight * FRICTION.rolling * q_dot[:2] / np.linalg.norm(q_dot[:2])
+        force[5] -= limit * np.sign(q_dot[5])
+        expected = free.acceleration(q, q_dot, np.zeros(3)) + np.linalg.solve(free.mass_matrix(q), force)
+        end = model.advance(np.concatenate([q, q_dot]), np.zeros(3), h)
+        # one-sided difference: h times the jerk (at most some 1e3) and rounding 1e-16 * 20 / h
+        assert_allclose((end[5:] - q_dot) / h, expected, atol=2e-2 * max(1.0, np.abs(expected).max() / 10))
+
+
+@pytest.mark.parametrize("spin", [2.0, 0.0])
+def test_runge_kutta_has_order_four_with_a_spin_and_with_a_ball_that_holds(spin: float) -> None:
+    """Wheels and ball all move one way; without spin, pivoting friction holds against torques within its limit."""
+    state = np.array([0, 0, 0.02, -0.03, 0.4, 1.0, 0.3, 0.2, -0.1, 6.0, spin])
+    robot = alten(FRICTION)
+
+    def end(steps: int) -> NDArray[np.float64]:
+        model = Model(robot, step=0.16 / steps, pivoting=0.02 if spin else 5.0)
+        return model.advance(state, np.array([0.4, -0.3, 0.5]), 0.16)
+
+    reference = end(2048)
+    assert (reference[10] == 0.0) == (spin == 0.0)
+    errors = np.array([np.abs(end(n) - reference).max() for n in (8, 16, 32)])
+    assert_allclose(np.log2(errors[:-1] / errors[1:]), 4.0, atol=0.35)
+
+
+def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
+    model = Model(alten(FRICTION), pivoting=0.02)
+    plant = ModelPlant(model)
+    first = plant.reset(leaning(0.02), seed=0)
+    assert plant.spin == 0.0
+    assert first.state.shape == first.truth.shape == (10,)
+    state, torques = np.append(leaning(0.02), 0.0), np.array([0.5, 0.45, 0.55])
+    for _ in range(20):
+        measured = plant.step(torques, 5e-3)
+        state = model.advance(state, torques, 5e-3)
+    assert_array_equal(measured.truth, state[:10])
+    assert plant.spin == state[10] != 0.0
+    assert_array_equal(measured.wheel_speeds, model.wheel_speed(state[:5], state[5:]))
+    without = Model(alten(FRICTION)).wheel_speed(state[:5], state[5:10])
+    assert np.abs(measured.wheel_speeds - without).max() > 0.1
+    plant.reset(None, seed=0)
+    assert plant.spin == 0.0
+
+
+def test_in_closed_loop_the_heading_lags_the_more_the_less_holds_the_ball() -> None:
+    """A turn on the spot: with a high limit it is the run without pivoting, with a low one the heading is late."""
+    robot = alten(FRICTION)
+    controller = nominal_controller(robot, compensation="full")
+    reference = change_pose(x=0.0, y=0.0, psi=1.0, at=0.1, ramp=1.0)
+    arguments = {"duration": 2.0, "initial_state": leaning(0.01)}
+    plain, held, loose = (
+        simulate(model, controller, reference, **arguments)
+        for model in (Model(robot), Model(robot, pivoting=HIGH), Model(robot, pivoting=0.02))
+    )
+    # rounding, grown by the loop and the wheels' sticking over 2 s
+    assert_allclose(held.states, plain.states, atol=1e-7)
+    moving = slice(60, 160)
+    assert np.all(loose["psi"][moving] < plain["psi"][moving])
+    assert np.max(plain["psi"][moving] - loose["psi"][moving]) > 0.02
+
+
+def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
+    robot = alten(FRICTION)
+    model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")
+    reference, start = change_pose(x=0.0, y=0.0, psi=1.0, at=0.1, ramp=1.0), leaning(0.01, -0.02)
+    log = simulate(model, controller, reference, duration=1.0, initial_state=start)
+    batch = simulate_batch(model, controller, reference, duration=1.0, initial_states=start)
+    assert_allclose(batch.states[0, :-1], log.states[1:], atol=1e-9)
+    plain = simulate_batch(Model(robot), controller, reference, duration=1.0, initial_states=start)
+    assert np.abs(plain.states - batch.states).max() > 1e-3
+
+
+def test_a_run_ends_where_a_spinning_robot_would_lift_off() -> None:
+    """What the plant watches is the floor's force, which the engines confirm: m_r l (lift_off - sinking)."""
+    rng = np.random.default_rng(35)
+    model = Model(alten(), pivoting=0.0)
+    body = model.robot.body
+    for q, q_dot, u in zip(*spinning_states(rng, 3, 20), strict=True):
+        sinking = sinking_of(model.selected, model.packed, np.concatenate([q, q_dot]), u)
+        force = body.mass * body.center_of_mass * (lift_off(model.robot) - sinking)
+        assert force == pytest.approx(model.normal_force(q, q_dot, u), rel=1e-10, abs=1e-9)
+
+
+def test_what_a_pivoting_model_refuses() -> None:
+    with pytest.raises(InputError, match=r"pivoting friction is -1.*torque in N m"):
+        Model(alten(), pivoting=-1.0)
+    with pytest.raises(InputError, match="thesis's equations have no pivoting ball"):
+        Model(alten(), "thesis", pivoting=0.1)
+    with pytest.raises(InputError, match="linearise the model without pivoting"):
+        Model(alten(), pivoting=0.1).linearize()
+    with pytest.raises(InputError, match="its last dimension must be 10"):
+        simulate(
+            Model(alten(), pivoting=0.1),
+            nominal_controller(alten()),
+            hold(),
+            duration=0.1,
+            initial_state=np.zeros(11),
+        )

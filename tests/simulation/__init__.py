@@ -1,0 +1,1 @@
+"""Tests of plants, sensors and closed loops."""

@@ -1,0 +1,114 @@
+"""Many robots in closed loop: the same numbers as one at a time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot import Controller, InputError, Model, simulate, simulate_batch
+from ballbot.control.presets import design_gain, nominal_controller
+from ballbot.control.references import hold, square
+from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+
+
+@pytest.mark.parametrize("formulation", ["exact", "thesis"])
+@pytest.mark.parametrize("compensation", ["none", "full", "partial"])
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):
+    model = Model(robot, formulation)
+    controller = nominal_controller(robot, compensation=compensation)
+    starts = 0.02 * np.random.default_rng(1).normal(size=(3, 10))
+    batch = simulate_batch(model, controller, square(period=8.0), duration=3.0, initial_states=starts)
+    assert batch.survived.all()
+    for lane, start in enumerate(starts):
+        log = simulate(model, controller, square(period=8.0), duration=3.0, initial_state=start)
+        # vector code rounds in another order, and a balancing robot's rounding stays small
+        np.testing.assert_allclose(batch.states[lane, :-1], log.states[1:], atol=1e-7)
+        np.testing.assert_allclose(batch.torques[lane], log.torques, atol=1e-6)
+
+
+def test_every_lane_has_its_own_robot_start_and_controller():
+    robots = [
+        alten(FRICTION),
+        alten(),
+        alten(replace(FRICTION, rolling=0.0)),
+    ] * 15  # more than one block of lanes
+    robots = [
+        r.replace(body=replace(r.body, mass=r.body.mass * (1.0 + 0.003 * i))) for i, r in enumerate(robots)
+    ]
+    controllers = [
+        Controller(
+            robot,
+            design_gain(alten(), torque_weight=30.0 + i).gain,
+            compensation="full",
+            torque_limit=2.0 + i,
+        )
+        for i, robot in enumerate(robots)
+    ]
+    starts = np.array([leaning(0.002 * i, -0.001 * i) for i in range(45)])
+    model = Model(alten())
+    batch = simulate_batch(
+        model, controllers, hold(), duration=1.0, initial_states=starts, robots=robots, every=0
+    )
+    assert batch.states.shape == (45, 1, 10)
+    for lane in (0, 7, 31, 32, 44):
+        one = simulate_batch(
+            Model(robots[lane]),
+            controllers[lane],
+            hold(),
+            duration=1.0,
+            initial_states=starts[lane],
+            every=200,
+        )
+        np.testing.assert_allclose(batch.finals[lane], one.finals[0], atol=1e-9)
+
+
+def test_threads_change_no_bit():
+    model = Model(alten(FRICTION))
+    controller = nominal_controller(model.robot, compensation="partial")
+    starts = 0.02 * np.random.default_rng(2).normal(size=(70, 10))
+    one, two = (
+        simulate_batch(
+            model, controller, square(), duration=1.0, initial_states=starts, every=10, threads=threads
+        )
+        for threads in (1, 2)
+    )
+    np.testing.assert_array_equal(one.states, two.states)
+    np.testing.assert_allclose(one.t, 0.05 * np.arange(1, 21))
+
+
+def test_lanes_end_as_runs_do():
+    model = Model(alten())
+    controller = Controller(model.robot, np.zeros((3, 10)))
+    thrown = leaning(0.5)
+    thrown[7] = 9.0
+    starts = np.array([leaning(0.0), leaning(0.01), leaning(0.3, 0.2), thrown])
+    batch = simulate_batch(model, controller, hold(), duration=3.0, initial_states=starts)
+    np.testing.assert_array_equal(batch.survived, [True, False, False, False])
+    for lane in (1, 2, 3):
+        log = simulate(model, controller, hold(), duration=3.0, initial_state=starts[lane])
+        assert log.ended is not None
+        assert batch.lifted[lane] == log.ended.startswith("lifted")
+        assert f"{batch.ended[lane]:.3f} s" in log.ended
+        frozen = batch.states[lane, batch.t >= batch.ended[lane] - 1e-9]
+        np.testing.assert_array_equal(frozen, np.broadcast_to(batch.finals[lane], frozen.shape))
+
+
+def test_what_does_not_fit_together_is_told():
+    model = Model(alten())
+    controller = nominal_controller(model.robot)
+    with pytest.raises(InputError, match="3 initial states, 2 robots, 1 controllers"):
+        simulate_batch(
+            model, controller, hold(), duration=1.0, initial_states=np.zeros((3, 10)), robots=[alten()] * 2
+        )
+    slow = Controller(model.robot, controller.gain, sample_time=0.01)
+    with pytest.raises(InputError, match="sample times"):
+        simulate_batch(model, [controller, slow], hold(), duration=1.0)
+    with pytest.raises(InputError, match="wheels"):
+        simulate_batch(model, nominal_controller(four_wheeled(friction=False)), hold(), duration=1.0)
+    with pytest.raises(InputError, match=r"theta = 0\.1.*A r"):
+        simulate_batch(model, controller, lambda _: leaning(0.1), duration=1.0)
+    with pytest.raises(InputError, match="not finite"):
+        simulate_batch(model, controller, lambda _: np.full(10, np.nan), duration=1.0)
+    with pytest.raises(InputError, match="ten numbers"):
+        simulate_batch(model, controller, lambda _: np.zeros(3), duration=1.0)

@@ -1,0 +1,387 @@
+"""One driveline: closed forms, an event-driven reference, exact sticking, order, the clamp of (3.2), many at once."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from ballbot import InputError, Log
+from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, LuGre, Smoothed
+from ballbot.simulation.driveline import (
+    Driveline,
+    SpeedClamp,
+    TorqueSpeedCurve,
+    simulate_drivelines,
+    speed_clamp,
+)
+from tests.support.control_examples import FRICTION, alten
+from tests.support.friction_examples import DRIVELINE, LAWS, STRIBECK
+
+J = 2.97e-3  # j_w + j_r of the thesis's robot [kg m^2]
+CURVE = TorqueSpeedCurve(no_load_speed=27.7, stall_torque=6.0)
+
+
+def wheel(law, speed_limit=None, inertia=J) -> Driveline:
+    return Driveline(inertia=inertia, friction=law, speed_limit=speed_limit)
+
+
+def swinging_torques(samples: int, sample_time: float) -> np.ndarray:
+    """Return torques that start, stop and reverse a driveline, and leave it at rest for a while."""
+    t = sample_time * (np.arange(samples) + 0.5)
+    wave = 0.35 * np.sin(2.0 * math.pi * t) + 0.1 * np.sin(7.0 * t + 1.0)
+    return np.where(t % 1.0 > 0.7, 0.2 * wave, wave)
+
+
+class TestClosedForms:
+    def test_viscous_only(self):
+        law = Classical(viscous=0.02, coulomb=0.0)
+        motion = simulate_drivelines(wheel(law), np.full(100, 0.3), sample_time=0.005)
+        rate = 0.02 / J
+        np.testing.assert_allclose(motion.speeds[0], 15.0 * (1.0 - np.exp(-rate * motion.t)), rtol=1e-8)
+        angles = 15.0 * (motion.t - (1.0 - np.exp(-rate * motion.t)) / rate)
+        np.testing.assert_allclose(motion.angles[0], angles, rtol=1e-6)
+
+    def test_coulomb_stops_it_after_j_w_over_c(self):
+        law = Classical(viscous=0.0, coulomb=0.11)
+        stop = J * 12.0 / 0.11
+        motion = simulate_drivelines(
+            wheel(law), np.zeros(100), sample_time=0.005, step=0.005, initial_speeds=-12.0
+        )
+        expected = -12.0 * np.maximum(1.0 - motion.t / stop, 0.0)
+        np.testing.assert_allclose(motion.speeds[0], expected, rtol=1e-13, atol=0.0)
+        assert motion.angles[0, -1] == pytest.approx(-12.0 * stop / 2, rel=1e-13)
+        assert not motion.speeds[0, motion.t > stop].any()
+
+    def test_the_supply_balances_friction(self):
+        law = LAWS["classical"]
+        motion = simulate_drivelines(wheel(law, CURVE), np.full(2000, 1.0), sample_time=0.005)
+        balance = brentq(
+            lambda w: min(1.0, 6.0 * (1.0 - w / 27.7)) - float(law.steady_friction(w)), 10.0, 27.7, xtol=1e-13
+        )
+        assert motion.speeds[0, -1] == pytest.approx(balance, rel=1e-12)
+        assert motion.speeds.max() < 27.7
+
+    def test_the_supply_brakes_what_turns_too_fast(self):
+        law = Classical(viscous=0.0, coulomb=0.0)
+        motion = simulate_drivelines(
+            wheel(law, CURVE), np.full(100, 5.0), sample_time=0.005, initial_speeds=35.0
+        )
+        rate = 6.0 / 27.7 / J
+        np.testing.assert_allclose(
+            motion.speeds[0, :8], 27.7 + 7.3 * np.exp(-rate * motion.t[:8]), rtol=1e-4
+        )  # RK4, half a time constant a step
+
+
+def event_driven(law: Classical, torques: np.ndarray, sample_time: float) -> np.ndarray:
+    """Return speeds by SciPy: solved between events, with rest as a state of its own."""
+    limit, w, speeds = law.coulomb + law.stribeck, 0.0, []
+    for u in torques:
+        t = 0.0
+        while t < sample_time * (1.0 - 1e-12):
+            if w == 0.0 and abs(u) <= limit:
+                break
+            s = math.copysign(1.0, u if w == 0.0 else w)
+
+            def rate(_, x, u=u, s=s):
+                dry = law.coulomb + law.stribeck * math.exp(
+                    -((abs(x[0]) / law.stribeck_speed) ** law.stribeck_exponent)
+                )
+                return [(u - law.viscous * x[0] - s * dry) / J]
+
+            def stops(t, x, s=s, start=w, began=t):
+                return s * x[0] if start != 0.0 or t > began + 1e-6 else 1.0
+
+            stops.terminal, stops.direction = True, -1.0
+            path = solve_ivp(
+                rate, (t, sample_time), [w], method="DOP853", rtol=1e-11, atol=1e-13, events=stops
+            )
+            t = path.t[-1]
+            w = 0.0 if path.status == 1 else path.y[0, -1]
+        speeds.append(w)
+    return np.array(speeds)
+
+
+@pytest.mark.parametrize("exponent", [1.1, 2.0])
+def test_classical_law_against_an_event_driven_solver(exponent):
+    law = Classical(**DRIVELINE, **STRIBECK, stribeck_exponent=exponent)
+    torques = swinging_torques(150, 0.01)
+    exact = event_driven(law, torques, 0.01)
+    speeds = simulate_drivelines(wheel(law), torques, sample_time=0.01, step=1e-4).speeds[0]
+    assert (exact == 0.0).sum() > 10  # it does rest
+    np.testing.assert_array_equal(speeds == 0.0, exact == 0.0)
+    # order 1 + delta from rest: 2e-7 at 1 ms; the solver is asked for 1e-11 a step
+    np.testing.assert_allclose(speeds, exact, atol=5e-9)
+
+
+@pytest.mark.parametrize("shape", [1.0, 2.0])
+def test_dahls_law_against_a_general_solver(shape):
+    law = Dahl(**DRIVELINE, stiffness=20.0, shape=shape)
+    torques = swinging_torques(150, 0.01)
+
+    def rates(_, x, u):
+        w, F = x
+        y = 1.0 - F / 0.11 * np.sign(w)
+        return [(u - F - 0.014 * w) / J, 20.0 * w * np.sign(y) * abs(y) ** shape]
+
+    exact, x = [], [0.0, 0.0]
+    for u in torques:
+        x = solve_ivp(rates, (0.0, 0.01), x, args=(u,), method="LSODA", rtol=1e-9, atol=1e-11).y[:, -1]
+        exact.append(x[0])
+    speeds = simulate_drivelines(wheel(law), torques, sample_time=0.01, step=1e-4).speeds[0]
+    # order two; at 1 ms it is 8e-5 and 3e-4
+    np.testing.assert_allclose(speeds, exact, atol=2e-5)
+
+
+def orders(law, steps: list[int]) -> list[float]:
+    """Return the orders of convergence seen from one number of steps a sample to twice as many."""
+    torques = swinging_torques(200, 0.01)
+
+    def speeds(count: int) -> np.ndarray:
+        return simulate_drivelines(wheel(law), torques, sample_time=0.01, step=0.01 / count).speeds[0]
+
+    fine = speeds(1024)
+    errors = [np.abs(speeds(count) - fine).max() for count in steps]
+    return [math.log2(a / b) for a, b in pairwise(errors)]
+
+
+class TestOrder:
+    @pytest.mark.parametrize(("exponent", "order"), [(1.0, 4.0), (2.0, 4.0), (1.1, 2.1), (0.7, 1.7)])
+    def test_classical_through_stops_and_starts(self, exponent, order):
+        """Four where the law is smooth for one sign (even |w|^2, or |w|), else 1 + delta from each start."""
+        law = Classical(**DRIVELINE, **STRIBECK, stribeck_exponent=exponent)
+        # the mean over doublings: errors of several starts cancel at one step and not at the next
+        assert np.mean(orders(law, [8, 16, 32, 64, 128])) == pytest.approx(order, abs=0.3)
+
+    @pytest.mark.parametrize(
+        ("law", "order"),
+        [
+            (LAWS["lugre"], 2.0),
+            (replace(LAWS["lugre"], stiffness=5000.0), 2.0),
+            (Dahl(**DRIVELINE, stiffness=50.0), 2.0),
+            (Dahl(**DRIVELINE, stiffness=50.0, shape=2.0), 2.0),
+            (Smoothed(**DRIVELINE, **STRIBECK, width=0.05), 2.0),
+            (LAWS["armstrong"], 2.0),
+            (Armstrong(**DRIVELINE, **STRIBECK, stiffness=50.0, rise_time=0.2, rest_damping=0.05), 4.0),
+        ],
+        ids=["lugre", "stiff lugre", "dahl", "dahl 2", "smoothed", "armstrong", "armstrong without memory"],
+    )
+    def test_other_laws(self, law, order):
+        # over four doublings: between two the crossings of samples and events scatter
+        assert np.mean(orders(law, [16, 32, 64, 128])) == pytest.approx(order, abs=0.45)
+
+
+class TestRest:
+    law = LAWS["classical"]
+
+    def test_an_hour_at_rest_without_a_bit_of_motion(self):
+        t = np.arange(720_000) * 0.005
+        motion = simulate_drivelines(wheel(self.law, CURVE), 0.1599 * np.sin(t), sample_time=0.005, every=100)
+        assert not motion.speeds.any()
+        assert not motion.angles.any()
+
+    @given(
+        coulomb=st.floats(1e-4, 2.0),
+        stribeck=st.floats(0.0, 2.0),
+        sign=st.sampled_from([-1.0, 1.0]),
+        exponent=st.floats(0.3, 3.0),
+    )
+    @settings(deadline=None, max_examples=60)
+    def test_break_away_at_exactly_c_plus_s(self, coulomb, stribeck, sign, exponent):
+        law = Classical(
+            viscous=0.01, coulomb=coulomb, stribeck=stribeck, stribeck_speed=0.5, stribeck_exponent=exponent
+        )
+        limit = coulomb + stribeck
+        held = simulate_drivelines(wheel(law), np.full(20, sign * limit), sample_time=0.005)
+        assert not held.speeds.any()
+        pushed = sign * limit * (1.0 + 1e-9)
+        moved = simulate_drivelines(wheel(law), np.full(20, pushed), sample_time=0.005)
+        assert (sign * moved.speeds > 0.0).all()
+
+    @given(st.integers(0, 10_000))
+    @settings(deadline=None, max_examples=30)
+    def test_friction_only_takes_energy(self, seed):
+        """Kinetic energy gained is at most the work of the torque, in every sample."""
+        rng = np.random.default_rng(seed)
+        law = Classical(
+            viscous=rng.uniform(0, 0.05),
+            coulomb=rng.uniform(0, 0.2),
+            stribeck=rng.uniform(0, 0.1),
+            stribeck_speed=rng.uniform(0.1, 2.0),
+            stribeck_exponent=rng.uniform(0.5, 2.5),
+        )
+        torques = np.repeat(rng.uniform(-0.5, 0.5, 50), 4)
+        motion = simulate_drivelines(
+            wheel(law), torques, sample_time=0.005, initial_speeds=rng.uniform(-3, 3)
+        )
+        energy = 0.5 * J * motion.speeds[0, 1:] ** 2 - 0.5 * J * motion.speeds[0, :-1] ** 2
+        work = torques[1:] * np.diff(motion.angles[0])
+        # speed and angle are of order four and not each other's: 1e-7 J of some 1e-2
+        assert (energy <= work + 1e-7).all()
+
+    @pytest.mark.parametrize("name", ["lugre", "dahl"])
+    def test_bristles_hold_as_springs(self, name):
+        """Below c they bend by u/sigma and stay, where the classical law stays at zero."""
+        line = wheel(LAWS[name])
+        torques = 1e-3 * np.minimum(np.arange(3000) / 1500.0, 1.0)
+        motion = simulate_drivelines(line, torques, sample_time=0.005)
+        # Dahl's closed form is -(c/sigma) ln(1 - u/c) = u/sigma (1 + 0.5 %); LuGre's limit is c + s
+        assert motion.angles[0, -1] == pytest.approx(1e-3 / 50.0, rel=0.01)
+        assert abs(motion.speeds[0, -1]) < 1e-6
+
+
+def test_bristles_of_any_stiffness_tend_to_the_classical_law():
+    """Steps of 1 ms, bristles that swing at up to 60,000 rad/s; s = 0, for which both laws slide alike."""
+    torques = swinging_torques(300, 0.005)
+    classical = simulate_drivelines(wheel(Classical(**DRIVELINE)), torques, sample_time=0.005).speeds
+    apart = []
+    for stiffness in (1e4, 1e5, 1e7):
+        for law in (
+            LuGre(**DRIVELINE, stribeck=0.0, stribeck_speed=1.0, stiffness=stiffness, micro_damping=0.02),
+            Dahl(**DRIVELINE, stiffness=stiffness),
+        ):
+            speeds = simulate_drivelines(wheel(law), torques, sample_time=0.005).speeds
+            apart.append(np.sqrt(np.mean((speeds - classical) ** 2)))
+    # of 5 rad/s; a stop is met only to within a step, c/J * 1 ms = 0.04 rad/s
+    assert max(apart) < 0.05
+
+
+class TestThesisClamp:
+    """Design item 9: what (3.2) does."""
+
+    def test_as_the_text_says_it_gives_one_speed(self):
+        np.testing.assert_array_equal(speed_clamp([-100.0, -1.0, 0.0, 5.0, 100.0], -27.7), 27.7)
+        np.testing.assert_array_equal(speed_clamp([-100.0, -1.0, 0.0, 5.0], 27.7), [-27.7, -1.0, 0.0, 5.0])
+        with pytest.raises(InputError, match="above zero"):
+            SpeedClamp(limit=-27.7)
+
+    def test_the_state_winds_up_and_leaves_the_limit_late(self):
+        """The thesis's sweep: 1 N m of 62.83 s, j_w = 1e-3, its friction; the supply's curve beside it."""
+        t = np.arange(12_566) * 0.005
+        torques = np.sin(2.0 * math.pi * t / 62.83)
+        law = Classical(viscous=0.014, coulomb=0.11, stribeck=0.05, stribeck_speed=0.6)
+        clamp, curve = (
+            simulate_drivelines(wheel(law, limit, inertia=1e-3), torques, sample_time=0.005)
+            for limit in (SpeedClamp(limit=27.7), CURVE)
+        )
+        assert np.abs(clamp.speeds).max() == 27.7
+        # the first half wave: (u - tau(27.7))/j_w integrated, tau = 0.498 N m
+        tau = 0.014 * 27.7 + 0.11
+        gained = np.maximum(np.sin(2.0 * math.pi * t / 62.83) - tau, 0.0)[:6283].sum() * 0.005 / 1e-3
+        assert clamp.integrated_speeds.max() == pytest.approx(27.7 + gained, rel=0.01)
+        assert clamp.integrated_speeds.max() > 6000.0
+        # with a supply the wheel slows as soon as the torque no longer holds it; clamped, seconds later
+        leaves = [motion.t[:9000][motion.speeds[0, :9000] > 25.0][-1] for motion in (clamp, curve)]
+        held_until = 62.83 / (2.0 * math.pi) * (math.pi - math.asin(tau))
+        assert leaves[1] == pytest.approx(held_until, abs=1.0)
+        assert leaves[0] - leaves[1] > 5.0
+
+    def test_it_is_for_laws_without_state(self):
+        with pytest.raises(InputError, match="clamp"):
+            wheel(LAWS["lugre"], SpeedClamp(limit=27.7))
+
+
+class TestMany:
+    @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+    def test_a_lane_is_a_run_of_its_own(self, law):
+        rng = np.random.default_rng(5)
+        lines = [
+            Driveline(
+                inertia=J * rng.uniform(0.5, 2.0),
+                friction=replace(law, viscous=rng.uniform(0.013, 0.05)),
+                speed_limit=CURVE if i % 3 else None,
+            )
+            for i in range(41)  # more than one block of lanes
+        ]
+        torques = np.array([swinging_torques(60, 0.005), -2.0 * swinging_torques(60, 0.005)])
+        torque_of = rng.integers(0, 2, 41)
+        starts = rng.normal(size=41) * (rng.random(41) < 0.7)
+        together = simulate_drivelines(
+            lines, torques, sample_time=0.005, initial_speeds=starts, torque_of=torque_of, threads=2
+        )
+        for i in (0, 7, 31, 32, 40):
+            alone = simulate_drivelines(
+                lines[i], torques[torque_of[i]], sample_time=0.005, initial_speeds=starts[i], threads=1
+            )
+            np.testing.assert_array_equal(alone.speeds[0], together.speeds[i])
+            np.testing.assert_array_equal(alone.angles[0], together.angles[i])
+
+    def test_records_are_samples_of_the_whole(self):
+        torques = swinging_torques(100, 0.005)
+        whole = simulate_drivelines(wheel(LAWS["lugre"]), torques, sample_time=0.005)
+        some = simulate_drivelines(wheel(LAWS["lugre"]), torques, sample_time=0.005, every=7)
+        np.testing.assert_allclose(some.t, whole.t[6::7], rtol=1e-15)
+        np.testing.assert_array_equal(some.speeds, whole.speeds[:, 6::7])
+
+    def test_one_driveline_for_many_torques_and_starts(self):
+        motion = simulate_drivelines(
+            wheel(LAWS["classical"]), [[0.0] * 4, [0.3] * 4], sample_time=0.005, initial_speeds=[1.0, 0.0]
+        )
+        assert motion.speeds.shape == (2, 4)
+        assert (np.diff(motion.speeds[0]) < 0.0).all()
+        assert (np.diff(motion.speeds[1]) > 0.0).all()
+
+    def test_a_stiff_lane_takes_shorter_steps_and_leaves_others_alone(self):
+        stiff = Driveline(inertia=1e-5, friction=Classical(viscous=0.1, coulomb=0.1))
+        soft = wheel(LAWS["classical"])
+        both = simulate_drivelines([stiff, soft], np.full(50, 0.5), sample_time=0.005)
+        alone = simulate_drivelines(soft, np.full(50, 0.5), sample_time=0.005)
+        np.testing.assert_array_equal(both.speeds[1], alone.speeds[0])
+        assert both.speeds[0, -1] == pytest.approx(4.0, rel=1e-9)
+
+
+def test_of_wheel_takes_the_robots_values():
+    robot = alten(FRICTION)
+    line = Driveline.of_wheel(robot, 1)
+    # design item 7: n^2 (j_m + j_g) = 1.97e-3 beside j_w = 1e-3
+    assert line.inertia == pytest.approx(2.97e-3, rel=2e-3)
+    assert line.friction == Classical(
+        viscous=0.016, coulomb=0.09, stribeck=0.04, stribeck_speed=0.6, stribeck_exponent=1.1
+    )
+    with pytest.raises(InputError, match="wheel 3"):
+        Driveline.of_wheel(robot, 3)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"torques": [[]]}, "torques"),
+        ({"torques": [math.nan]}, "torques"),
+        ({"sample_time": 0.0}, "sample time"),
+        ({"step": -1.0}, "step"),
+        ({"step": 1e-12}, "inner steps"),
+        ({"every": 0}, "1 or more"),
+        ({"torque_of": [1]}, "torque_of"),
+        ({"initial_speeds": [1.0, 2.0], "torque_of": [0, 0, 0]}, "lanes"),
+        ({"initial_speeds": math.inf}, "initial speeds"),
+        ({"drivelines": [wheel(LAWS["dahl"]), wheel(LAWS["lugre"])]}, "must have the same law"),
+    ],
+)
+def test_bad_input_is_refused_in_a_sentence(values, word):
+    usual = {"drivelines": wheel(LAWS["classical"]), "torques": [0.0] * 5, "sample_time": 0.005}
+    arguments = {**usual, **values}
+    with pytest.raises(InputError, match=word):
+        simulate_drivelines(arguments.pop("drivelines"), arguments.pop("torques"), **arguments)
+    with pytest.raises(InputError, match="inertia"):
+        wheel(LAWS["classical"], inertia=0.0)
+    with pytest.raises(InputError, match="stall torque"):
+        TorqueSpeedCurve(no_load_speed=27.7, stall_torque=0.0)
+
+
+def test_figure_3_2_friction_brings_the_model_to_the_measurement(shared_data):
+    """A free wheel's sweep: the model without friction misses it by 7 rad/s, with friction by 0.03."""
+    log = Log.read(shared_data / "bbr" / "driveline_sweep.csv")
+    measured = log.wheel_speeds[1:, 0]
+    # what least squares on this log give, rounded
+    law = Classical(viscous=0.011, coulomb=0.047, stribeck=0.027, stribeck_speed=0.73, stribeck_exponent=2.1)
+    supply = TorqueSpeedCurve(no_load_speed=29.28, stall_torque=6.5)
+    lines = [wheel(law, supply), wheel(Classical(viscous=0.0, coulomb=0.0), supply)]
+    motion = simulate_drivelines(lines, log.torques[:-1, 0], sample_time=log.sample_time)
+    with_friction, without = np.sqrt(np.mean((motion.speeds - measured) ** 2, axis=1))
+    assert with_friction < 0.1
+    assert without > 5.0

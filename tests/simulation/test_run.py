@@ -1,0 +1,149 @@
+"""A plant in closed loop: what the log's rows mean, how a run ends, and what is refused."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from ballbot import InputError, Log, Model, simulate
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import hold, square
+from ballbot.mechanics.geometry import body_rates_matrix
+from ballbot.simulation.model_plant import lift_off, sinking_of
+from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+
+
+@dataclass(frozen=True)
+class Answering:
+    """A controller that returns what it is told to."""
+
+    answer: Callable[[float], object]
+    sample_time: float = 0.005
+
+    def reset(self) -> None:
+        pass
+
+    def update(self, t, state, reference):  # noqa: ARG002
+        return self.answer(t)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(alten(FRICTION))
+
+
+@pytest.fixture(scope="module")
+def log(model) -> Log:
+    controller = nominal_controller(model.robot, compensation="full")
+    return simulate(model, controller, square(), duration=9.0, initial_state=leaning(0.05, 0.02))
+
+
+def test_a_row_is_what_was_measured_and_the_torque_held_from_there(model, log):
+    assert len(log) == 1800
+    np.testing.assert_allclose(log.t, 0.005 * np.arange(1800), atol=1e-9)
+    controller = nominal_controller(model.robot, compensation="full")
+    for k in (0, 17, 1700):
+        np.testing.assert_array_equal(log.torques[k], controller.update(0.0, log.states[k], log.reference[k]))
+        ahead = model.advance(log.states[k], log.torques[k], 0.005)
+        np.testing.assert_array_equal(ahead, log.states[k + 1])
+
+
+def test_the_models_sensors_are_perfect(model, log):
+    np.testing.assert_array_equal(log.truth().states, log.states)
+    q, q_dot = log.states[:, :5], log.states[:, 5:]
+    np.testing.assert_allclose(log.wheel_speeds, model.wheel_speed(q, q_dot), atol=1e-12)
+    turned = np.diff([log["wheel1"], log["wheel2"], log["wheel3"]], axis=1).T
+    np.testing.assert_allclose(
+        turned / 0.005, 0.5 * (log.wheel_speeds[1:] + log.wheel_speeds[:-1]), atol=1e-9
+    )
+    B = body_rates_matrix(*q[:, 2:].T)
+    gyro = np.stack([log["gyro_x"], log["gyro_y"], log["gyro_z"]], axis=1)
+    np.testing.assert_allclose(gyro, np.einsum("tij,tj->ti", B, q_dot[:, 2:]), atol=1e-12)
+
+
+def test_a_run_is_the_same_bit_for_bit(model, log):
+    controller = nominal_controller(model.robot, compensation="full")
+    again = simulate(model, controller, square(), duration=9.0, initial_state=leaning(0.05, 0.02))
+    for name in log.names:
+        np.testing.assert_array_equal(again[name], log[name])
+
+
+def test_a_fall_ends_the_log_and_says_so():
+    model = Model(alten())
+    log = simulate(model, Answering(lambda _: np.zeros(3)), hold(), duration=5.0, initial_state=leaning(0.01))
+    assert log.ended is not None
+    assert "at t =" in log.ended
+    assert log.t[-1] < 2.0
+    assert np.abs(log.states[:, 2:4]).max() < 1.2
+    # the unstable pole is 5.20 rad/s: 0.01 cosh(5.20 t) while the lean is small
+    early = log.t < 0.4
+    np.testing.assert_allclose(log["theta"][early], 0.01 * np.cosh(5.2015 * log.t[early]), rtol=2e-3)
+    kept = (log.truth(), log.without_truth(), log.with_columns({"ref_x": log.t}))
+    assert [one.ended for one in kept] == [log.ended] * 3
+    assert simulate(model, nominal_controller(model.robot), hold(), duration=1.0).ended is None
+
+
+@pytest.mark.parametrize("formulation", ["exact", "thesis"])
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_how_fast_the_centre_of_mass_sinks(robot, formulation):
+    """Against the second difference of cos(theta) cos(phi) along a simulated motion."""
+    model = Model(robot, formulation)
+    random = np.random.default_rng(3)
+    for _ in range(5):
+        state, u = 0.5 * random.normal(size=10), random.normal(size=robot.wheel_count)
+        h = 1e-4
+        after = model.advance(state, u, h)
+        later = model.advance(after, u, h)
+        heights = [np.cos(x[2]) * np.cos(x[3]) for x in (state, after, later)]
+        # second differences err by h d^3/dt^3 = 1e-4 x hundreds, and by 1e-16/h^2
+        expected = -(heights[2] - 2.0 * heights[1] + heights[0]) / h**2
+        found = sinking_of(model.selected, model.packed, after, u)
+        assert found == pytest.approx(expected, rel=1e-3, abs=1e-2)
+
+
+def test_a_robot_thrown_over_lifts_off():
+    model = Model(alten())
+    state = leaning(0.5)
+    state[7] = 9.0  # centripetal acceleration of the centre of mass: l 81 cos(0.5) > g (m_b + m_r)/m_r
+    assert sinking_of(model.selected, model.packed, state, np.zeros(3)) > lift_off(model.robot)
+    log = simulate(model, Answering(lambda _: np.zeros(3)), hold(), duration=1.0, initial_state=state)
+    assert log.ended is not None
+    assert log.ended.startswith("lifted: the floor would have to pull")
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (lambda _: np.zeros(4), r"shape \(4,\) at t = 0 s; the robot has 3 wheels"),
+        (lambda _: 0.0, r"shape \(\)"),
+    ],
+)
+def test_wrong_torques_are_told(model, answer, sentence):
+    with pytest.raises(InputError, match=sentence):
+        simulate(model, Answering(answer), hold(), duration=1.0)
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
+def test_wrong_durations_are_told(model, duration):
+    with pytest.raises(InputError, match="at least one sample"):
+        simulate(model, nominal_controller(model.robot), hold(), duration=duration)
+
+
+def test_a_run_whose_log_fills_the_memory_is_refused(model):
+    with pytest.raises(
+        InputError, match=r"A run of 32 years has 2e\+11 samples of 0.005 s, .*\. At most 93 minutes"
+    ):
+        simulate(model, nominal_controller(model.robot), hold(), duration=1e9)
+
+
+@pytest.mark.parametrize("state", [np.zeros(9), np.full(10, np.nan), leaning(1.3)])
+def test_wrong_starts_are_told(model, state):
+    with pytest.raises(InputError, match="initial"):
+        simulate(model, nominal_controller(model.robot), hold(), duration=1.0, initial_state=state)
+
+
+def test_progress_is_told(model):
+    shares: list[float] = []
+    simulate(model, nominal_controller(model.robot), hold(), duration=2.0, progress=shares.append)
+    assert shares == [0.25, 0.5, 0.75, 1.0]

@@ -1,0 +1,440 @@
+"""The model seen through sensors: what each imperfection does, against the model, plain mechanics and the twin."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import InputError, Log, Model, Robot, simulate
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller, write_controller
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.references import hold, square
+from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
+from ballbot.robot.file import write_robot
+from ballbot.simulation.conditions import MAX_DELAY, Conditions, rest_on_slope
+from ballbot.simulation.gear_play import GearPlayPlant
+from ballbot.simulation.model_plant import ModelPlant
+from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
+from ballbot.twin import Scenario, Twin
+from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.scenario import Payload, Timing
+from ballbot.workflows.metrics import rms_torque_change
+from tests.support.control_examples import FRICTION, alten, leaning
+
+SAMPLE = 0.005
+FREE, STUCK = Model(alten()), Model(alten(FRICTION))
+#: encoders count and samples are held, and nothing else errs
+PERFECT = Imperfections(
+    sensors=replace(FREE.robot.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
+)
+NOMINAL = imperfections_of(Scenario.nominal(Robot.load("alten")))
+DRIVE = FREE.robot.drive
+ROTOR = reflected_rotor_inertia(
+    gear_ratio=DRIVE.gear_ratio, motor_inertia=DRIVE.motor_inertia, gear_inertia=DRIVE.gear_inertia
+)
+PLAY = math.radians(1.0)
+#: turns the robot about the vertical alone
+TURNING = np.ones(3)
+
+
+def torques_of(seed: int, samples: int, size: float = 0.3) -> np.ndarray:
+    return size * np.random.default_rng(seed).uniform(-1.0, 1.0, (samples, 3))
+
+
+def run(plant, torques, start=None, seed=0):
+    """Return the measurements at the start and after each sample."""
+    return [plant.reset(start, seed=seed), *(plant.step(u, SAMPLE) for u in torques)]
+
+
+def truths(measurements) -> np.ndarray:
+    return np.array([one.truth for one in measurements])
+
+
+def test_without_imperfections_it_is_the_model_bit_for_bit():
+    start, torques = leaning(0.02, -0.03), torques_of(1, 100)
+    sensed, model = run(SensedPlant(STUCK, PERFECT), torques, start), run(ModelPlant(STUCK), torques, start)
+    np.testing.assert_array_equal(truths(sensed), truths(model))
+    assert [one.t for one in sensed] == [one.t for one in model]
+    # the lean is measured without error here
+    np.testing.assert_array_equal([one.state[2:5] for one in sensed], truths(model)[:, 2:5])
+
+
+def test_all_that_is_random_follows_from_the_seed():
+    imperfections = replace(
+        NOMINAL,
+        sensor_faults=SensorFaults(gyro_bias=0.01, lean_error=0.01),
+        accelerometer=Accelerometer(),
+        fix=FixSource(rate=10.0),
+    )
+    plant = SensedPlant(STUCK, imperfections, estimator="kalman")
+    torques = torques_of(1, 40)
+    first, again, other = (run(plant, torques, seed=seed) for seed in (3, 3, 4))
+    for k in range(41):
+        np.testing.assert_array_equal(first[k].state, again[k].state)
+        np.testing.assert_array_equal(first[k].truth, again[k].truth)
+        np.testing.assert_array_equal(first[k].acceleration, again[k].acceleration)
+    assert not np.array_equal(first[-1].state, other[-1].state)
+    assert not np.array_equal(first[-1].truth, other[-1].truth)
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_late_torques_are_the_same_torques_later(delay):
+    torques = torques_of(2, 60)
+    late = run(SensedPlant(FREE, replace(PERFECT, delay=delay)), torques)
+    shifted = np.concatenate([np.zeros((delay, 3)), torques[:-delay]])
+    np.testing.assert_array_equal(truths(late), truths(run(SensedPlant(FREE, PERFECT), shifted)))
+
+
+@pytest.mark.parametrize("backlash", [0.0, PLAY])
+def test_encoders_count_the_motors_angles(backlash):
+    plant = SensedPlant(STUCK, replace(NOMINAL, backlash=backlash))
+    plant.reset(leaning(0.05), seed=2)
+    start = plant.motor_angles
+    count = encoder_step(encoder_counts=NOMINAL.sensors.encoder_counts, gear_ratio=DRIVE.gear_ratio)
+    before = np.zeros(3)
+    for u in torques_of(3, 40, size=2.0):
+        measured = plant.step(u, SAMPLE)
+        whole = np.floor((plant.motor_angles - start) / count)
+        # counts are compared, so rounding of the product is far below one
+        np.testing.assert_allclose(measured.wheel_angles / count, whole, atol=1e-6)
+        np.testing.assert_allclose(measured.wheel_speeds, (measured.wheel_angles - before) / SAMPLE)
+        before = measured.wheel_angles
+    assert np.abs(plant.motor_angles - start).min() > 10 * count
+
+
+def test_noise_of_torques_has_its_deviation():
+    # at rest, a sample's change of the velocities is M^-1 W^T (u + noise) h; from it the noise, by least squares
+    plant = SensedPlant(FREE, replace(PERFECT, torque_noise=0.05))
+    W = FREE.wheel_jacobian(np.zeros(5))
+    push = SAMPLE * np.linalg.solve(FREE.mass_matrix(np.zeros(5)), W.T)
+    noise = []
+    for seed in range(200):
+        plant.reset(seed=seed)
+        noise.append(np.linalg.lstsq(push, plant.step(np.zeros(3), SAMPLE).truth[5:], rcond=None)[0])
+    # 600 numbers: the deviation's own is 3 %
+    assert np.std(noise) == pytest.approx(0.05, rel=0.12)
+    assert abs(np.mean(noise)) < 4 * 0.05 / math.sqrt(600)
+
+
+def test_a_motor_at_its_highest_speed_drives_no_more_but_brakes():
+    top = wheel_speed_limit(
+        supply_voltage=DRIVE.supply_voltage,
+        speed_constant=DRIVE.speed_constant,
+        gear_ratio=DRIVE.gear_ratio,
+    )
+    spinning = np.zeros(10)
+    turn = FREE.wheel_jacobian(np.zeros(5)) @ np.eye(5)[4]
+    spinning[9] = top / turn[0]
+    plant = SensedPlant(FREE, PERFECT)
+    free, driven, braked = (run(plant, [u * TURNING], spinning)[-1].truth[9] for u in (0.0, 1.0, -1.0))
+    assert abs(driven - free) < 1e-9
+    assert abs(braked) < abs(free) - 1e-3
+
+
+def test_torques_are_clipped_to_the_drivers_limit():
+    plant = SensedPlant(FREE, PERFECT)
+    limit = DRIVE.torque_limit
+    most, beyond = (run(plant, [u * TURNING])[-1].truth for u in (limit, 5.0 * limit))
+    np.testing.assert_array_equal(most, beyond)
+
+
+# --- play ---
+
+
+def test_a_motor_crosses_its_play_in_the_time_that_its_inertia_takes():
+    plant, torque = GearPlayPlant(FREE, PLAY), 0.1
+    for seed in range(5):
+        measured = plant.reset(seed=seed)
+        gaps = 0.5 * PLAY - (measured.wheel_angles - plant.wheel_angles)
+        crossed = np.full(3, np.nan)
+        for k in range(60):
+            measured = plant.step(torque * TURNING, 5e-4)
+            place = measured.wheel_angles - plant.wheel_angles
+            crossed[np.isnan(crossed) & (place >= 0.5 * PLAY - 1e-12)] = (k + 1) * 5e-4
+        # the others' impacts move a wheel that is still waiting: only the first motor's crossing is its own
+        first = np.argmin(gaps)
+        expected = math.sqrt(2.0 * gaps[first] * ROTOR / torque)
+        # steps of 0.5 ms: speed one step late or early, and the stop found at a step's end
+        assert crossed[first] == pytest.approx(expected, abs=1e-3), seed
+
+
+@pytest.mark.parametrize("pattern", [TURNING, np.array([1.0, -1.0, 0.0]), np.array([-1.0, 0.3, 0.6])])
+def test_the_impact_at_the_stop_conserves_momentum(pattern):
+    plant = GearPlayPlant(FREE, PLAY)
+    before = plant.reset(seed=1)
+    for _ in range(4):
+        before = plant.step(0.1 * pattern, 5e-4)
+    assert np.all(before.truth == 0.0)  # nothing is transmitted in the gap
+    spinning = before.wheel_speeds
+    np.testing.assert_allclose(spinning, 0.1 * pattern * 4 * 5e-4 / ROTOR, rtol=1e-12)
+    for _ in range(400):
+        after = plant.step(np.zeros(3), 5e-4)
+        if np.all(plant.model.wheel_speed(after.truth[:5], after.truth[5:]) != 0.0):
+            break
+    M, W = FREE.mass_matrix(np.zeros(5)), FREE.wheel_jacobian(np.zeros(5))
+    wheel_side = M - ROTOR * W.T @ W
+    momentum = wheel_side @ after.truth[5:] + ROTOR * W.T @ after.wheel_speeds
+    # gravity's part while the body leans by the microradians that the impacts make is below a thousandth
+    size = np.abs(ROTOR * W.T @ spinning).max()
+    np.testing.assert_allclose(momentum, ROTOR * W.T @ spinning, atol=2e-3 * size)
+
+
+def test_motors_swing_by_their_play_while_the_wheels_stand():
+    robot = alten()
+    heavy = robot.replace(body=replace(robot.body, inertia=tuple(100.0 * np.array(robot.body.inertia))))
+    plant = SensedPlant(Model(heavy), replace(PERFECT, backlash=PLAY))
+    plant.reset(seed=4)
+    motors, wheels = [], []
+    for k in range(120):
+        measured = plant.step((0.05 if (k // 6) % 2 else -0.05) * TURNING, SAMPLE)
+        motors.append(measured.wheel_angles)
+        wheels.append(plant.motor_angles - plant.play_places)
+    seen, stood = np.ptp(motors, axis=0), np.ptp(wheels, axis=0)
+    count = encoder_step(encoder_counts=PERFECT.sensors.encoder_counts, gear_ratio=DRIVE.gear_ratio)
+    assert np.all(stood < 0.05 * PLAY)
+    assert np.all(np.abs(seen - PLAY) <= stood + 2 * count)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    play=st.floats(1e-6, 0.2),
+    seed=st.integers(0, 2**32 - 1),
+    size=st.floats(0.0, 3.0),
+)
+def test_motors_stay_within_their_play_and_push_only_at_its_stops(play, seed, size):
+    plant = GearPlayPlant(STUCK, play)
+    plant.reset(seed=seed)
+    for u in torques_of(seed, 20, size):
+        measured = plant.step(u, 5e-4)
+        if measured.ended:
+            return
+        place, force = measured.wheel_angles - plant.wheel_angles, plant.transmitted
+        assert np.all(np.abs(place) <= 0.5 * play * (1 + 1e-9) + 1e-12)
+        # one step: a torque that is transmitted has its motor at that side's stop (rounding of the angles aside)
+        assert np.all(np.abs(force[np.abs(place) < 0.5 * play - 1e-9]) == 0.0)
+        assert np.all(force * place >= 0.0)
+
+
+def test_play_that_vanishes_leaves_the_model():
+    controller = nominal_controller(STUCK.robot)
+    start = leaning(0.05, -0.03)
+    model = simulate(ModelPlant(STUCK), controller, square(period=4.0), duration=4.0, initial_state=start)
+    close = simulate(
+        GearPlayPlant(STUCK, 1e-8), controller, square(period=4.0), duration=4.0, initial_state=start
+    )
+    # first order against fourth, through stick and slip and two corners of 0.5 m
+    np.testing.assert_allclose(close.states[:, :5], model.states[:, :5], atol=2e-3)
+
+
+def test_a_ball_that_hardly_pivots_has_the_same_play_as_one_that_does_not():
+    firm = GearPlayPlant(Model(alten(FRICTION), pivoting=100.0), PLAY)
+    torques = torques_of(5, 100, size=0.5)
+    start = leaning(0.02, 0.01)
+    # the sixth velocity is held at zero to about 1e-9 rad/s
+    held, none = truths(run(firm, torques, start)), truths(run(GearPlayPlant(STUCK, PLAY), torques, start))
+    np.testing.assert_allclose(held, none, atol=1e-7)
+
+
+def test_energy_is_never_gained_in_the_play():
+    # without torque and friction, turning about the vertical: gravity has no part
+    plant = GearPlayPlant(FREE, PLAY)
+    spinning = np.zeros(10)
+    spinning[9] = 0.5
+    measured = plant.reset(spinning, seed=3)
+    M, W = FREE.mass_matrix(np.zeros(5)), FREE.wheel_jacobian(np.zeros(5))
+    wheel_side = M - ROTOR * W.T @ W
+    rng = np.random.default_rng(0)
+    energies, given_energy = [], [0.0]
+    for _ in range(200):
+        rates = measured.truth[5:]
+        energies.append(
+            0.5 * rates @ wheel_side @ rates + 0.5 * ROTOR * measured.wheel_speeds @ measured.wheel_speeds
+        )
+        u = 0.2 * rng.uniform(-1, 1) * TURNING
+        before, measured = measured.wheel_speeds, plant.step(u, 5e-4)
+        given_energy.append(given_energy[-1] + 5e-4 * 0.5 * u @ (before + measured.wheel_speeds))
+    lost = energies[0] + np.array(given_energy[:-1]) - energies
+    # impacts and Euler's implicit step only lose, of some 0.1 J; speeds are found to about 1e-9 rad/s
+    assert np.diff(lost).min() > -1e-8
+    assert lost[-1] > 0.0
+
+
+# --- floor, estimator, ends ---
+
+
+@pytest.mark.parametrize("backlash", [0.0, PLAY])
+def test_a_robot_with_integral_action_rests_on_a_slope(backlash):
+    slope = (0.03, -0.02)
+    model = Model(alten())
+    controller = precise_controller(model.robot)
+    plant = SensedPlant(model, replace(PERFECT, slope=slope, backlash=backlash))
+    log = simulate(plant, controller, hold(), duration=16.0)
+    lean, torques = rest_on_slope(model.robot, slope)
+    # the mean of the last 2 s: in the play it hunts about its rest, by counts of the encoder
+    np.testing.assert_allclose(
+        log.truth().states[-400:, 2:4].mean(axis=0), lean, atol=0.03 * np.abs(lean).max()
+    )
+    np.testing.assert_allclose(log.torques[-400:].mean(axis=0), torques, atol=0.05 * np.abs(torques).max())
+
+
+def test_the_twins_floor_tilt_is_the_slope():
+    robot = Robot.load("alten")
+    scenario = replace(Scenario.ideal(robot), wheel_contact="point", floor_tilt=(0.02, 0.03))
+    controller = precise_controller(alten())
+    leans = [
+        simulate(plant, controller, hold(), duration=12.0).truth().states[-200:, 2:4].mean(axis=0)
+        for plant in (
+            Twin(robot, scenario),
+            SensedPlant(true_model(robot, scenario), imperfections_of(scenario)),
+        )
+    ]
+    # first order in a slope of 3.6 %
+    np.testing.assert_allclose(leans[0], leans[1], atol=0.03 * np.abs(leans[0]).max())
+
+
+def test_the_estimator_knows_another_robot_than_the_true_one():
+    robot = alten()
+    known = robot.replace(wheels=replace(robot.wheels, radius=1.1 * robot.wheels.radius))
+    moving = np.zeros(10)
+    moving[5] = 0.3
+    own, other = (
+        run(SensedPlant(FREE, PERFECT, known=one), [np.zeros(3)], moving)[-1] for one in (None, known)
+    )
+    np.testing.assert_array_equal(own.truth, other.truth)
+    # v is the counts' turning by the wheels' radius; the body has hardly begun to turn
+    assert other.state[5] == pytest.approx(1.1 * own.state[5], rel=2e-3)
+    assert own.state[5] == pytest.approx(0.3, rel=0.02)  # of about 60 counts
+
+
+def test_a_run_ends_at_the_scenarios_lean():
+    plant = SensedPlant(FREE, replace(PERFECT, fallen_lean=0.3))
+    measured = plant.reset(leaning(0.2))
+    while measured.ended is None and measured.t < 2.0:
+        measured = plant.step(np.zeros(3), SAMPLE)
+    assert measured.ended is not None
+    assert measured.ended.startswith("fallen: lean past 0.3 rad at t = ")
+    assert 0.3 <= abs(measured.truth[2]) < 0.35
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"delay": -1}, "delay"),
+        ({"delay": MAX_DELAY + 1}, "at most 1000"),
+        ({"torque_noise": -0.1}, "torque_noise"),
+        ({"torque_noise": math.nan}, "torque_noise"),
+        ({"backlash": -1e-3}, "backlash"),
+        ({"slope": (0.2, 0.0)}, "slope"),
+        ({"speed_window": 0}, "speed_window"),
+        ({"speed_window": 10**9}, "speed_window"),
+        ({"fallen_lean": 1.3}, "fallen_lean"),
+        ({"sensors": replace(PERFECT.sensors, sample_time=0.0)}, "sample_time"),
+        ({"sensors": replace(PERFECT.sensors, encoder_counts=0)}, "encoder_counts"),
+        ({"sensors": replace(PERFECT.sensors, gyro_noise=-1.0)}, "gyro_noise"),
+    ],
+)
+def test_imperfections_that_cannot_be_are_refused(change, words):
+    with pytest.raises(InputError, match=words):
+        replace(PERFECT, **change)
+
+
+def test_models_without_encoders_wheels_or_rotors_are_refused():
+    with pytest.raises(InputError, match="exact"):
+        SensedPlant(Model(alten(), "thesis"), PERFECT)
+    with pytest.raises(InputError, match="exact"):
+        GearPlayPlant(Model(alten(), "thesis"), PLAY)
+    massless = alten().replace(drive=replace(DRIVE, motor_inertia=0.0, gear_inertia=0.0))
+    with pytest.raises(InputError, match="no inertia"):
+        SensedPlant(Model(massless), replace(PERFECT, backlash=PLAY))
+    with pytest.raises(InputError, match="whole number of"):
+        SensedPlant(FREE, PERFECT).step(np.zeros(3), 0.007)
+
+
+def test_conditions_have_a_longest_delay():
+    assert Conditions(delay=MAX_DELAY).delay == MAX_DELAY
+    with pytest.raises(InputError, match="at most 1000"):
+        Conditions(delay=MAX_DELAY + 1)
+
+
+# --- the twin ---
+
+
+@pytest.mark.parametrize("name", ["nominal", "ideal", "wide_rows", "single_row", "single_point"])
+def test_a_named_scenarios_imperfections(name):
+    robot = Robot.load("alten")
+    scenario = Scenario.named(name, robot)
+    found = imperfections_of(scenario)
+    assert found == Imperfections(
+        sensors=scenario.sensors,
+        backlash=scenario.backlash,
+        torque_noise=scenario.torque_noise,
+        slope=(0.0, 0.0),
+        fallen_lean=scenario.fallen_lean,
+    )
+    assert true_model(robot, scenario).robot.friction == scenario.friction
+
+
+def test_faults_that_the_equations_do_not_have_are_refused_by_name():
+    robot = Robot.load("alten")
+    nominal = Scenario.nominal(robot)
+    for name, fault in (("resonant", "compliance"), ("soft_ball", "softness")):
+        with pytest.raises(InputError, match=fault):
+            imperfections_of(Scenario.named(name, robot))
+    with pytest.raises(InputError, match="payload"):
+        imperfections_of(replace(nominal, payload=Payload(mass=1.0, position=(0.0, 0.0, 0.6))))
+    with pytest.raises(InputError, match="jitter"):
+        imperfections_of(replace(nominal, timing=Timing(delay=1, jitter=0.001)))
+    assert imperfections_of(replace(nominal, timing=Timing(delay=2))).delay == 2
+
+
+def test_the_twin_with_point_contacts_errs_as_much():
+    robot = Robot.load("alten")
+    scenario = Scenario.single_point(robot)
+    model, controller = true_model(robot, scenario), nominal_controller(robot)
+    peaks, changes = {}, {}
+    for name, plant in (
+        ("twin", Twin(robot, scenario)),
+        ("sensed", SensedPlant(model, imperfections_of(scenario))),
+    ):
+        logs = [
+            simulate(plant, controller, hold(), duration=8.0, seed=seed, initial_state=leaning(0.03, -0.02))
+            for seed in (1, 2)
+        ]
+        truths = [log.truth().states[400:] for log in logs]
+        peaks[name] = np.mean([np.hypot(x[:, 0], x[:, 1]).max() for x in truths])
+        changes[name] = np.mean([rms_torque_change(log) for log in logs])
+    assert 1 / 1.3 < peaks["sensed"] / peaks["twin"] < 1.3
+    assert 1 / 1.2 < changes["sensed"] / changes["twin"] < 1.2
+
+
+# --- the command ---
+
+
+def test_simulate_takes_a_scenario_and_the_controllers_estimator(tmp_path):
+    robot = tmp_path / "robot.toml"
+    write_robot(STUCK.robot, robot)
+    write_controller(nominal_controller(STUCK.robot).with_estimator("kalman"), tmp_path / "kalman.toml")
+    words = ["simulate", str(robot), "--duration", "1", "--controller", str(tmp_path / "kalman.toml")]
+    scenario = tmp_path / "late.toml"
+    scenario.write_text('base = "nominal"\n[timing]\ndelay = 2\n')
+    logs = []
+    for name, more in (("a", ["--seed", "3"]), ("b", ["--seed", "3"]), ("c", ["--seed", "4"])):
+        assert main([*words, "--scenario", str(scenario), *more, "--out", str(tmp_path / name)]) == 0
+        logs.append(Log.read(tmp_path / name / "log.csv"))
+    np.testing.assert_array_equal(logs[0].states, logs[1].states)
+    assert not np.array_equal(logs[0].states, logs[2].states)
+    controller = read_controller(tmp_path / "kalman.toml", STUCK.robot)
+    plant = SensedPlant(STUCK, replace(NOMINAL, delay=2), estimator="kalman")
+    expected = simulate(plant, controller, square(), duration=1.0, seed=3)
+    np.testing.assert_allclose(logs[0].states, expected.states, rtol=1e-9, atol=1e-12)  # digits of the file
+
+
+def test_simulate_refuses_a_scenario_beyond_the_equations(tmp_path, capsys):
+    assert main(["simulate", "alten", "--scenario", "resonant", "--out", str(tmp_path / "run")]) == 2
+    assert "compliance" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

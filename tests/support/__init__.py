@@ -1,0 +1,1 @@
+"""What tests share: examples with a known truth, independent oracles, and paths."""

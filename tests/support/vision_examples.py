@@ -1,0 +1,119 @@
+"""Small, short videos: of a ball that turns, and of a body that swings as a known pendulum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
+
+from ballbot.vision.rendering import Camera, Motion, Scene, render, wandering, write_video
+from ballbot.vision.spin import Spin
+
+#: pictures of 200 x 160 pixels: a ball of 66 pixels radius is less than any camera would give
+SMALL = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film:
+    """A video and what is true of it."""
+
+    path: Path
+    motion: Motion
+    scene: Scene
+
+    def error(self, spin: Spin) -> float:
+        """Return the rms length of the velocity's error over the peak of the velocity."""
+        true = self.motion.omega_at(spin.t)
+        off = np.sum((spin.velocity.omega - true) ** 2, axis=1)
+        return float(np.sqrt(np.nanmean(off)) / np.linalg.norm(true, axis=1).max())
+
+
+def ball_video(
+    path: Path, scene: Scene, *, duration: float, codec: str = "HFYU", peak: float = 10.0, seed: int = 3
+) -> Film:
+    """Write the video of a ball that wanders and return it."""
+    motion = wandering(duration=duration, peak=peak, seed=seed)
+    write_video(
+        path, render(scene, motion, duration=duration), frame_rate=scene.camera.frame_rate, codec=codec
+    )
+    return Film(path=path, motion=motion, scene=scene)
+
+
+def pendulum(
+    t: NDArray[np.float64], *, stiffness: float, viscous: float = 0.0, dry: float = 0.0, amplitude: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return angle and rate (n,) of a pendulum let go at `amplitude`, half swing by half swing to 1e-10.
+
+    angle'' = -stiffness sin(angle) - viscous angle' - dry sgn(angle'), at rest where gravity cannot overcome dry.
+    """
+    angles, rates = np.empty_like(t), np.zeros_like(t)
+    start, angle = float(t[0]), amplitude
+    while True:
+        rows = t >= start
+        if stiffness * abs(np.sin(angle)) <= dry:
+            angles[rows], rates[rows] = angle, 0.0
+            return angles, rates
+        sign = -np.sign(angle)
+
+        def slope(_: float, y: NDArray[np.float64], sign: float = sign) -> list[float]:
+            return [y[1], -stiffness * np.sin(y[0]) - viscous * y[1] - dry * sign]
+
+        def turns(_: float, y: NDArray[np.float64]) -> float:
+            return y[1]
+
+        turns.terminal, turns.direction = True, -sign  # pyright: ignore[reportFunctionMemberAccess]
+        # a shove of the rate's own size of rounding, so that the turn at the start is not found again
+        run = solve_ivp(
+            slope,
+            (start, t[-1] + 1.0),
+            [angle, 1e-9 * sign],
+            method="DOP853",
+            events=turns,
+            rtol=1e-10,
+            atol=1e-12,
+            dense_output=True,
+        )
+        ends = run.t[-1]
+        now = rows & (t <= ends)
+        angles[now], rates[now] = run.sol(t[now])
+        if ends >= t[-1]:
+            return angles, rates
+        start, angle = float(ends), float(run.y[0, -1])
+
+
+def sensor_noise(count: int, *, deviation: float, seed: int, memory: float = 0.0) -> NDArray[np.float64]:
+    """Return noise (count,) N(0, deviation), each value `memory` times the one before and something new."""
+    white = np.random.default_rng(seed).standard_normal(count)
+    return deviation * np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white))
+
+
+def swing_video(
+    path: Path, angles: NDArray[np.float64], *, rate: float, noise: float = 6.0, seed: int = 0
+) -> None:
+    """Write a film of a hanging body with a printed pattern that swings before a wall with a pattern of its own."""
+    import cv2
+
+    random = np.random.default_rng(seed)
+    width, height, pivot = 240, 240, (120.0, 20.0)
+    # coarse grains: uniform between dark and bright
+    wall = cv2.resize(random.uniform(60, 200, (40, 40)).astype(np.float32), (width, height))
+    grains = cv2.resize(
+        random.uniform(0, 255, (40, 16)).astype(np.float32), (64, 160), interpolation=cv2.INTER_NEAREST
+    )
+    body = np.zeros((height, width), np.float32)
+    mask = np.zeros((height, width), np.float32)
+    body[40:200, 88:152], mask[40:200, 88:152] = grains, 1.0
+    # grain of the sensor, N(0, noise): a few pictures of it are enough
+    grain = noise * random.standard_normal((8, height, width)).astype(np.float32)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (width, height))
+    for k, angle in enumerate(angles):
+        turn = cv2.getRotationMatrix2D(pivot, float(np.degrees(angle)), 1.0)
+        cover = cv2.warpAffine(mask, turn, (width, height))
+        picture = wall * (1.0 - cover) + cv2.warpAffine(body, turn, (width, height)) * cover
+        picture = np.clip(picture + grain[k % len(grain)], 0, 255).astype(np.uint8)
+        writer.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+    writer.release()

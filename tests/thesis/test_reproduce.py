@@ -1,0 +1,413 @@
+"""The thesis remade: verdicts, the mistakes' numbers, recordings that are kept, the page. The whole is a command."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.stats import binom
+
+from ballbot.cli.main import main
+from ballbot.control.controller import Compensation
+from ballbot.control.presets import design_gain, nominal_controller
+from ballbot.control.references import hold
+from ballbot.log import Log
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.run import simulate
+from tests.support.paths import ROOT
+from tests.support.symbolic_oracle import random_state
+
+pytest.importorskip("mujoco")
+pytest.importorskip("cv2")
+
+from ballbot.report.page import provenance
+from ballbot.thesis.reproduce import appendices, chapter3, chapter5, recordings
+from ballbot.thesis.reproduce.bench import Bench, linear_run
+from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
+from ballbot.thesis.reproduce.item import Check, Item, Mistake, median_interval, run_seed
+from ballbot.thesis.reproduce.mistakes import MISTAKES, conclusions, equations, mechanics, numbers
+from ballbot.thesis.reproduce.page import (
+    DRAWINGS,
+    friction_line,
+    item_markdown,
+    mistake_markdown,
+    write_reproduction,
+)
+from ballbot.thesis.reproduce.recordings import (
+    CHANGE,
+    Logs,
+    ModelOnGrid,
+    Recording,
+    TwinOnGrid,
+    balance,
+    record_all,
+)
+from ballbot.thesis.reproduce.runs import above, distance_at
+from ballbot.twin import Scenario, Twin
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """A bench without recordings: enough for what is of models and parameters alone."""
+    robot = Robot.load("alten")
+    return Bench(robot=robot, identified=robot, recordings={}, seed=0, folder=tmp_path_factory.mktemp("runs"))
+
+
+def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> Check:
+    return Check(claim="it is so", quantity="a number", value=value, unit="m", lowest=lowest, highest=highest)
+
+
+def item_of(*checks: Check) -> Item:
+    return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
+
+
+def test_all_that_the_issue_names_is_remade_in_the_thesis_order() -> None:
+    named = [
+        *("figure_2_1", "figure_3_1", "figure_3_2", "figure_3_4", "figure_3_5"),
+        *("figure_4_1", "table_4_1", "figure_4_2", "table_4_2", "figure_4_3"),
+        *(f"figure_5_{number}" for number in range(1, 9)),
+        *(
+            "figure_i_1",
+            "figure_iii_1",
+            *(f"figure_iv_{number}" for number in range(1, 5)),
+            "figure_v_1",
+            "figure_v_2",
+        ),
+    ]
+    assert [make.__name__ for make in ITEMS] == named
+    assert list(DRAWINGS) == [name for name in named if name.startswith("figure")]
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=6))
+def test_verdict_counts_what_agrees(agreeing: list[bool]) -> None:
+    item = item_of(*(check(value=1.0 if one else -1.0, lowest=0.0) for one in agreeing))
+    expected = {len(agreeing): "agrees", 0: "does not agree"}.get(sum(agreeing), "agrees in part")
+    assert item.verdict == expected
+    assert item.sentence.count("asked is at least 0 m") == agreeing.count(False)
+
+
+def test_what_is_no_number_never_agrees() -> None:
+    assert not check(value=math.nan).agrees
+    assert item_of().verdict == "drawn"
+    assert check(value=2.0, lowest=2.0, highest=2.0).agrees
+
+
+def test_only_a_whole_interval_decides() -> None:
+    def over(*values: float) -> Check:
+        return Check.over(values, claim="it is so", quantity="a number", lowest=1.0)
+
+    clear, open_still, against = over(*range(2, 11)), over(*(0.1 * k for k in range(6, 15))), over(*[0.5] * 9)
+    assert [one.outcome for one in (clear, open_still, against)] == ["yes", "undecided", "no"]
+    # of nine values the second and the eighth hold the median with 96 %: 1 - 2 (1 + 9) / 2^9
+    assert clear.interval == (3, 9)
+    assert clear.measured == "6 (3 to 9), 9 runs"
+    assert item_of(clear, open_still).verdict == "undecided"
+    assert "leave open that it is so" in item_of(clear, open_still).sentence
+    assert item_of(clear, open_still, against).verdict == "agrees in part"
+    assert item_of(open_still, against).verdict == "does not agree"
+
+
+@given(st.integers(6, 30))
+def test_interval_of_the_median_covers_it_as_coins_say(count: int) -> None:
+    lower, upper = median_interval(range(count))
+    below = int(lower)
+    assert upper == count - 1 - below
+    # the median lies outside if at most `below` values of `count` lie on one side of it
+    assert 2.0 * binom.cdf(below, count, 0.5) <= 0.05
+    assert 2.0 * binom.cdf(below + 1, count, 0.5) > 0.05 or below + 1 >= count // 2
+
+
+def test_rounding_is_printed_as_zero() -> None:
+    """5e-17 is another number on every machine."""
+    assert replace(check(value=5e-17, highest=1e-12), unit="m").measured == "0 m"
+    assert check(value=5e-17, highest=1e-12).criterion == "at most 1e-12 m"
+
+
+def test_what_is_above_a_frequency_is_the_fast_part() -> None:
+    """Of 1 Hz and 25 Hz together the latter is left: 5 Hz, order 2 run both ways, takes 1 Hz down by 25^2."""
+    t = np.arange(4000) / 200.0
+    slow, fast = np.sin(2.0 * np.pi * t), 0.01 * np.sin(2.0 * np.pi * 25.0 * t)
+    left = above(np.column_stack([slow + fast, slow]), 1.0 / 200.0, 5.0)[400:-400]
+    # the filter's square gain is 1 / (1 + 1/5^4) at 25 Hz
+    np.testing.assert_allclose(left[:, 0] - left[:, 1], fast[400:-400], rtol=0.0, atol=2e-5)
+    assert np.abs(left[:, 1]).max() < 1.1 / 5.0**4
+
+
+def test_appendix_i_comes_out(bench: Bench) -> None:
+    item = appendices.figure_i_1(bench)
+    wall, limit = (one.value for one in item.checks)
+    # printed: 2.5 cm and 761.5 / 27.6 = 27.59 rad/s
+    assert wall == pytest.approx(2.5, abs=0.05)
+    assert limit == pytest.approx(761.5 / 27.6, abs=0.005)
+    assert item.verdict == "agrees"
+
+
+def test_appendix_iii_comes_out_of_a_simulated_swing(bench: Bench) -> None:
+    item = appendices.figure_iii_1(bench)
+    assert item.verdict == "agrees"
+    # what 4.37 kg m^2 swings at, by hand: sqrt(17.076 * 9.81 * 0.393 / 4.37)
+    assert "3.8813 rad/s" in item.ours or "3.8814 rad/s" in item.ours
+    assert bench.swings[0].frequency == pytest.approx(3.88135, rel=1e-3)
+    assert "Nothing was filmed" in item.ours
+
+
+def test_mistakes_are_numbered_as_in_the_list() -> None:
+    assert len(MISTAKES) == 19
+
+
+@pytest.mark.parametrize(
+    ("make", "number", "place", "value"),
+    [
+        (equations.rotation_about_y, 1, 0, 0.0),  # cos(2 * 45 degrees)
+        (equations.velocity_over_ground, 2, 0, 1.0 / 0.063),
+        (equations.derivative_of_angles, 3, 0, 0.0),
+        (mechanics.rates_of_angles, 4, 0, math.sqrt(2.0)),  # two unit vectors at right angles
+        (mechanics.inertia_counted_twice, 5, 0, 17.076 * 0.393**2),
+        (mechanics.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),  # docs/generated/published_models.md
+        (mechanics.inertia_counted_twice, 5, 2, 5.2015 / 5.2676),
+        (mechanics.no_counter_torque, 6, 0, 0.173 / 0.11),
+        (mechanics.no_counter_torque, 6, 1, 9.5038 / 5.8293),
+        (mechanics.rotors_left_out, 7, 0, 27.6**2 * (2.42e-6 + 1.6e-7) / 1e-3),
+        (mechanics.friction_on_absolute_spin, 8, 2, 0.173 / 0.11),
+        (equations.seam_curve, 10, 2, 0.0),
+        (numbers.ball_inertia, 11, 0, 2.0 / 3.0 * 3.0 * 0.11**2),
+        (equations.nonholonomic_rates, 16, 2, 0.0),
+        (equations.locked_wheels_twice, 17, 0, 1.5),  # 3 wheels of 1 g m^2, sin^2(45 degrees) each
+        (equations.locked_wheels_twice, 17, 1, 100.0 * 1.5e-3 / 0.193),
+        (equations.undefined_inverses, 18, 0, 2.0),
+        (equations.undefined_inverses, 18, 1, 2.0),
+        (conclusions.reference_and_stability, 19, 4, 1.0),
+    ],
+)
+def test_mistakes_are_shown_by_their_numbers(
+    bench: Bench, make: Callable[[Bench], Mistake], number: int, place: int, value: float
+) -> None:
+    mistake = make(bench)
+    assert mistake.number == number
+    assert mistake.proven
+    assert mistake.shown_by[place].value == pytest.approx(value, rel=1e-4, abs=1e-12)
+
+
+@settings(max_examples=20, deadline=None)  # the first derives both by SymPy
+@given(st.integers(0, 2**32 - 1))
+def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
+    """(II.34) as printed less (II.34) with d'Alembert's principle first, derived by SymPy at any state."""
+    pytest.importorskip("sympy")
+    from ballbot.thesis.lagrangian import equations as derived
+    from ballbot.thesis.symbols import corrections_of
+
+    robot, printed = Robot.load("alten"), corrections_of("thesis")
+    q, q_dot, _ = random_state(np.random.default_rng(seed), 3)
+    first, second = (
+        derived(robot, replace(printed, nonholonomic_wheels=mended)).bias(q, q_dot)
+        for mended in (False, True)
+    )
+    force = equations.nonholonomic_force(robot, q, q_dot)
+    # central differences at 1e-5: truncation and rounding are 1e-10 of numbers up to 0.1
+    np.testing.assert_allclose(force, first - second, rtol=0.0, atol=1e-9)
+
+
+def test_clamp_of_the_thesis_winds_up(bench: Bench) -> None:
+    """x_2 is the integral of 1 N m sin(2 pi t / 62.83 s) over 1 g m^2: at most 2 * 62.83 / (2 pi * 1e-3) rad/s."""
+    mistake = numbers.speed_clamp_printed(bench)
+    assert mistake.proven
+    assert mistake.shown_by[1].value == pytest.approx(62.83 / (math.pi * 1e-3), rel=1e-3)
+    # the wheel is back at 27.7 rad/s just before the period's end: cos(2 pi t / T) = 1 - 27.7 * 2 pi * 1e-3 / T
+    angle = math.acos(1.0 - 27.7 * 2.0 * math.pi * 1e-3 / 62.83)
+    assert mistake.shown_by[2].value == pytest.approx(62.83 * (0.5 - angle / (2.0 * math.pi)), abs=0.05)
+
+
+def test_gain_of_one_heading_falls_where_the_turned_one_stands(bench: Bench) -> None:
+    mistake = conclusions.gain_at_other_headings(bench)
+    assert mistake.proven
+    last = mistake.shown_by[0].value
+    # beyond 90 degrees the unstable pair of a gain that is not turned feeds back the wrong way (design section 8)
+    assert 30.0 < last < 90.0
+
+
+def test_linear_run_is_the_closed_loop_solution() -> None:
+    """One sample after another, by the exponential of the whole loop's matrix, from SciPy."""
+    robot = Robot.load("alten")
+    gain, h = design_gain(robot).gain, robot.sensors.sample_time
+    log = linear_run(robot, gain, hold(x=0.3, y=-0.2), duration=10.0)
+    linear = Model(robot).linearize()
+    # x' = A x + B u, u' = 0 over a sample
+    whole = expm(h * np.block([[linear.A, linear.B], [np.zeros((3, 13))]]))
+    wanted = np.zeros(10)
+    wanted[:2] = (0.3, -0.2)
+    x = np.zeros(10)
+    for _ in range(len(log) - 1):
+        x = (whole @ np.concatenate([x, gain @ (wanted - x)]))[:10]
+    np.testing.assert_allclose(log.states[-1], x, atol=1e-9)
+    np.testing.assert_allclose(x[:2], wanted[:2], atol=5e-3)
+
+
+@pytest.mark.parametrize("plant", ["twin", "model"])
+def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
+    """So it is on another processor, whose last digits differ by much less; without the grid the twin's runs part."""
+
+    def run(factor: float, *, grid: bool) -> NDArray[np.float64]:
+        robot = Robot.load("alten")
+        nominal = Scenario.nominal(robot)
+        friction = replace(nominal.friction, rolling=factor * nominal.friction.rolling)
+        if plant == "twin":
+            twin = Twin(robot, replace(nominal, friction=friction))
+            active = TwinOnGrid(twin) if grid else twin
+        else:
+            active = ModelOnGrid(Model(robot.replace(friction=friction)))
+        log = simulate(active, nominal_controller(robot), CHANGE, duration=8.0, seed=1)
+        return log.truth().states
+
+    changed = 1.0 + 1e-12
+    # a sample's own difference stays in what is read before rounding
+    np.testing.assert_allclose(run(1.0, grid=True), run(changed, grid=True), rtol=0.0, atol=1e-9)
+    if plant == "twin":
+        assert np.abs(run(1.0, grid=False) - run(changed, grid=False)).max() > 1e-6
+
+
+@pytest.mark.slow
+def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
+    """All that needs no recording, and the first of the twin's runs; campaigns/reproduce.py compares the whole."""
+    page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
+    recorded = {"rounded_constants", "residual_pairs"}
+    for make in MISTAKES:
+        if make.__name__ not in recorded:
+            assert mistake_markdown(make(bench)) in page
+    for make in (chapter3.figure_2_1, chapter5.figure_5_2, appendices.figure_i_1, appendices.figure_iii_1):
+        assert item_markdown(make(bench)) in page
+    friction = documented_friction(page)
+    assert friction_line(friction) in page
+    row = next(line for line in page.splitlines() if line.startswith("| 0 |")).strip("| ").split(" | ")
+    columns: tuple[tuple[int, Compensation], ...] = ((1, "none"), (3, "full"))
+    for place, compensation in columns:
+        robot = bench.robot.replace(friction=friction if compensation == "full" else Friction.none(3))
+        log = balance(
+            robot, CHANGE, duration=chapter5.EARLY + 0.1, seed=run_seed(0, 300), compensation=compensation
+        )
+        assert f"{distance_at(log, chapter5.EARLY):.3f}" == row[place]
+
+
+def documented_friction(page: str) -> Friction:
+    line = next(line for line in page.splitlines() if line.startswith("Friction identified"))
+    names = ("b", "c", "s", "v_s", "delta", "C_rr")
+    b, c, s, v_s, delta, rolling = (
+        tuple(
+            float(value)
+            for value in re.findall(
+                r"[-+.\de]+",
+                re.split(rf"\b{name} = ", line)[1]
+                .split(" N m")[0]
+                .split(" rad")[0]
+                .split(";")[0]
+                .rstrip("."),
+            )
+        )
+        for name in names
+    )
+    return Friction(
+        viscous=b,
+        coulomb=c,
+        stribeck=s,
+        stribeck_speed=v_s[0],
+        stribeck_exponent=delta[0],
+        rolling=rolling[0],
+    )
+
+
+def counted(robot: Robot, seed: int) -> Logs:
+    """Record something small, and leave a mark that it was made."""
+    t = np.linspace(0.0, 1.0, 11)
+    mark = Path(str(robot.name))
+    mark.write_text(mark.read_text(encoding="utf-8") + "x" if mark.exists() else "x", encoding="utf-8")
+    return {"log": Log({"t": t, "theta": np.sin(seed + t)}), "film": Log({"t": t, "qw": t / 3.0})}
+
+
+def test_recordings_are_made_once_and_read_back_bit_for_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the robot's name is where the recording counts itself, for it is made in another process
+    robot = Robot.load("alten").replace(name=str(tmp_path / "made"))
+    wanted = (Recording(name="small", make=counted, seconds=1.0),)
+    told: list[float] = []
+
+    def again(seed: int) -> Logs:
+        made = record_all(
+            wanted, robot, seed=seed, folder=tmp_path / "runs", progress=lambda share, _: told.append(share)
+        )
+        return made["small"]
+
+    first = again(3)
+    # one process has shown that recordings come from others; threads begin at once
+    monkeypatch.setattr(recordings, "worker_pool", ThreadPoolExecutor)
+    second, other = again(3), again(4)
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xx"
+    assert told == [1.0, 1.0]
+    for name in ("log", "film"):
+        for column in first[name]:
+            np.testing.assert_array_equal(first[name][column], second[name][column])
+    assert not np.array_equal(first["log"]["theta"], other["log"]["theta"])
+    # what a full disk or a stopped copy left is made again
+    for path in (tmp_path / "runs").glob("small-*.npz"):
+        path.write_bytes(path.read_bytes()[:-20])
+    np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxx"
+    # and so is what was edited
+    for path in (tmp_path / "runs").glob("small-*.npz"):
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    np.testing.assert_array_equal(again(3)["log"]["theta"], first["log"]["theta"])
+    assert (tmp_path / "made").read_text(encoding="utf-8") == "xxxx"
+
+
+def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
+    items = (chapter3.figure_2_1(bench), chapter5.figure_5_2(bench), appendices.figure_i_1(bench))
+    items = (*items, replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"))
+    made = Reproduction(bench=bench, items=items, mistakes=(equations.seam_curve(bench),))
+    index = write_reproduction(
+        made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=lambda *_: None
+    )
+    page = index.read_text(encoding="utf-8")
+    assert page.count("<svg") == 3
+    # one self-contained file: nothing is fetched from beside it
+    assert not re.findall(r'(?:src|href)="(?!#)', page)
+    assert "&lt;b&gt;" in page
+    assert "Ours does not agree" in page
+    assert "Of 4 figures and tables,\n1 agree, 1 do not agree, 2 are drawings." in page
+    for name in ("figure_2_1", "figure_5_2", "figure_i_1"):
+        svg = (tmp_path / "figures" / f"{name}.svg").read_text(encoding="utf-8")
+        assert svg.startswith("<svg")
+        assert 'width="' in svg.split(">")[0]
+    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert [one["verdict"] for one in results["items"]] == ["drawn", "drawn", "agrees", "does not agree"]
+    assert results["mistakes"][0]["proven"] is True
+    assert "(V.4)" in (tmp_path / "reproduce.md").read_text(encoding="utf-8")
+
+
+def test_folder_that_is_a_file_is_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "file"
+    path.write_text("", encoding="utf-8")
+    assert main(["reproduce", "--out", str(path)]) == 2
+    assert "needs a folder" in capsys.readouterr().err
+
+
+def test_a_seed_below_zero_is_refused_before_any_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reproduce", "--out", str(tmp_path / "out"), "--seed", "-1"]) == 2
+    assert "The seed is -1" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

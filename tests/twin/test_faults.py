@@ -1,0 +1,262 @@
+"""Faults of the twin outside its drivelines (contacts, pushes, timing) against the law that each claims to follow."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.mechanics.friction_laws import Dahl
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction
+from ballbot.twin import Scenario, Twin, twin_mjcf
+from ballbot.twin.driveline import Shafts
+from ballbot.twin.engine import Engine
+from ballbot.twin.scenario import Compliance, LoadDependence, Payload, Push, Roughness, Softness, Timing
+from ballbot.twin.twin import UnevenFloor
+from tests.support.twin_examples import ALTEN, IDEAL, ideal
+
+# Contacts
+
+
+def test_soft_ball_sinks_and_swings_as_its_stiffness_says() -> None:
+    """Upside down, 3 kg on three springs at 45 degrees: 3 K cos^2 carries it."""
+    K, C = 1e4, 10.0
+    scenario = ideal(
+        softness=Softness(stiffness=K, damping=C), wheel_contact="point"
+    )  # rows could share the load
+    engine = Engine(twin_mjcf(ALTEN, scenario, mounting="upside_down"))
+    shafts = Shafts(ALTEN, scenario, engine)
+    height = engine.qpos[engine.first_position("ball") : engine.first_position("ball") + 3][2:]
+    heights = []
+    for _ in range(4000):
+        shafts.turn_back()
+        engine.step()
+        heights.append(float(height[0]))
+    vertical = 3 * K / 2
+    sink = 3 * 9.81 / vertical  # down is +z here
+    # the contacts turn by 2 mm in 119 mm as the ball sinks
+    assert heights[-1] == pytest.approx(sink, rel=0.03)
+    swing = np.array(heights[:1200]) - sink
+    crossings = np.flatnonzero(np.diff(np.sign(swing)))
+    period = 2 * np.mean(np.diff(crossings)) * engine.timestep
+    # MuJoCo's soft contacts have a mass of their own (`ballbot.twin.mjcf`): a quarter over the inverse weights
+    added = 3 / 2 * 0.25 / (engine.mobility("ball") + engine.mobility("roller 1.1"))
+    assert 0.1 < added < 1.0
+    assert 2 * np.pi / period == pytest.approx(np.sqrt(vertical / (3.0 + added)), rel=0.03)
+
+
+def test_softer_balls_still_carry_a_balancing_robot() -> None:
+    softness = Softness(stiffness=3e4, damping=1000.0)
+    twin = Twin(
+        ALTEN, replace(Scenario.nominal(ALTEN), softness=softness, wheel_contact="point", timestep=1e-4)
+    )
+    twin.reset(None, seed=1)
+    for _ in range(40):
+        twin.step(np.zeros(3), 0.005)
+    body = twin.engine.first_position("body")
+    ball = twin.engine.first_position("ball")
+    sink = twin.engine.qpos[ball + 2] - twin.engine.qpos[body + 2]
+    expected = 17.076 * 9.81 / (3 * 3e4 / 2)  # the body sinks towards the ball
+    assert sink == pytest.approx(expected, rel=0.05)  # it begins to fall meanwhile
+
+
+def test_refuses_contacts_too_stiff_for_the_step() -> None:
+    with pytest.raises(InputError, match="Reduce them or the timestep"):
+        Twin(ALTEN, ideal(softness=Softness(stiffness=1e9, damping=100.0)))
+
+
+def lone_ball(scenario: Scenario) -> Engine:
+    root = ET.fromstring(twin_mjcf(ALTEN, scenario))
+    world = root.find("worldbody")
+    assert world is not None
+    world.remove(next(body for body in world.findall("body") if body.get("name") == "body"))
+    root.remove(root.find("actuator"))  # type: ignore[arg-type]
+    return Engine(ET.tostring(root, encoding="unicode"))
+
+
+def test_ball_slides_at_the_grip_of_the_floor() -> None:
+    engine = lone_ball(ideal(floor_grip=0.1))
+    for _ in range(200):  # settle
+        engine.step()
+    engine.qvel[:] = [0.3, 0, 0, 0, 0, 0]  # no spin: it slides
+    for _ in range(200):
+        engine.step()
+    # MuJoCo's friction cone lifts what slides, for a moment
+    assert engine.qvel[0] == pytest.approx(0.3 - 0.1 * 9.81 * 0.1, abs=0.01)
+
+
+def test_ball_rolls_down_a_tilted_floor() -> None:
+    """g sin(tilt) / (1 + j/(m r^2)): about +x tilts y upward, so that the ball rolls to -y."""
+    engine = lone_ball(ideal(floor_tilt=(0.02, 0.03), friction=Friction.none(3)))
+    for _ in range(1000):
+        engine.step()
+    rolling = 1 + 0.0242 / (3 * 0.11**2)
+    expected = 9.81 * 0.5 / rolling * np.array([np.sin(0.03), -np.sin(0.02)])
+    np.testing.assert_allclose(engine.qvel[:2], expected, rtol=0.01, atol=1e-4)
+
+
+def test_wheels_with_one_point_turn_as_kinematics_says() -> None:
+    twin = Twin(ALTEN, replace(Scenario.ideal(ALTEN), wheel_contact="point", timestep=0.00025))
+    state = np.array([0, 0, 0.0, 0, 0.4, 0.3, -0.2, 0.0, 0.0, 0.8])
+    twin.reset(state, seed=2)
+    model = Model(ALTEN)
+    speeds = [model.wheel_speed(state[:5], state[5:])]
+    for _ in range(40):
+        m = twin.step(np.zeros(3), 0.005)
+        speeds.append(model.wheel_speed(m.truth[:5], m.truth[5:]))
+    angle = np.trapezoid(speeds, dx=0.005, axis=0)
+    assert np.abs(angle).max() > 0.4
+    # a count is 0.1 mrad; contacts creep
+    np.testing.assert_allclose(m.wheel_angles, angle, rtol=2e-3, atol=2e-3)
+
+
+# From outside
+
+
+def test_push_accelerates_as_the_equations_say() -> None:
+    """M q_dd = J^T F for a force on the body at height h, seen over the first 10 ms."""
+    force, height = np.array([30.0, -20.0]), 0.5
+    push = Push(time=0.005, duration=0.01, force=(30.0, -20.0, 0.0), height=height)
+    scenario = ideal(pushes=(push,), wheel_contact="point", sensors=IDEAL.sensors)
+    twin = Twin(ALTEN, scenario)
+    twin.reset(None, seed=1)
+    unmoved = twin.step(np.zeros(3), 0.005).truth
+    assert np.abs(unmoved[5:]).max() < 1e-3
+    for _ in range(2):
+        pushed = twin.step(np.zeros(3), 0.005).truth
+    Q = np.array([force[0], force[1], -height * force[1], height * force[0], 0.0])
+    expected = 0.01 * np.linalg.solve(Model(ALTEN).mass_matrix(np.zeros(5)), Q)
+    # soft contacts give way for some milliseconds
+    np.testing.assert_allclose(pushed[5:9], expected[:4], rtol=0.1)
+    after = twin.step(np.zeros(3), 0.005).truth
+    np.testing.assert_allclose(after[5:9], pushed[5:9], rtol=0.15)  # it is over
+
+
+def test_payload_moves_the_centre_of_mass() -> None:
+    import mujoco
+
+    masses = []
+    for payload in (None, Payload(mass=2.0, position=(0.1, -0.05, 0.6))):
+        engine = Engine(twin_mjcf(ALTEN, ideal(payload=payload)))
+        full = np.zeros((engine.model.nv, engine.model.nv))
+        mujoco.mj_forward(engine.model, engine.data)
+        mujoco.mj_fullM(engine.model, engine.data, full)
+        body = engine.first_velocity("body")
+        masses.append(full[body : body + 6, body : body + 6])
+    more = masses[1] - masses[0]
+    np.testing.assert_allclose(np.diag(more)[:3], 2.0, rtol=1e-12)
+    # translation against rotation: m [r]x
+    moment = 2.0 * np.array([[0, 0.6, 0.05], [-0.6, 0, 0.1], [-0.05, -0.1, 0]])
+    np.testing.assert_allclose(more[:3, 3:], moment, atol=1e-12)
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    x=st.floats(-5, 5),
+    y=st.floats(-5, 5),
+    wavelength=st.floats(0.05, 1.0),
+)
+def test_floor_s_slope_is_the_gradient_of_its_height(
+    seed: int, x: float, y: float, wavelength: float
+) -> None:
+    floor = UnevenFloor(Roughness(height=0.001, wavelength=wavelength, seed=seed))
+    step = 1e-4 * wavelength
+    place = np.array([x, y])
+    numeric = [
+        (floor.height(place + step * axis) - floor.height(place - step * axis)) / (2 * step)
+        for axis in np.eye(2)
+    ]
+    # slopes are up to 24 waves of 2 pi amplitude / wavelength
+    np.testing.assert_allclose(floor.slope(place), numeric, atol=1e-5 * 0.05 / wavelength)
+
+
+def test_floor_is_as_rough_as_it_says() -> None:
+    floor = UnevenFloor(Roughness(height=0.002, wavelength=0.1, seed=3))
+    places = np.random.default_rng(1).uniform(-20, 20, (4000, 2))
+    heights = [floor.height(place) for place in places]
+    assert np.std(heights) == pytest.approx(0.002, rel=0.1)
+
+
+def test_bumps_push_a_robot_at_rest() -> None:
+    rough = ideal(roughness=Roughness(height=0.002, wavelength=0.2, seed=4))
+    twins = Twin(ALTEN, rough), Twin(ALTEN, IDEAL)
+    ends = []
+    for twin in twins:
+        twin.reset(None, seed=1)
+        for _ in range(20):
+            m = twin.step(np.zeros(3), 0.005)
+        ends.append(m.truth[5:7])
+    slope = UnevenFloor(rough.roughness).slope(np.zeros(2))  # type: ignore[arg-type]
+    Q = np.array([*(-(20.076 * 9.81) * slope), 0, 0, 0])
+    expected = 0.1 * np.linalg.solve(Model(ALTEN).mass_matrix(np.zeros(5)), Q)[:2]
+    assert np.abs(expected).max() > 0.01
+    np.testing.assert_allclose(
+        ends[0] - ends[1], expected, rtol=0.3, atol=0.01
+    )  # it begins to fall meanwhile
+
+
+# Timing
+
+
+def test_late_torques_act_a_sample_later() -> None:
+    now, late = Twin(ALTEN, IDEAL), Twin(ALTEN, ideal(timing=Timing(delay=1)))
+    torques = [np.array([0.3, -0.1, 0.2]), np.array([-0.2, 0.3, 0.1]), np.zeros(3)]
+    now.reset(None, seed=1)
+    late.reset(None, seed=1)
+    first = [now.step(u, 0.005).truth for u in [np.zeros(3), *torques[:2]]]
+    second = [late.step(u, 0.005).truth for u in torques]
+    np.testing.assert_array_equal(first, second)
+
+
+def test_jitter_keeps_the_mean_rate() -> None:
+    scenario = replace(Scenario.nominal(ALTEN), timing=Timing(jitter=0.001))
+    runs = []
+    for _ in range(2):
+        twin = Twin(ALTEN, scenario)
+        twin.reset(None, seed=3)
+        runs.append([twin.step(np.zeros(3), 0.005).t for _ in range(60)])
+    assert runs[0] == runs[1]
+    off = np.array(runs[0]) - 0.005 * np.arange(1, 61)
+    assert np.abs(off).max() <= 0.001 + 1e-12
+    assert len(np.unique(np.round(off / 0.0005))) == 5  # -2 to 2 steps of 0.5 ms
+
+
+# Off
+
+
+def test_what_is_off_is_not_built() -> None:
+    document = twin_mjcf(ALTEN, Scenario.nominal(ALTEN))
+    assert "tendon" not in document
+    assert "payload" not in document
+    assert document.count("<pair") == 1  # ball and floor
+    assert 'impratio="10"' in document
+
+
+DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
+
+
+@pytest.mark.parametrize(
+    ("faults", "sentence"),
+    [
+        ({"compliance": Compliance(frequency=400.0, damping_ratio=0.1)}, "too fast for a timestep"),
+        ({"compliance": Compliance(frequency=-1.0, damping_ratio=0.1)}, r"compliance\.frequency is -1"),
+        ({"timing": Timing(jitter=0.003)}, "half a sample"),
+        ({"timing": Timing(delay=-1)}, r"timing\.delay"),
+        ({"asymmetry": 1.5}, "between -1 and 1"),
+        ({"load_dependence": LoadDependence(share=1.5)}, "must be at most 1"),
+        ({"floor_tilt": (0.5, 0.0)}, "floor_tilt"),
+        ({"driveline_laws": (DAHL,)}, "1 driveline laws"),
+        ({"driveline_laws": (DAHL,) * 3, "asymmetry": 0.1}, "classical"),
+        ({"payload": Payload(mass=0.0, position=(0, 0, 0))}, r"payload\.mass is 0"),
+        ({"pushes": (Push(time=0, duration=1, force=(np.nan, 0, 0), height=0),)}, r"pushes\.force is nan"),
+        ({"backlash": float("inf")}, "finite"),
+    ],
+)
+def test_refuses_faults_that_cannot_be(faults: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Twin(ALTEN, ideal(**faults))

@@ -1,0 +1,185 @@
+"""Scenario files: read, written, refused."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
+from ballbot.robot import Robot
+from ballbot.twin import Scenario
+from ballbot.twin.scenario import (
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Push,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+)
+from ballbot.twin.scenario_file import EXAMPLES, read_scenario, scenario_text, write_scenario
+from tests.support.paths import ROOT
+
+ALTEN = Robot.load("alten")
+NOMINAL = Scenario.nominal(ALTEN)
+
+
+def read(text: str, folder: Path) -> Scenario:
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_scenario(path, ALTEN)
+
+
+@pytest.mark.parametrize("name", Scenario.names())
+def test_named_scenarios_come_back(name: str, tmp_path: Path) -> None:
+    scenario = Scenario.named(name, ALTEN)
+    write_scenario(scenario, tmp_path / "one.toml")
+    assert read_scenario(tmp_path / "one.toml", ALTEN) == scenario
+    assert Scenario.load(tmp_path / "one.toml", ALTEN) == scenario
+    assert Scenario.load(name, ALTEN) == scenario
+
+
+# up to the size of a wall socket's frequency or a wrestler's push; the smallest keeps products from underflowing
+positive = st.floats(1e-6, 30.0)
+number = st.floats(-30.0, 30.0)
+
+
+@settings(deadline=None)  # a busy machine is slow
+@given(
+    softness=st.none() | st.builds(Softness, stiffness=positive, damping=positive),
+    compliance=st.none() | st.builds(Compliance, frequency=positive, damping_ratio=st.floats(0, 1)),
+    current_loop=st.none() | st.builds(CurrentLoop, bandwidth=positive),
+    supply=st.none() | st.builds(Supply, winding_resistance=positive, internal_resistance=positive),
+    load_dependence=st.none() | st.builds(LoadDependence, share=st.floats(0, 1)),
+    payload=st.none() | st.builds(Payload, mass=positive, position=st.tuples(number, number, number)),
+    roughness=st.none()
+    | st.builds(Roughness, height=positive, wavelength=positive, seed=st.integers(0, 2**40)),
+    timing=st.none() | st.builds(Timing, delay=st.integers(0, 9), jitter=st.floats(0, 0.0024)),
+    pushes=st.lists(
+        st.builds(
+            Push,
+            time=number,
+            duration=positive,
+            force=st.tuples(number, number, number),
+            height=positive,
+        ),
+        max_size=3,
+    ).map(tuple),
+    asymmetry=st.floats(-0.99, 0.99),
+    name=st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), max_size=20),
+)
+def test_every_fault_comes_back(tmp_path_factory: pytest.TempPathFactory, **parts: object) -> None:
+    scenario = replace(NOMINAL, **parts)  # type: ignore[arg-type]
+    assert read(scenario_text(scenario), tmp_path_factory.getbasetemp()) == scenario
+
+
+def test_other_friction_laws_come_back(tmp_path: Path) -> None:
+    curve = {"viscous": 0.01, "coulomb": 0.1, "stribeck": 0.01, "stribeck_speed": 0.5}
+    laws = (
+        LuGre(**curve, stiffness=50.0, micro_damping=0.05),
+        Armstrong(**curve, stiffness=50.0),
+        Dahl(coulomb=0.1, stiffness=50.0),
+    )
+    scenario = replace(NOMINAL, driveline_laws=laws)
+    assert read(scenario_text(scenario), tmp_path) == scenario
+    assert "smoothed" in str(Smoothed).lower()  # the fourth law has its own numbers
+
+
+def test_a_file_says_only_what_differs(tmp_path: Path) -> None:
+    found = read(
+        'base = "wide_rows"\nbacklash = 0\n[compliance]\nfrequency = 9\ndamping_ratio = 0.1\n', tmp_path
+    )
+    assert found == replace(
+        Scenario.wide_rows(ALTEN),
+        name="mine",
+        backlash=0.0,
+        compliance=Compliance(frequency=9.0, damping_ratio=0.1),
+    )
+
+
+def test_false_switches_off_what_the_base_has(tmp_path: Path) -> None:
+    found = read('base = "resonant"\nname = "nominal"\ncompliance = false\n', tmp_path)
+    assert found == NOMINAL
+
+
+def test_the_examples_of_what_is_off_can_be_switched_on(tmp_path: Path) -> None:
+    """Taking the # away from every line that is off gives a scenario with everything on."""
+    lines = scenario_text(NOMINAL).splitlines()
+    off = [i for i, line in enumerate(lines) if line.startswith("# Off: ")]
+    for i in range(off[0], len(lines)):
+        if not lines[i].startswith("# Off: "):
+            lines[i] = lines[i].removeprefix("# ")
+    found = read("\n".join(lines), tmp_path)
+    for name, example in EXAMPLES.items():
+        assert getattr(found, name) == ((example,) if name == "pushes" else example)
+
+
+def test_every_line_of_a_file_has_a_comment() -> None:
+    scenario = replace(NOMINAL, **{k: (v,) if k == "pushes" else v for k, v in EXAMPLES.items()})  # type: ignore[arg-type]
+    lines = scenario_text(scenario).splitlines()
+    for before, line in pairwise(lines):
+        if " = " in line and not line.startswith("base"):
+            assert "  # " in line
+        if line.startswith("["):
+            assert before.startswith("# ")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("bcklash = 1", "bcklash is not a key of a scenario file; did you mean 'backlash'?"),
+        ("[compliance]\nfreqency = 1", "did you mean 'frequency'?"),
+        ("[[pushes]]\nwhen = 1", "pushes.when is not a key"),
+        ("[compliance]\nfrequency = 1", "compliance.damping_ratio is missing"),
+        ("backlash = 'a'", "backlash is 'a'; it must be a number"),
+        ("backlash = true", "backlash is true; it must be a number"),
+        ("backlash = nan", "backlash is nan rad; it must be finite"),
+        ("compliance = 3", "compliance is 3; it must be a table"),
+        ("pushes = 3", "pushes is 3; it must be a list"),
+        ("[friction]\ncoulomb = [0.1, 0.1]", "friction for 2 wheels"),
+        ("base = 'nomnal'", "did you mean 'nominal'?"),
+        ("base = 3", "base is 3"),
+        ("[timing]\ndelay = 1.5", "timing.delay is 1.5; it must be a whole number"),
+        ("wheel_contact = 'wheels'", "wheel_contact is 'wheels'"),
+        ("[[driveline_laws]]\nlaw = 'lugr'", "must be one of armstrong, dahl, lugre, smoothed"),
+        ("driveline_laws = 3", "[[driveline_laws]]"),
+        ("[[driveline_laws]]\nlaw = 'dahl'\nstifness = 3", "did you mean 'stiffness'?"),
+        ("[[driveline_laws]]\nlaw = 'dahl'\ncoulomb = 3", "stiffness is missing"),
+        ("[[driveline_laws]]\nlaw = 'dahl'\ncoulomb = 3\nstiffness = -1", "stiffness is -1"),
+        ("x = ", "not valid TOML"),
+    ],
+)
+def test_refuses_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        read(text, tmp_path)
+    said = str(refused.value)
+    assert sentence in said
+    assert str(tmp_path / "mine.toml") in said
+    assert "\n" not in said
+
+
+def test_says_what_scenarios_there_are(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="did you mean 'nominal'"):
+        Scenario.load("nominl", ALTEN)
+    path = tmp_path / "bytes.toml"
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="UTF-8"):
+        Scenario.load(path, ALTEN)
+    with pytest.raises(InputError, match="cannot be read"):
+        Scenario.load(tmp_path, ALTEN)
+
+
+def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "twin.md").read_text(encoding="utf-8")
+    example = page.split("```toml\n")[1].split("```")[0]
+    found = read(example, tmp_path)
+    assert found.compliance == Compliance(frequency=40.0, damping_ratio=0.1)
+    assert len(found.pushes) == 1
+    for name in Scenario.names():
+        assert f"`{name}`" in page

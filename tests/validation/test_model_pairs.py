@@ -1,0 +1,118 @@
+"""Any two models side by side: which is called better, by what names, and from the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.errors import InputError
+from ballbot.mechanics.model import Model
+from ballbot.report.validation import key_of, validation_results
+from ballbot.robot import Robot
+from ballbot.robot.file import write_robot
+from ballbot.validation import ModelPair, findings, validate, validate_pair
+from ballbot.validation.findings import better_in
+from tests.support.foreign_log_examples import small_robot, swaying_log
+from tests.support.validation_examples import noisy_log, true_robot
+
+
+def _viscous() -> Robot:
+    """Return the known robot with all of its friction taken for viscous."""
+    robot = true_robot()
+    none = (0.0, 0.0, 0.0)
+    return robot.replace(
+        friction=replace(robot.friction, viscous=(0.1, 0.1, 0.1), coulomb=none, stribeck=none)
+    )
+
+
+def test_swapping_the_models_inverts_every_ratio_and_verdict():
+    models = ModelPair.of_two(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
+    swapped = ModelPair(first=models.second, second=models.first)
+    one, other = (validate_pair(pair, noisy_log()) for pair in (models, swapped))
+    assert one.open_loop is not None
+    assert other.open_loop is not None
+    # the runs are cut where either model falls, so that they are the same
+    np.testing.assert_allclose(one.open_loop.errors.ratio, 1.0 / other.open_loop.errors.ratio, rtol=1e-12)
+    assert set(one.open_loop.errors.verdicts()) == {"better"}
+    assert set(other.open_loop.errors.verdicts()) == {"worse"}
+    np.testing.assert_allclose(one.horizon.ratio, 1.0 / other.horizon.ratio, rtol=1e-12)
+    assert "the model of true.toml is better than the one of viscous.toml in every one" in findings(one)[0]
+    assert "worse in x, y" in better_in(other.open_loop.errors, other.models)
+
+
+def test_the_formulation_that_made_the_log_is_found_in_closed_loop():
+    models = ModelPair.by_formulation(Model(true_robot()))
+    assert models.names == ("in the exact formulation", "in the thesis's formulation")
+    validation = validate_pair(models, noisy_log())
+    assert validation.closed_loop is not None
+    assert validation.closed_loop.restarted.ratio[:4].min() > 1.5
+    # without friction both start at the same noise: only half a second tells them apart
+    assert np.median(validation.horizon.ratio[0]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_results_stand_under_the_models_names():
+    results = validation_results(validate(true_robot(), noisy_log()))
+    assert [one["name"] for one in results["models"]] == ["with friction", "without friction"]  # pyright: ignore
+    for part in ("open_loop", "closed_loop", "prediction"):
+        errors = results[part]
+        assert isinstance(errors, dict)
+        for name in ("with_friction", "without_friction"):
+            assert {name, f"rmse_{name}", f"normalised_rmse_{name}"} <= set(errors)
+        assert set(errors["verdict"].values()) <= {"better", "worse", "undecided"}
+    assert key_of("of found/robot.toml") == "of_found_robot_toml"
+
+
+def test_models_that_cannot_be_compared_are_refused():
+    model = Model(true_robot())
+    with pytest.raises(InputError, match="are the same"):
+        ModelPair.of_two(model, model, files=("a", "b"))
+    with pytest.raises(InputError, match="give them different names"):
+        ModelPair.of_two(model, Model(_viscous()))
+    with pytest.raises(InputError, match="no friction to validate"):
+        ModelPair.by_friction(Model(Robot.load("alten")))
+    with pytest.raises(InputError, match="4 wheels"):
+        ModelPair.of_two(model, Model(Robot.load("cmu")))
+
+
+def test_a_log_that_is_pushed_about_has_no_verdict_on_runs_to_a_fall():
+    log = swaying_log()
+    push = 0.03 * np.sin(2.0 * np.pi * 1.5 * log.t)
+    pushed = log.with_columns({"theta": log["theta"] + push})
+    validation = validate(small_robot(), pushed, accept=["lean-scale"])
+    assert validation.open_loop is None
+    assert validation.closed_loop is None
+    said = " ".join(findings(validation))
+    assert "No open-loop validation: Something other than wheels and gravity moves the lean" in said
+    assert "Open loop," not in said
+    assert validation_results(validation)["open_loop"] is None
+
+
+def test_a_short_log_gets_no_verdict():
+    validation = validate(true_robot(), noisy_log().select(slice(0, 700)))
+    said = " ".join(findings(validation))
+    assert "runs are too few to show" in said
+    assert "is better than" not in said
+
+
+def test_the_command_compares_any_two_models(tmp_path: Path, capsys):
+    noisy_log().select(slice(0, 2400)).write(tmp_path / "walk.csv")
+    write_robot(true_robot(), tmp_path / "true.toml")
+    write_robot(_viscous(), tmp_path / "viscous.toml")
+    words = ["validate", str(tmp_path / "true.toml"), str(tmp_path / "walk.csv")]
+    assert main([*words, "--against", str(tmp_path / "viscous.toml"), "--out", str(tmp_path / "laws")]) == 0
+    assert "viscous.toml" in capsys.readouterr().out
+    page = (tmp_path / "laws" / "report.html").read_text(encoding="utf-8")
+    text = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\b(nan|None|inf)\b", text)
+    assert "--against" in text
+    results = json.loads((tmp_path / "laws" / "results.json").read_text(encoding="utf-8"))
+    assert results["validation"]["models"][1]["name"].endswith("viscous.toml")
+    for against in ("exact", "nobody"):
+        assert main([*words, "--against", against, "--out", str(tmp_path / "no")]) == 2
+        assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,376 @@
+"""What the one-step residuals are asked, each question on residuals whose answer is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.signals import turning_points
+from ballbot.mechanics.model import Model
+from ballbot.robot import Robot, Rollers
+from ballbot.validation import ModelPair
+from ballbot.validation.models import stretches
+from ballbot.validation.prediction import Prediction, predict
+from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals, residual_findings
+from ballbot.validation.spectrum import Clues, Peak, Spectrum, Updates, find_updates, named_peaks, spectrum
+from ballbot.validation.statistics import (
+    LAGS,
+    autocovariance,
+    blocks_of,
+    clustered_fit,
+    correlation_of,
+    correlations,
+    effective_counts,
+    holm,
+    lagged,
+    whiteness,
+)
+from ballbot.validation.wheel_effects import wheel_torque_residuals
+from tests.support.validation_examples import (
+    NOISE,
+    SPOT_TORQUE,
+    SPOTS_PER_TURN,
+    Fault,
+    noisy_log,
+    true_robot,
+    wheel_log,
+)
+
+LABELS = tuple(f"c{i}" for i in range(13))
+
+
+def _at_most(tests: int, level: float) -> float:
+    """Return the share of false alarms that a test of that level exceeds once in a thousand tries."""
+    return float(stats.binom.isf(1e-3, tests, level)) / tests
+
+
+def _filtered(b: list[float], a: list[float], values: np.ndarray) -> np.ndarray:
+    return np.asarray(lfilter(b, a, values, axis=0), dtype=np.float64)
+
+
+def _predicted(robot: Robot, log: Log) -> Prediction:
+    return predict(ModelPair.by_friction(Model(robot)), log, stretches(log))
+
+
+def _analysed(robot: Robot, log: Log) -> ResidualAnalysis:
+    return analyse_residuals(_predicted(robot, log), Model(robot), find_updates(log))
+
+
+@cache
+def _wheels(fault: Fault) -> ResidualAnalysis:
+    return _analysed(true_robot(), wheel_log(fault))
+
+
+# --- series in segments ---
+
+
+def test_autocovariances_and_lags_do_not_cross_from_segment_to_segment():
+    values = np.random.default_rng(1).normal(size=(30, 2))
+    segments = (11, 1, 18)
+    deviation = values - values.mean(axis=0)
+    parts = np.split(deviation, np.cumsum(segments)[:-1])
+    by_hand = [sum(np.sum(p[lag:] * p[: len(p) - lag], axis=0) for p in parts) / 30 for lag in range(5)]
+    np.testing.assert_allclose(autocovariance(values, segments, lags=4), by_hand, atol=1e-14)
+    before = lagged(values, segments, lag=3)
+    np.testing.assert_array_equal(np.isnan(before[:, 0]), [k < 3 or k in (11, 12, 13, 14) for k in range(30)])
+    np.testing.assert_array_equal(before[20], values[17])
+    blocks = blocks_of(segments, length=6)
+    assert all(len({int(blocks[k]) for k in (a, b)}) == 2 for a, b in ((10, 11), (11, 12)))
+
+
+def test_holm_keeps_fewer_than_plain_levels_and_the_surest_first():
+    p = np.array([0.001, 0.013, 0.04, np.nan, 0.03])
+    # 4 tests: 0.001 < 0.05/4, 0.013 < 0.05/3, 0.03 > 0.05/2
+    np.testing.assert_array_equal(holm(p, level=0.05), [True, True, False, False, False])
+
+
+# --- correlation ---
+
+
+def test_the_correlation_matrix_is_that_of_numpy():
+    prediction = _predicted(true_robot(), noisy_log())
+    assert prediction.labels == (*(f"e_{name}" for name in STATE_NAMES), "u1", "u2", "u3")
+    columns = np.hstack([prediction.residuals, prediction.torques])
+    np.testing.assert_allclose(correlation_of(columns), np.corrcoef(columns, rowvar=False), atol=1e-12)
+    np.testing.assert_array_equal(correlation_of(np.column_stack([np.ones(50), np.arange(50.0)])), np.eye(2))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_independent_series_have_no_marked_cells_whatever_their_memory(memory):
+    random = np.random.default_rng(2)
+    marked = []
+    for _ in range(60):
+        columns = _filtered([1.0], [1.0, -memory], random.normal(size=(700, 13)))[100:]
+        marked.append(correlations(columns, LABELS, (600,)).significant.any())
+    assert np.mean(marked) <= _at_most(60, 0.05)
+
+
+def test_memory_makes_samples_count_less():
+    columns = _filtered([1.0], [1.0, -0.9], np.random.default_rng(3).normal(size=(50_000, 2)))
+    # of two first-order series: n (1 - rho^2) / (1 + rho^2); its estimate scatters by some 10 %
+    assert effective_counts(columns, (50_000,))[0, 1] == pytest.approx(50_000 * 0.19 / 1.81, rel=0.25)
+
+
+def test_a_true_correlation_is_marked_and_no_other():
+    columns = np.random.default_rng(4).normal(size=(1000, 13))
+    columns[:, 7] += 0.3 * columns[:, 2]
+    found = correlations(columns, LABELS, (400, 600))
+    assert set(map(tuple, np.argwhere(found.significant).tolist())) == {(2, 7), (7, 2)}
+    assert found.between("c2", "c7") == (pytest.approx(0.3, abs=0.1), True)
+
+
+# --- whiteness ---
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_white_noise_is_called_coloured_as_often_as_the_level_says(uneven):
+    random = np.random.default_rng(5)
+    swell = np.exp(np.sin(np.arange(1000) / 50.0))[:, None] if uneven else 1.0
+    p_values = []
+    for _ in range(60):
+        found = whiteness(swell * random.normal(size=(1000, 10)), (400, 600))
+        assert found is not None
+        p_values.append(found.p_value)
+    share = np.mean(np.array(p_values) < 0.05)
+    # binomial of 600 tests: 5 % give or take 0.9 %; and one percent more, as the chi^2 is of long series
+    assert 0.025 < share < _at_most(600, 0.06)
+
+
+def test_kinds_of_memory_are_told_apart():
+    random = np.random.default_rng(6)
+    white = random.normal(size=(20_001, 4))
+    columns = np.column_stack(
+        [
+            white[1:, 0],
+            _filtered([1.0], [1.0, -0.06], white[1:, 1]),  # a long log sees it, and it does not matter
+            white[1:, 2] - 0.98 * white[:-1, 2],  # the noise of a state in two residuals
+            _filtered([1.0], [1.0, -0.7], white[1:, 3]),
+        ]
+    )
+    found = whiteness(columns, (20_000,))
+    assert found is not None
+    assert found.colours == ("white", "nearly white", "noise of the start", "coloured")
+    # what the past foretells: rho^2 of a first-order series
+    assert found.foretold[3] == pytest.approx(0.49, abs=0.03)
+    assert whiteness(columns[: 10 * LAGS], (10 * LAGS,)) is None
+
+
+# --- spectrum ---
+
+
+@pytest.mark.parametrize(("b", "a"), [([1.0], [1.0]), ([1.0, -0.95], [1.0]), ([1.0], [1.0, -0.95])])
+def test_noise_without_a_peak_has_none(b, a):
+    random = np.random.default_rng(7)
+    false = 0
+    for _ in range(25):
+        found = spectrum(_filtered(b, a, random.normal(size=(3000, 10))), (3000,), sample_time=0.005)
+        assert found is not None
+        false += len(found.peaks) > 0
+    # one log in a hundred has a false peak
+    assert false / 25 <= _at_most(25, 0.01)
+
+
+def test_the_density_is_that_of_white_noise():
+    found = spectrum(
+        2.0 * np.random.default_rng(8).normal(size=(40_000, 3)), (25_000, 15_000), sample_time=0.01
+    )
+    assert found is not None
+    # variance over half the sampling rate; mean over 3 x 120 bins of windows' average logarithms
+    assert found.densities[5:-5].mean() == pytest.approx(4.0 / 50.0, rel=0.02)
+
+
+@pytest.mark.parametrize("frequency", [12.0, 33.0, 71.0])
+def test_a_resonance_is_named_within_the_resolution(frequency):
+    # a mode that noise excites, damped by 0.3 %, narrower than the resolution; the gyro sees 0.01 rad/s rms of it
+    # beside its noise of 0.004
+    h, random = 0.005, np.random.default_rng(9)
+    pole = np.exp((-0.003 + 1j) * 2.0 * np.pi * frequency * h)
+    ringing = _filtered([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], random.normal(size=4801))
+    log = noisy_log()
+    shaken = log.with_columns({"theta_dot": log["theta_dot"] + 0.01 * ringing[: len(log)] / ringing.std()})
+    found = _analysed(true_robot(), shaken)
+    assert found.spectrum is not None
+    (peak,) = found.peaks
+    assert abs(peak.frequency - frequency) < found.spectrum.resolution < 0.6
+    assert "theta_dot" in peak.states
+    assert peak.cause.startswith("a resonance")
+    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in residual_findings(found))
+    assert _analysed(true_robot(), log).peaks == ()
+
+
+def test_a_slower_sensor_and_a_slower_controller_are_found():
+    log = noisy_log()
+    held = {"phi": log["phi"][np.arange(len(log)) // 8 * 8]}
+    held |= {name: log[name][np.arange(len(log)) // 2 * 2] for name in ("u1", "u2", "u3")}
+    found = _analysed(true_robot(), log.with_columns(held))
+    assert found.updates.torques == pytest.approx(100.0)
+    assert found.updates.states == {"phi": pytest.approx(25.0)}
+    causes = {round(peak.frequency): peak.cause for peak in found.peaks if "phi" in peak.states}
+    # 200 rows a second, 25 of them new: lines at 25, 50 and 75 Hz, and at 100
+    assert {25, 50, 75} <= set(causes)
+    assert set(causes.values()) == {"phi is updated at only 25 Hz"}
+    assert find_updates(log) == Updates(torques=None, states={})
+
+
+def test_lines_above_half_the_sampling_rate_are_named_where_they_fold_to():
+    found = Spectrum(
+        frequencies=np.linspace(0.0, 100.0, 257),
+        densities=np.ones((257, 10)),
+        resolution=0.6,
+        windows=20,
+        peaks=tuple(Peak(state=2, frequency=f, ratio=9.0, rms=1.0) for f in (20.2, 48.0, 63.0)),
+    )
+    clues = Clues(
+        updates=Updates(torques=60.0, states={}),  # 3 x 60 folds to 20
+        turning=np.array([2.5, 2.6, 2.7]),  # 9 in a ring, two rings: 23.4 and 46.8 Hz
+        rollers=Rollers(rows=2, per_row=9, radius=0.009, row_spacing=0.006),
+        orders=(18,),  # 45 to 48.6 Hz
+    )
+    causes = [peak.cause for peak in named_peaks(found, clues)]
+    assert causes[0].startswith("the control rate")
+    assert causes[1].startswith("something that recurs 18 times per turn")
+    assert causes[2].startswith("a resonance")
+
+
+# --- wheels ---
+
+
+def test_residual_torques_are_those_that_were_missing():
+    # each sample's torque is told to the model wrong by a known amount
+    log = noisy_log()
+    wrong = 0.2 * np.sin(np.outer(log.t, [1.0, 1.7, 2.3]))
+    told = log.with_columns({f"u{i + 1}": log[f"u{i + 1}"] - wrong[:, i] for i in range(3)})
+    residual = wheel_torque_residuals(_predicted(true_robot(), told), Model(true_robot()))
+    slopes = [np.polyfit(w, r, 1)[0] for w, r in zip(wrong[:-1].T, residual.T, strict=True)]
+    # while a wheel sticks, friction takes up what is missing; the log rolls nearly always
+    np.testing.assert_allclose(slopes, 1.0, atol=0.15)
+
+
+def test_least_squares_in_blocks_against_the_plain_formula():
+    random = np.random.default_rng(10)
+    design, values = random.normal(size=(400, 2)), random.normal(size=400)
+    single = clustered_fit(design, values, np.arange(400))
+    plain = np.linalg.inv(design.T @ design) * values.var()
+    np.testing.assert_allclose(single.values, np.linalg.lstsq(design, values, rcond=None)[0], atol=1e-12)
+    # a block for each row: the plain covariance but for the scatter of 400 squares
+    np.testing.assert_allclose(np.diag(single.covariance), np.diag(plain), rtol=0.25)
+    # every row ten times, in one block: as many blocks, the same covariance
+    tenfold = clustered_fit(
+        np.repeat(design, 10, axis=0), np.repeat(values, 10), np.repeat(np.arange(400), 10)
+    )
+    np.testing.assert_allclose(tenfold.covariance, single.covariance, rtol=1e-9)
+    p_values = [
+        clustered_fit(design, random.normal(size=400), np.arange(400) // 4).p_value((0, 1))
+        for _ in range(300)
+    ]
+    assert 0.01 < np.mean(np.array(p_values) < 0.05) < _at_most(300, 0.06)
+
+
+def test_turning_points_are_where_the_angle_turns_back_far_enough():
+    angle = np.array([0.0, 1.0, 2.0, 1.95, 2.5, 1.0, 0.5, 0.55, 0.2, 1.0])
+    assert turning_points(angle, 0.2) == [0, 4, 8, 9]
+
+
+def test_a_robot_without_faults_shows_none():
+    found = _wheels("none")
+    assert found.by_travel is not None
+    assert found.by_position is not None
+    assert found.by_position.found == ()
+    said = " ".join(residual_findings(found))
+    for nothing in (
+        "does not depend on the wheel speeds",
+        "no sign of play",
+        "no torque ripple",
+        "no distinct peak",
+    ):
+        assert nothing in said
+
+
+def test_noise_alone_is_taken_for_play_or_friction_as_seldom_as_the_level_says():
+    log, model, random = wheel_log("none"), Model(true_robot()), np.random.default_rng(11)
+    prediction = _predicted(true_robot(), log)
+    p_values = []
+    for _ in range(12):
+        # a residual holds the noise of two states, to first order in the sample time
+        noise = random.normal(size=(len(log), 10)) * NOISE
+        drawn = replace(prediction, residuals=np.diff(noise, axis=0))
+        found = analyse_residuals(drawn, model, Updates(torques=None, states={}))
+        assert found.by_speed is not None
+        assert found.by_travel is not None
+        p_values += [*(effect.p_value for effect in found.by_speed), found.by_travel.p_value]
+    assert np.mean(np.array(p_values) < 0.05) <= _at_most(len(p_values), 0.05)
+
+
+def test_preferred_spots_are_found_with_their_number_and_torque():
+    found = _wheels("spots")
+    assert found.by_position is not None
+    assert found.by_position.found == (SPOTS_PER_TURN,)
+    place = SPOTS_PER_TURN - 1
+    assert found.by_position.significant[place].all()
+    np.testing.assert_allclose(found.by_position.amplitudes[place], SPOT_TORQUE, atol=0.01)
+    said = " ".join(residual_findings(found))
+    assert "18 times a turn, the rollers' passing" in said
+    speeds = np.quantile(np.abs(wheel_log("spots").wheel_speeds[:-1]), (0.1, 0.9))
+    slow, fast = 9 * speeds / (2.0 * np.pi)
+    assert f"{slow:.1f} to {fast:.1f} times per second" in said
+    assert "no sign of play" in said
+
+
+def test_play_is_found_after_reversals():
+    found = _wheels("play")
+    assert found.by_travel is not None
+    assert found.by_travel.p_value < 1e-3
+    said = " ".join(residual_findings(found))
+    assert "play of the gearbox" in said
+    assert "no torque ripple" in said
+
+
+def test_friction_that_is_off_shows_against_speed():
+    robot = true_robot()
+    less = replace(robot.friction, coulomb=tuple(c - 0.03 for c in robot.friction.coulomb))
+    found = _analysed(robot.replace(friction=less), wheel_log("none"))
+    assert found.by_speed is not None
+    for effect in found.by_speed:
+        assert effect.p_value < 1e-3
+        rolling = np.abs(effect.speeds) > 0.5
+        # the model brakes 0.03 N m too little, whichever way the wheel turns
+        missing = -0.03 * np.sign(effect.speeds[rolling])
+        assert np.all(np.abs(effect.torques[rolling] - missing) < 1.5 * effect.half_widths[rolling])
+    assert "depends on the speed" in " ".join(residual_findings(found))
+
+
+# --- refusals ---
+
+
+def test_a_log_without_encoders_says_so():
+    log = noisy_log()
+    bare = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
+    found = _analysed(true_robot(), bare)
+    assert found.by_speed is None
+    assert any("lacks the encoder angles" in sentence for sentence in residual_findings(found))
+
+
+def test_wheels_that_stand_still_show_nothing():
+    log = noisy_log()
+    still = {f"wheel{i}{end}": np.zeros(len(log)) for i in (1, 2, 3) for end in ("", "_dot")}
+    found = _analysed(true_robot(), log.with_columns(still))
+    said = " ".join(residual_findings(found))
+    assert "reversed too seldom" in said
+    assert "covered 0.00 of a turn" in said
+    assert "nan" not in said
+
+
+@pytest.mark.parametrize("rows", [12, 60, 450, 1500])
+def test_short_logs_are_refused_in_words(rows):
+    found = _analysed(true_robot(), wheel_log("none").select(slice(0, rows)))
+    said = " ".join(residual_findings(found))
+    assert "too short" in said
+    assert "nan" not in said
+    assert found.by_position is None
+    assert (found.whiteness is None) == (rows < 501)

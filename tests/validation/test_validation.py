@@ -1,0 +1,347 @@
+"""Validation against logs whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from ballbot.control.controller import Controller
+from ballbot.control.references import square
+from ballbot.errors import InputError
+from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+from ballbot.simulation.run import simulate
+from ballbot.validation import (
+    ModelPair,
+    StateErrors,
+    Validation,
+    findings,
+    join_validations,
+    recover_gain,
+    validate,
+)
+from ballbot.validation.closed_loop import delay_of, heading_error
+from ballbot.validation.errors import thesis_error
+from ballbot.validation.findings import weak_states
+from ballbot.validation.models import forecast, recoverable_lean, stretches, window_starts
+from ballbot.validation.open_loop import OpenLoop
+from ballbot.validation.prediction import horizon_errors, predict
+from ballbot.validation.wheel_effects import find_dither
+from tests.support.validation_examples import NOISE, gain, noisy_log, perfect_log, true_robot
+
+
+def _open_loop(validation: Validation) -> OpenLoop:
+    assert validation.open_loop is not None
+    return validation.open_loop
+
+
+def _models(robot: Robot) -> ModelPair:
+    return ModelPair.by_friction(Model(robot))
+
+
+# --- errors ---
+
+
+@given(arrays(float, (17, 3), elements=st.floats(-1e3, 1e3)))
+def test_rmse_is_the_thesis_error_times_root_n(difference):
+    rmse = np.sqrt(np.mean(difference**2, axis=0))
+    # the two differ by rounding only
+    np.testing.assert_allclose(thesis_error(difference) * np.sqrt(17), rmse, rtol=1e-12, atol=1e-12)
+
+
+def test_errors_of_runs_of_unequal_length():
+    random = np.random.default_rng(1)
+    runs = [random.normal(size=(n, 10)) for n in (5, 40, 200)]
+    errors = StateErrors.of_runs(runs)
+    np.testing.assert_allclose(errors.rmse, np.sqrt(np.mean(np.concatenate(runs) ** 2, axis=0)), rtol=1e-12)
+    by_definition = [np.sqrt((run**2).sum(axis=0)) / len(run) for run in runs]
+    np.testing.assert_allclose(errors.error, np.mean(by_definition, axis=0), rtol=1e-12)
+
+
+# --- rows that count ---
+
+
+@given(
+    gaps=st.lists(st.integers(1, 199), max_size=5),
+    held=st.lists(st.tuples(st.floats(0.0, 3.0), st.floats(0.05, 2.0)), min_size=1, max_size=4),
+    samples=st.integers(1, 30),
+)
+def test_windows_stay_within_what_is_held_out_and_cross_no_gap(gaps, held, samples):
+    step = np.full(200, 0.01)
+    step[gaps] = 0.05
+    log = Log({"t": np.cumsum(step)})
+    times = [(start, start + length) for start, length in held]
+    try:
+        parts = stretches(log, times)
+    except InputError:
+        assert not any(((log.t >= a) & (log.t < b)).any() for a, b in times)
+        return
+    for start in window_starts(parts, samples=samples, every=3):
+        t = log.t[start : start + samples + 1]
+        assert len(t) == samples + 1
+        assert np.all(np.diff(t) < 0.015)
+        assert all(any(a <= moment < b for a, b in times) for moment in t)
+
+
+# --- the controller of a log ---
+
+
+def test_the_gain_is_recovered_exactly_from_a_simulated_log():
+    found = recover_gain(perfect_log())
+    assert found.delay == 0
+    assert found.torque_limit is None
+    # the law is linear and the log is without noise: what remains is the least squares' rounding
+    np.testing.assert_allclose(found.gain, gain(), atol=1e-6)
+    assert np.all(found.r_squared > 1.0 - 1e-10)
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_a_late_controller_is_recovered_with_its_delay(delay):
+    random = np.random.default_rng(0)
+    states = random.normal(size=(600, 10)) * 0.1
+    log = _log_of(states, np.roll(heading_error(states, np.zeros_like(states)) @ gain().T, delay, axis=0))
+    found = recover_gain(log)
+    assert found.delay == delay
+    # rolling put the last torques before the first states: `delay` of 600 rows are not of the law
+    np.testing.assert_allclose(found.gain[:, 2], gain()[:, 2], rtol=0.1)
+
+
+def test_clipped_samples_do_not_bend_the_gain():
+    random = np.random.default_rng(0)
+    states = random.normal(size=(800, 10)) * 0.05
+    torques = np.clip(heading_error(states, np.zeros_like(states)) @ gain().T, -1.0, 1.0)
+    assert np.mean(np.abs(torques) == 1.0) > 0.05
+    found = recover_gain(_log_of(states, torques))
+    assert found.torque_limit == 1.0
+    np.testing.assert_allclose(found.gain, gain(), atol=1e-9)
+
+
+def test_torques_that_follow_no_law_are_refused():
+    random = np.random.default_rng(0)
+    with pytest.raises(InputError, match="explains only"):
+        recover_gain(_log_of(random.normal(size=(500, 10)), random.normal(size=(500, 3))))
+
+
+def test_the_heading_error_is_a_turn_by_minus_psi():
+    random = np.random.default_rng(5)
+    states, references = random.normal(size=(2, 20, 10))
+    turned = heading_error(states, references)
+    e = references - states
+    for first, second in ((0, 1), (2, 3), (5, 6), (7, 8)):
+        as_complex = (e[:, first] + 1j * e[:, second]) * np.exp(-1j * states[:, 4])
+        np.testing.assert_allclose(turned[:, first], as_complex.real, atol=1e-12)
+        np.testing.assert_allclose(turned[:, second], as_complex.imag, atol=1e-12)
+    np.testing.assert_array_equal(turned[:, [4, 9]], e[:, [4, 9]])
+
+
+def test_another_controller_than_the_logs_is_refused():
+    own, other = Controller(true_robot(), gain()), Controller(true_robot(), 3.0 * gain())
+    assert delay_of(own, perfect_log()) == 0
+    with pytest.raises(InputError, match="the controller that recorded the log"):
+        delay_of(other, perfect_log())
+
+
+# --- forecasts ---
+
+
+def test_a_forecast_with_the_true_friction_is_the_log():
+    log = perfect_log()
+    states = forecast([Model(true_robot())], log, np.array([0, 700, 2000]), 100)[0]
+    measured = np.stack([log.states[k + 1 : k + 101] for k in (0, 700, 2000)])
+    # the log was simulated by the same engine; half a second lets rounding grow by e^(5.2/2), 13 times
+    np.testing.assert_allclose(states, measured, atol=1e-10)
+
+
+def test_the_recoverable_lean_is_where_the_torques_balance_gravity():
+    model = Model(Robot.load("alten"))
+    linear = model.linearize()
+    limit = model.robot.drive.torque_limit
+    small = min(
+        limit * np.abs(linear.B[7]).sum() / linear.A[7, 2], limit * np.abs(linear.B[8]).sum() / linear.A[8, 3]
+    )
+    # the linear model is off by about lean^2/6, 7 % at 0.65 rad, and more through the mass matrix
+    assert recoverable_lean(model) == pytest.approx(small, rel=0.15)
+    weak = model.robot.replace(drive=replace(model.robot.drive, torque_limit=1.0))
+    assert recoverable_lean(Model(weak)) == pytest.approx(small / limit, rel=0.02)
+
+
+# --- the three validations ---
+
+
+def test_the_noise_of_a_start_is_found_from_the_residuals():
+    log = noisy_log()
+    prediction = predict(_models(true_robot()), log, stretches(log))
+    sigma = np.sqrt(np.diag(prediction.start_covariance))
+    # 4800 residuals give a deviation to about 2 %; a start's noise is carried a sample on, which adds to rates a little
+    np.testing.assert_allclose(sigma, NOISE, rtol=0.1)
+
+
+def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
+    validation = validate(true_robot(), noisy_log())
+    loop = _open_loop(validation)
+    floor = np.sqrt(loop.noise_floor**2 + NOISE**2)
+    # about 24 runs whose errors are one-sided falls: their rms scatters by some 30 %
+    assert np.all(loop.errors.first.rmse < 2.0 * floor)
+    assert np.all(loop.errors.ratio > 1.5)
+    assert validation.closed_loop is not None
+    assert np.all(validation.closed_loop.restarted.ratio[:7] > 1.5)
+    horizon = validation.horizon
+    assert horizon.horizons[0] == pytest.approx(0.005)
+    assert horizon.horizons[-1] == pytest.approx(0.5)
+    # one sample ahead noise decides, but for what friction does to the ball's speed in 5 ms
+    np.testing.assert_allclose(horizon.ratio[0, :5], 1.0, atol=0.01)
+    np.testing.assert_allclose(horizon.ratio[0, 5:], 1.0, atol=0.3)
+    np.testing.assert_allclose(horizon.first, horizon.noise_floor, rtol=0.5)
+    assert weak_states(validation) == ()
+
+
+def test_on_a_perfect_log_closed_loop_repeats_the_log():
+    validation = validate(true_robot(), perfect_log(), controller=Controller(true_robot(), gain()))
+    assert validation.closed_loop is not None
+    # rounding, over 24 s of a closed loop that sticks and slips
+    assert np.all(validation.closed_loop.whole.first.rmse < 1e-6)
+    assert np.all(validation.closed_loop.whole.second.rmse[:2] > 0.02)
+
+
+def test_only_what_is_held_out_counts():
+    log = perfect_log()
+    spoiled = np.where((log.t > 6.0) & (log.t < 12.0), log["theta"], log["theta"] + 0.3)
+    held = [(6.5, 11.5)]
+    clean, other = (
+        validate(true_robot(), one, held_out=held, accept=["jump", "lean-offset"])
+        for one in (log, log.with_columns({"theta": spoiled}))
+    )
+    np.testing.assert_array_equal(
+        _open_loop(clean).errors.first.by_run, _open_loop(other).errors.first.by_run
+    )
+    np.testing.assert_array_equal(clean.prediction.residuals, other.prediction.residuals)
+    assert clean.duration == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_wrapped_heading_is_counted_on():
+    log = perfect_log()
+    wrapped = log.with_columns({"psi": log["psi"] % (2.0 * np.pi)})
+    assert np.abs(np.diff(wrapped["psi"])).max() > 6.0
+    plain, counted_on = (_open_loop(validate(true_robot(), one)).errors.first.rmse for one in (log, wrapped))
+    # a whole turn more changes sines and cosines by rounding
+    np.testing.assert_allclose(counted_on, plain, atol=1e-9)
+
+
+def test_wrong_friction_is_named_with_the_states_it_spoils():
+    # a robot without friction, held against a model that has it
+    bare = true_robot().replace(friction=Friction.none(3))
+    start = np.array([0.0, 0.0, 0.02, -0.02, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    log = simulate(
+        Model(bare), Controller(bare, gain()), square(period=16.0), duration=24.0, initial_state=start
+    )
+    validation = validate(true_robot(), log.without_truth())
+    named, verdicts = " ".join(weak_states(validation)), _open_loop(validation).errors.verdicts()
+    worse = [name for name, verdict in zip(STATE_NAMES, verdicts, strict=True) if verdict == "worse"]
+    assert set(worse) >= {"x", "theta", "phi"}
+    assert all(f"{name}: the model with friction is worse than the one without" in named for name in worse)
+    assert any("eason" in finding for finding in findings(validation))
+
+
+def test_several_logs_are_judged_together():
+    one = validate(true_robot(), noisy_log())
+    both = join_validations([one, one])
+    np.testing.assert_allclose(_open_loop(both).errors.ratio, _open_loop(one).errors.ratio)
+    np.testing.assert_allclose(both.horizon.first, one.horizon.first)
+    np.testing.assert_allclose(
+        both.residuals.correlations.matrix, one.residuals.correlations.matrix, atol=1e-12
+    )
+    assert _open_loop(both).errors.runs == 2 * _open_loop(one).errors.runs
+
+
+def test_the_same_seed_gives_the_same_noise_floor():
+    log = noisy_log()
+    models, parts = _models(true_robot()), stretches(log)
+    covariance = np.diag(NOISE**2)
+    first, again, other = (
+        horizon_errors(models, log, parts, start_covariance=covariance, seed=seed).noise_floor
+        for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_dither_is_told_from_motion():
+    t = 0.005 * np.arange(4000)
+    slow, fast = np.sin(2.0 * np.pi * 0.3 * t), 0.2 * np.sin(2.0 * np.pi * 20.0 * t)
+    columns = {f"wheel{i}_dot": slow + fast for i in (1, 2, 3)}
+    log = _log_of(np.zeros((4000, 10)), np.zeros((4000, 3))).with_columns(columns)
+    dither = find_dither(Model(Robot.load("alten")), log)
+    assert dither is not None
+    # root mean squares of sines; the filter's edges at both ends cost about a percent
+    np.testing.assert_allclose(dither.motion, 1.0 / np.sqrt(2.0), rtol=0.02)
+    np.testing.assert_allclose(dither.dither, 0.2 / np.sqrt(2.0), rtol=0.02)
+    np.testing.assert_allclose(dither.reversals_of_motion, 0.6, atol=0.1)
+    assert np.all(dither.reversals > dither.reversals_of_motion)
+    assert find_dither(Model(Robot.load("alten")), perfect_log().select(slice(0, 100))) is None
+
+
+def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
+    validation = validate(true_robot(), noisy_log())
+    assert validation.dither is not None
+    shaken = replace(
+        validation.dither, dither=np.full(3, 1.0), reversals=validation.dither.reversals_of_motion
+    )
+    loop = _open_loop(validation)
+    swapped = replace(loop.errors, first=loop.errors.second, second=loop.errors.first)
+    worse = replace(validation, dither=shaken, open_loop=replace(loop, errors=swapped))
+    reasons = {sentence.split(":")[0]: sentence for sentence in weak_states(worse)}
+    assert tuple(reasons) == STATE_NAMES
+    assert "the rollers dither the wheels" in reasons["psi"]
+    assert "rollers" not in reasons["x"]
+
+
+# --- refusals ---
+
+
+def test_a_log_without_a_reference_has_no_closed_loop_and_says_why():
+    log = perfect_log()
+    bare = Log({name: values for name, values in log.columns.items() if not name.startswith("ref_")})
+    validation = validate(true_robot(), bare)
+    assert validation.closed_loop is None
+    assert validation.no_closed_loop is not None
+    assert "ref_x" in validation.no_closed_loop
+    assert any(finding.startswith("No closed-loop validation") for finding in findings(validation))
+
+
+def test_what_cannot_be_validated_is_refused():
+    log = perfect_log()
+    with pytest.raises(InputError, match="held-out intervals"):
+        validate(true_robot(), log, held_out=[(100.0, 120.0)])
+    with pytest.raises(InputError, match="phi"):
+        validate(true_robot(), log.with_columns({"phi": np.full(len(log), np.nan)}))
+    with pytest.raises(InputError, match="4 wheels"):
+        validate(true_robot(), log.with_columns({"u4": log["u3"]}))
+    with pytest.raises(InputError, match="restart_every"):
+        validate(true_robot(), log, restart_every=0.0)
+    with pytest.raises(InputError, match="sample time"):
+        validate(true_robot(), log.select(slice(None, None, 2)), controller=Controller(true_robot(), gain()))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**31))
+def test_a_forecast_from_any_start_is_finite(seed):
+    random = np.random.default_rng(seed)
+    log = perfect_log()
+    initial = random.uniform(-0.5, 0.5, (4, 10))
+    starts = random.integers(0, len(log) - 200, 4)
+    models = _models(true_robot())
+    assert np.isfinite(forecast(models.both, log, starts, 150, initial=initial)).all()
+
+
+def _log_of(states: np.ndarray, torques: np.ndarray) -> Log:
+    columns: dict[str, np.ndarray] = {"t": 0.005 * np.arange(len(states))}
+    columns |= {f"u{i + 1}": torques[:, i] for i in range(torques.shape[1])}
+    columns |= {name: states[:, i] for i, name in enumerate(STATE_NAMES)}
+    columns |= {name: np.zeros(len(states)) for name in ("ref_x", "ref_y", "ref_psi")}
+    return Log(columns)

@@ -1,0 +1,190 @@
+"""The choice of a controller: its rule, its plants and its statistics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.references import hold
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.comparison import median_with_interval
+from ballbot.workflows.controller_choice import ABLATIONS, Trial, equal_best, without_part
+from ballbot.workflows.metrics import QUANTITIES, Performance, Score
+from ballbot.workflows.plant_draws import PlantDraw, available_plant
+from ballbot.workflows.study import sampled_at
+from tests.support.control_examples import FRICTION, alten
+
+NOMINAL = nominal_controller(alten(FRICTION))
+_FIELDS = ("rms_position_error", "peak_heading_error", "rms_heading_error", "settling_time", "rms_torque")
+
+
+def run(peak: float, roughness: float = 0.05, ended: str | None = None) -> Score:
+    """Return the score of a run of which only the peak error, the roughness and the end matter."""
+    return Score(
+        peak_position_error=peak,
+        rms_torque_change=roughness,
+        arrived=True,
+        high_frequency_torque=0.1,
+        energy=1.0,
+        driving_energy=1.0,
+        ended=ended,
+        **dict.fromkeys(_FIELDS, 0.5 * peak),
+    )
+
+
+def trial(*runs: Score) -> Trial:
+    return Trial(controller=NOMINAL, scores=runs, performances=())
+
+
+def around(peak: float, roughness: float) -> Trial:
+    """Return a trial of twenty runs within 10 % of a peak error."""
+    return trial(*(run(peak * factor, roughness) for factor in np.linspace(0.9, 1.1, 20)))
+
+
+def chosen(trials: dict[str, Trial]) -> str | None:
+    equals = equal_best(trials)
+    return min(equals, key=lambda name: trials[name].roughness.median, default=None)
+
+
+# --- the rule ---
+
+
+def test_the_smallest_error_wins_where_intervals_are_apart():
+    trials = {"none": around(0.3, 0.01), "precise": around(0.01, 0.09)}
+    assert equal_best(trials) == ("precise",)
+
+
+def test_of_overlapping_intervals_the_smoothest_wins():
+    trials = {"none": around(0.3, 0.01), "rough": around(0.0100, 0.09), "smooth": around(0.0102, 0.05)}
+    assert equal_best(trials) == ("rough", "smooth")
+    assert chosen(trials) == "smooth"
+
+
+def test_a_candidate_that_falls_once_is_excluded():
+    best = around(0.01, 0.05)
+    fallen = replace(best, scores=(*best.scores[:-1], run(0.01, ended="fallen")))
+    trials = {"none": around(0.3, 0.05), "precise": fallen}
+    assert fallen.falls == 1
+    assert np.isnan(fallen.peaks[-1])
+    assert chosen(trials) == "none"
+    assert equal_best({"precise": fallen}) == ()
+
+
+def test_ratios_are_taken_draw_by_draw():
+    none = trial(*(run(peak) for peak in (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)))
+    better = trial(*(run(peak / 10.0) for peak in (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)))
+    ratio = none.ratio_to(better)
+    # the peaks spread by 32 times, their ratio not at all
+    assert (ratio.low, ratio.median, ratio.high) == pytest.approx((10.0, 10.0, 10.0))
+
+
+# --- statistics ---
+
+
+@given(st.integers(6, 60), st.integers(0, 2**32 - 1))
+def test_the_interval_of_a_median_holds_it_and_shrinks_no_further_than_the_binomial_says(count, seed):
+    values = np.random.default_rng(seed).standard_normal(count)
+    found = median_with_interval(values)
+    assert found.low <= found.median <= found.high
+    below = int((values < found.low).sum())
+    # P(interval misses) = 2 P(at most `below` of n values lie below the median)
+    assert 2.0 * stats.binom.cdf(below, count, 0.5) <= 0.05
+    assert 2.0 * stats.binom.cdf(below + 1, count, 0.5) > 0.05
+
+
+def test_the_interval_of_a_median_covers_it_as_often_as_it_says():
+    # 4,000 samples of 20 from a skewed distribution whose median is 1; 95.9 % by the binomial, +- 0.9 % (3 sigma)
+    samples = np.random.default_rng(1).lognormal(size=(4000, 20))
+    found = [median_with_interval(sample) for sample in samples]
+    share = np.mean([one.low <= 1.0 <= one.high for one in found])
+    assert 0.950 < share < 0.968
+
+
+def test_missing_values_do_not_count():
+    found = median_with_interval([np.nan, 1.0, 2.0, 3.0])
+    assert (found.median, found.runs) == (2.0, 3)
+    assert np.isnan(median_with_interval([np.nan]).median)
+
+
+# --- parts and plants ---
+
+
+@pytest.mark.parametrize("part", ABLATIONS)
+def test_an_ablation_removes_one_part_and_leaves_the_rest(part):
+    whole = precise_controller(alten(FRICTION))
+    without = without_part(whole, part)
+    np.testing.assert_array_equal(without.gain, whole.gain)
+    changed = [
+        without.estimator != whole.estimator,
+        without.compensation != whole.compensation,
+        without.parts.shaping != whole.parts.shaping,
+        without.parts.shaping == whole.parts.shaping and without.parts.feed_forward is None,
+        without.parts.integral is None,
+        without.parts.observer is None,
+    ]
+    assert sum(changed) == 1
+
+
+def test_an_unknown_part_and_plant_are_refused():
+    with pytest.raises(InputError, match=r"no part 'luck'; there are estimator"):
+        without_part(precise_controller(alten(FRICTION)), "luck")
+    with pytest.raises(InputError, match="'model' or 'twin'"):
+        available_plant("moon")  # pyright: ignore[reportArgumentType]
+
+
+@given(st.floats(0.002, 0.02))
+def test_a_scenario_is_sampled_as_the_logs_are(sample_time):
+    scenario = sampled_at(Scenario.nominal(alten()), sample_time)
+    steps = sample_time / scenario.timestep
+    assert scenario.sensors.sample_time == sample_time
+    assert steps == pytest.approx(round(steps), abs=1e-9)
+    assert 0.8 <= scenario.timestep / Scenario.nominal(alten()).timestep <= 1.25
+
+
+def test_a_draw_runs_the_same_again_and_otherwise_with_another_seed():
+    robot = alten(FRICTION)
+    scenario = Scenario.nominal(robot)
+    plant = PlantDraw(robot=robot, known=robot, scenario=scenario, plant="model", seed=3)
+
+    def states(one: PlantDraw) -> np.ndarray:
+        return one.run(precise_controller(robot), hold(), duration=0.5).states
+
+    np.testing.assert_array_equal(states(plant), states(plant))
+    assert (states(plant) != states(replace(plant, seed=4))).any()
+
+
+# --- performance ---
+
+
+def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
+    t = np.arange(0.0, 10.0, 0.005)
+    zero = np.zeros_like(t)
+    columns = dict.fromkeys(("y", "theta", "phi", "psi", "ref_x", "ref_y", "ref_psi"), zero)
+    rates = {f"{name}_dot": zero for name in ("x", "y", "theta", "phi", "psi")}
+    torques = {f"u{i}": 0.1 * np.sign(np.sin(200.0 * t)) for i in (1, 2, 3)}
+    log = Log(
+        {"t": t, "x": 0.02 * np.ones_like(t), "true_x": zero, "true_y": zero, **columns, **rates, **torques}
+    )
+    log = log.with_columns(
+        {"theta": np.where(t == t[700], 0.03, 0.0), "phi": np.where(t == t[700], 0.04, 0.0)}
+    )
+    found = Performance.of(log, torque_limit=0.5)
+    assert found.peak_error == pytest.approx(0.02)
+    assert found.rms_error == pytest.approx(0.02)
+    assert found.lean == pytest.approx(
+        np.arccos(np.cos(0.03) * np.cos(0.04))
+    )  # about 0.05: the two add in squares
+    assert found.torque_margin == pytest.approx(0.8)
+    assert found.roughness == pytest.approx(np.sqrt(np.mean(np.diff(torques["u1"]) ** 2)))
+    # measured torques beyond the limit leave no margin, and not less
+    assert Performance.of(log, torque_limit=0.099).torque_margin == 0.0
+    assert Performance.from_array(found.to_array()) == found
+    assert len(QUANTITIES) == 5

@@ -1,0 +1,263 @@
+"""`ballbot excite`: what is designed keeps its limits, tells more than a square, and refuses what cannot be."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot import Controller, Log, Model, simulate
+from ballbot.cli.excite import gain_words
+from ballbot.cli.main import main
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import sampled_reference, square
+from ballbot.errors import InputError
+from ballbot.fitting.checkpoint import open_checkpoint
+from ballbot.fitting.run import Threads
+from ballbot.identification import identify
+from ballbot.log import STATE_NAMES
+from ballbot.workflows.excitation_design import DesignEffort, criterion, design, multisine_family
+from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run, task
+from ballbot.workflows.excite import deviations_found
+from tests.support.control_examples import FRICTION, alten, four_wheeled
+from tests.support.identification_examples import NOISE, Dying, balancing_log, noisy
+
+#: deviations of the nominal twin's states, about
+DEVIATIONS = np.array([2e-3, 2e-3, 3.5e-3, 3.5e-3, 4.7e-3, 2e-2, 2e-2, 2.3e-2, 2.3e-2, 4e-2])
+LIMITS = RunLimits(lean=math.radians(8.0), floor=0.8, torque=3.0)
+EFFORT = DesignEffort(generations=3, population=6)
+
+
+def asked(
+    *, limits=LIMITS, duration=10.0, robot=None, controller=None, deviations=DEVIATIONS, law: Law = "stribeck"
+):
+    robot = robot or alten(FRICTION)
+    return task(
+        robot,
+        controller or nominal_controller(robot),
+        limits=limits,
+        duration=duration,
+        deviations=deviations,
+        law=law,
+    )
+
+
+@pytest.fixture(scope="module")
+def designed():
+    return design(asked(), effort=EFFORT)
+
+
+def test_the_limits_hold_on_the_model_with_any_of_the_frictions(designed):
+    """`simulate`, not the batch that the design was made with, at a finer step."""
+    for factor in (0.5, 1.0, 1.5):
+        friction = replace(
+            FRICTION,
+            coulomb=tuple(factor * c for c in FRICTION.coulomb),
+            stribeck=tuple(factor * s for s in FRICTION.stribeck),
+            viscous=tuple(factor * b for b in FRICTION.viscous),
+            rolling=factor * FRICTION.rolling,
+        )
+        plant = Model(alten(friction))
+        log = simulate(plant, nominal_controller(alten()), designed.reference, duration=10.0)
+        assert log.ended is None
+        peaks = peaks_of(log.states, log.torques)
+        assert LIMITS.exceeded(peaks) == []
+        assert max(LIMITS.used(peaks).values()) > 0.2  # and the robot does move
+
+
+def test_the_design_tells_more_than_a_square(designed):
+    question = asked().question
+    plain = expected_errors(question, [run(asked(), square(side=0.5, period=10.0)).log])
+    assert designed.errors.max() < 0.8 * plain.max()
+    assert criterion(designed.errors) < 0.8 * criterion(plain)
+    assert list(designed.history) == sorted(designed.history, reverse=True)
+
+
+def test_a_design_that_was_killed_goes_on_to_the_same_on_other_threads(designed, tmp_path):
+    path = tmp_path / "checkpoint.jsonl"
+    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="evolution", after=2)
+    with pytest.raises(KeyboardInterrupt):
+        design(asked(), effort=EFFORT, recall=dying)
+    recall = open_checkpoint(path, belongs_to={}, resume=True).recall
+    again = design(asked(), effort=EFFORT, spread=Threads(count=1), recall=recall)
+    assert (again.poses == designed.poses).all()
+    assert (again.errors == designed.errors).all()
+
+
+def test_four_wheels():
+    robot = four_wheeled(friction=True)
+    made = design(
+        asked(robot=robot, duration=6.0, limits=replace(LIMITS, floor=2.0)),
+        effort=DesignEffort(generations=1, population=4),
+    )
+    assert made.errors.shape == (15,)
+    assert np.isfinite(made.errors).all()
+
+
+def test_the_reference_begins_and_ends_at_the_origin(designed):
+    assert np.abs(designed.poses[[0, -1]]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("axis", "place"), [(0, 0), (1, 3), (2, 2)])
+def test_a_sine_alone_brings_a_frictionless_robot_near_a_limit(axis, place):
+    """The caps come from the linear loop; the nonlinear simulation at half of one must give half of a limit."""
+    robot, controller = alten(), nominal_controller(alten())
+    choice = multisine_family(robot, controller, limits=LIMITS, duration=20.0)
+    frequency, half = choice.frequencies[axis, place], 0.5 * choice.largest[axis, place]
+    t = choice.times
+    poses = np.zeros((len(t), 3))
+    poses[:, axis] = half * np.sin(2.0 * np.pi * frequency * t) * np.clip(t / 8.0, 0.0, 1.0)
+    log = simulate(Model(robot), controller, sampled_reference(t, poses), duration=20.0).between(12.0, 20.0)
+    # of either lean and of either coordinate by itself, as the linear answers are
+    used = (
+        np.abs(log.states[:, 2:4]).max() / LIMITS.lean,
+        np.abs(log.states[:, :2]).max() / LIMITS.floor,
+        np.abs(log.torques).max() / LIMITS.torque,
+    )
+    turned = half == 0.5 and axis == 2  # capped by the heading itself
+    # 5 %: the sampled loop against the continuous one, and sines of the lean
+    assert max(used) == pytest.approx(0.5, rel=0.05) or (turned and max(used) < 0.5)
+
+
+def test_information_adds_up_and_noise_takes_it_away():
+    question = asked().question
+    log = run(asked(), square(side=0.5, period=10.0)).log
+    errors = expected_errors(question, [log])
+    # two equal logs: half the variance, as windows are independent
+    np.testing.assert_allclose(expected_errors(question, [log, log]), errors / math.sqrt(2.0), rtol=1e-6)
+    noisier = replace(question, deviations=2.0 * DEVIATIONS)
+    # 10 %: the starts' differences are as wide as the deviations, and friction has kinks
+    np.testing.assert_allclose(expected_errors(noisier, [log]), 2.0 * errors, rtol=0.1)
+
+
+@pytest.mark.slow
+def test_errors_expected_are_those_that_identification_finds():
+    """With independent noise on the states, and nothing unmodelled, the two are one but for sampling."""
+    log = balancing_log()
+    question = asked(duration=25.0, deviations=NOISE, robot=alten(FRICTION)).question
+    expected = question.in_units(expected_errors(question, [log]))
+    found = identify(alten(), noisy(log, seed=2), generations=40, population=16)
+    errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
+    told = np.isfinite(errors)
+    assert told.sum() >= 9
+    # the fit has three quarters of the windows; errors of errors from 75 windows and 12 parameters are tens of percent
+    ratio = errors[told] / (expected[told] / math.sqrt(0.75))
+    assert 0.6 < np.exp(np.median(np.log(ratio))) < 1.6
+
+
+def test_a_robot_without_friction_known_is_believed_to_be_where_the_search_begins():
+    believed = asked(robot=alten()).robot.friction
+    assert believed.coulomb == pytest.approx((0.125,) * 3)  # a quarter of the bounds' 0.5
+    assert asked(robot=alten(FRICTION)).robot.friction.coulomb == pytest.approx(FRICTION.coulomb)
+
+
+def test_only_what_the_law_has_is_asked_for():
+    question = asked(law="coulomb").question
+    assert question.labels == ("b1", "b2", "b3", "c1", "c2", "c3", "C_rr")
+    assert np.isfinite(
+        expected_errors(question, [run(asked(law="coulomb"), square(side=0.5, period=10.0)).log])
+    ).all()
+
+
+def test_a_robot_at_rest_tells_nothing():
+    log = run(asked(), square(side=1e-6)).log
+    assert np.isinf(expected_errors(asked().question, [log])).all()
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (
+            RunLimits(lean=0.14, floor=1e-4, torque=3.0),
+            "the robot hardly moves, and no reference makes b1",
+        ),
+        (RunLimits(lean=0.14, floor=0.8, torque=1e-3), "the robot hardly moves"),
+    ],
+)
+def test_impossible_limits_are_refused(limits, message):
+    with pytest.raises(InputError, match=message):
+        design(asked(limits=limits, duration=4.0), effort=DesignEffort(generations=1, population=4))
+
+
+def test_a_controller_that_lets_it_fall_is_refused():
+    wrong = Controller(alten(), -nominal_controller(alten()).gain)
+    small = replace(FRICTION, coulomb=(1e-3,) * 3, stribeck=(1e-3,) * 3)  # too small to hold it upright
+    with pytest.raises(InputError, match="falls on every reference"):
+        design(asked(controller=wrong, robot=alten(small)), effort=DesignEffort(generations=1, population=4))
+
+
+@pytest.mark.parametrize("name", ["lean", "floor", "torque"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_limits_must_be_positive(name, value):
+    with pytest.raises(InputError, match=f"The {name} limit is .*; it must be positive"):
+        replace(LIMITS, **{name: value})
+
+
+def found_file(tmp_path):
+    path = tmp_path / "found.json"
+    errors = dict(zip(STATE_NAMES, DEVIATIONS.tolist(), strict=True))
+    path.write_text(json.dumps({"held_out": {"rmse_with_friction": errors}}))
+    return path
+
+
+def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
+    words = ["excite", "alten", "--no-try", "--found", str(found_file(tmp_path)), "--duration", "10"]
+    words += ["--generations", "1", "--population", "4", "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    scaled = np.array(list(results["expected"]["designed"]["scaled"].values()))
+    assert results["expected"]["designed"]["worst"] == scaled.max()
+    both = math.sqrt(scaled.max() * np.exp(np.log(scaled).mean()))
+    assert results["criterion_after_each_generation"][-1] == pytest.approx(both, rel=1e-12)
+    assert results["limits_held_on_twin"] is None
+    for name in ("run.svg", "errors.svg"):
+        assert (tmp_path / "out" / name).read_text().startswith("<svg")
+    told = capsys.readouterr().out
+    assert "worst, % of bounds" in told
+    assert (
+        f"{results['expected']['square']['worst'] / scaled.max():.1f} times smaller than a square's" in told
+    )
+    out = tmp_path / "out"
+    follow = ["--reference", str(out / "reference.csv"), "--controller", str(out / "controller.toml")]
+    assert main(["simulate", "alten", *follow, "--duration", "10", "--out", str(tmp_path / "run")]) == 0
+    log = Log.read(tmp_path / "run" / "log.csv")
+    reference = Log.read(out / "reference.csv")
+    assert (log["ref_x"] == reference["ref_x"]).all()
+
+
+def test_a_design_that_a_square_beats_is_not_praised():
+    assert "4.0 times a square's, so the square is more informative" in gain_words(0.25)
+    assert "4.0 times smaller than a square's" in gain_words(4.0)
+    assert "some parameters cannot be identified" in gain_words(math.inf)
+
+
+@pytest.mark.slow
+def test_the_command_tries_it_on_the_twin(tmp_path, capsys):
+    pytest.importorskip("mujoco")
+    words = [
+        "excite",
+        "alten",
+        "--duration",
+        "6",
+        "--law",
+        "coulomb",
+        "--generations",
+        "1",
+        "--population",
+        "4",
+    ]
+    assert main([*words, "--out", str(tmp_path)]) == 0
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert results["limits_held_on_twin"] is True
+    assert set(results["on_twin"]) == {"square", "designed"}
+    assert "The twin stayed within all limits." in capsys.readouterr().out
+
+
+def test_bad_input_is_refused_in_one_sentence(tmp_path, capsys):
+    path = tmp_path / "none.json"
+    path.write_text("{}")
+    with pytest.raises(InputError, match=r"not a results\.json of"):
+        deviations_found(path)
+    assert main(["excite", "alten", "--lean", "-1", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,227 @@
+"""The league: the same numbers wherever it runs, falls counted, intervals that hold what they promise, and its page."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from ballbot import Robot
+from ballbot.cli.main import main
+from ballbot.report.comparison import league_report
+from ballbot.report.page import provenance
+from ballbot.robot.file import write_robot
+from ballbot.workflows import league as league_module
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.comparison import fraction_with_interval, mean_with_interval, paired_difference
+from ballbot.workflows.courses import choose_courses
+from ballbot.workflows.league import League, league_results, overall, run_league, standing
+from campaigns.league import section
+from tests.support.control_examples import FRICTION, alten
+from tests.support.league_examples import OWN
+
+#: two short courses on the model, so that a league takes seconds
+COURSES = """\
+[mine.stand]
+about = "Stand."
+reference = "hold"
+duration = 3.0
+settle = 1.0
+
+[mine.step]
+about = "A step of 0.2 m."
+reference = { name = "change_pose", x = 0.2, y = 0.0, psi = 0.0, at = 0.5, ramp = 0.0 }
+duration = 4.0
+settle = 2.0
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Return a folder with a robot, courses and controllers of a user's own."""
+    folder = tmp_path_factory.mktemp("league")
+    write_robot(alten(FRICTION), folder / "robot.toml")
+    (folder / "courses.toml").write_text(COURSES)
+    (folder / "own.py").write_text(OWN)
+    return folder
+
+
+def short_league(folder: Path, *, processes: int) -> League:
+    robot = Robot.load(str(folder / "robot.toml"))
+    words = ("none", "full", f"softer={folder}/own.py:Softer", f"limp={folder}/own.py:Limp")
+    controllers = {one.name: one.controller(robot) for one in parse_candidates(words)}
+    courses = choose_courses(str(folder / "courses.toml"), robot, "model")
+    return run_league(robot, controllers, courses, seeds=[4, 5], processes=processes)
+
+
+@pytest.fixture(scope="module")
+def league(folder) -> League:
+    return short_league(folder, processes=1)
+
+
+def test_processes_change_nothing(folder, league):
+    again = short_league(folder, processes=2)
+    assert json.dumps(league_results(again)) == json.dumps(league_results(league))
+    for key, track in league.tracks.items():
+        np.testing.assert_array_equal(again.tracks[key].x, track.x)
+
+
+def test_a_fall_is_counted_and_nothing_else_of_it(league):
+    limp = standing(league, "stand", "limp")
+    assert limp.falls == limp.runs == 2
+    assert limp.means["peak_position_error"].runs == 0
+    assert np.isnan(limp.means["rms_torque"].mean)
+    assert np.isnan(limp.differences["energy"].mean)
+    assert overall(league, "limp").falls == 4
+    assert league.tracks["stand", "limp"].ended is not None
+    assert standing(league, "stand", "none").falls == 0
+
+
+def test_differences_are_seed_by_seed(league):
+    for course in ("stand", "step"):
+        peaks = [[one.rms_position_error for one in league.scores[course, name]] for name in ("full", "none")]
+        found = standing(league, course, "full").differences["rms_position_error"]
+        assert found.mean == pytest.approx(np.mean(peaks[0]) - np.mean(peaks[1]))
+        assert found.runs == 2
+    assert standing(league, "stand", "none").differences == {}
+
+
+def test_ratios_over_all_courses(league):
+    logs = [
+        np.log(own.energy / first.energy)
+        for course in ("stand", "step")
+        for own, first in zip(league.scores[course, "softer"], league.scores[course, "none"], strict=True)
+    ]
+    found = overall(league, "softer").ratios["energy"]
+    assert found.mean == pytest.approx(np.exp(np.mean(logs)))
+    assert found.low < found.mean < found.high
+
+
+def test_compensation_helps_on_the_model(league):
+    """The known friction compensated in full: the step of 0.2 m ends nearer to its end."""
+    assert overall(league, "full").ratios["rms_position_error"].mean < 0.9
+
+
+def test_the_page_says_who_fell_and_who_is_better(league):
+    page = league_report(league, provenance(command="ballbot compare", files=[], seed="4,5"))
+    assert page.count("<svg") == 3  # the overview, and a figure for each course
+    assert "4 of 4 runs ended in a fall." in page
+    assert re.search(r"Peak position error 0\.\d+ times that of none", page)
+    assert "A step of 0.2 m. 4 s." in page
+    assert "Seed 4,5;" in page
+    assert page.count("One run of each controller, with seed 4, the first of 2.") == 2
+
+
+def test_the_evidence_has_a_row_for_each_course_and_controller(league):
+    made = section(league).markdown()
+    assert made.count("| stand |") == made.count("| step |") == len(league.controllers)
+    assert "| step | limp | – | – | – | – | – | – | 2 of 2 |" in made
+
+
+def test_a_league_in_which_all_fall_has_a_page(folder):
+    robot = alten()
+    courses = choose_courses(str(folder / "courses.toml"), robot, "model")
+    controllers = {"limp": parse_candidates([f"{folder}/own.py:Limp"])[0].controller(robot)}
+    found = run_league(robot, controllers, courses[:1], seeds=[1], processes=1)
+    page = league_report(found, provenance(command="ballbot compare", files=[], seed="1"))
+    assert "1 of 1 runs ended in a fall." in page
+
+
+def test_a_league_goes_on_where_it_was_killed(folder, tmp_path, monkeypatch, capsys):
+    words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer"]
+    options = ["--scenarios", str(folder / "courses.toml"), "--seeds", "4,5", "--processes", "1"]
+
+    def run(name: str, *more: str) -> int:
+        monkeypatch.chdir(tmp_path)
+        return main(["compare", *words, *options, *more, "--out", name])
+
+    played: list[int] = []
+    whole = league_module._run
+
+    def until_third(robot, game):
+        if len(played) == 3:
+            raise KeyboardInterrupt
+        played.append(game.seed)
+        return whole(robot, game)
+
+    monkeypatch.setattr(league_module, "_run", until_third)
+    assert run("league") == 130
+    assert "--resume" in capsys.readouterr().err
+    assert sorted(path.name for path in Path("league").iterdir()) == ["checkpoint.jsonl"]
+    assert run("league") == 2
+    assert "was not finished" in capsys.readouterr().err
+
+    monkeypatch.setattr(
+        league_module, "_run", lambda robot, game: played.append(game.seed) or whole(robot, game)
+    )
+    assert run("league", "--resume") == 0
+    assert len(played) == 8  # two controllers, courses and seeds; none twice
+    assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
+    Path("league").rename("killed")
+    assert run("league") == 0
+    for name in ("report.html", "results.json"):
+        assert Path("league", name).read_bytes() == Path("killed", name).read_bytes()
+    assert "0 of 2" in capsys.readouterr().out
+
+
+def test_a_push_on_the_twin_is_a_course(tmp_path):
+    pytest.importorskip("mujoco")
+    robot = alten()
+    course = '[mine.{0}]\nreference = "hold"\nduration = 3.0\nsettle = 1.0\n'
+    push = (
+        "[[mine.push.scenario.pushes]]\ntime = 1.5\nduration = 0.2\nforce = [40.0, 0.0, 0.0]\nheight = 0.4\n"
+    )
+    (tmp_path / "courses.toml").write_text(course.format("calm") + course.format("push") + push)
+    courses = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
+    controllers = {one.name: one.controller(robot) for one in parse_candidates(["none"])}
+    found = run_league(robot, controllers, courses, seeds=[1], processes=1)
+    calm, pushed = (found.scores[name, "none"][0] for name in ("calm", "push"))
+    assert pushed.peak_position_error > calm.peak_position_error + 0.1  # 8 N s on 20 kg
+    assert pushed.settling_time == pytest.approx(1.5, abs=0.01)  # since the push, to the end
+    assert not pushed.arrived
+    assert pushed.to_dict()["settling_time"] is None
+    assert pushed.to_dict()["settling_time_at_least"] == pushed.settling_time
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """2000 leagues of 10 seeds: 95 % of the intervals of the difference hold it, within 3.5 standard deviations."""
+    draw = np.random.default_rng(7)
+    of_seed = draw.normal(0.0, 1.0, (2000, 10))  # what a seed does to both
+    ours = 0.3 + of_seed + draw.normal(0.0, 0.2, (2000, 10))
+    theirs = of_seed + draw.normal(0.0, 0.2, (2000, 10))
+    found = [paired_difference(one, other) for one, other in zip(ours, theirs, strict=True)]
+    share = np.mean([one.low <= 0.3 <= one.high for one in found])
+    assert share == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 2000))
+    apart = np.array([mean_with_interval(one).high - mean_with_interval(one).low for one in ours[:200]])
+    paired = np.array([one.high - one.low for one in found[:200]])
+    assert np.median(paired) < 0.4 * np.median(apart)  # sqrt(2) 0.2 against sqrt(1.04)
+
+
+def test_intervals_of_skewed_numbers_are_nearly_right():
+    """Peaks are skewed: of log-normal ones with a shape of 0.5, intervals of ten seeds hold 92 % and more."""
+    draw = np.random.default_rng(8)
+    peaks = np.exp(draw.normal(0.0, 0.5, (2000, 10)))
+    found = [mean_with_interval(one) for one in peaks]
+    assert np.mean([one.low <= np.exp(0.125) <= one.high for one in found]) > 0.92 - 3.5 * 0.005
+
+
+@pytest.mark.parametrize("runs", [1, 7, 30])
+def test_the_interval_of_falls_holds_at_least_what_it_says(runs):
+    """Summed over all outcomes: no probability is left out more often than once in twenty."""
+    low, high = np.array([fraction_with_interval(count, runs) for count in range(runs + 1)]).T
+    p = np.linspace(0.0, 1.0, 201)[:, None]
+    held = stats.binom.pmf(np.arange(runs + 1), runs, p) * ((low <= p) & (p <= high))
+    assert held.sum(axis=1).min() >= 0.95 - 1e-9
+    assert high[0] == pytest.approx(1.0 - 0.025 ** (1.0 / runs))  # of no fall
+
+
+def test_few_seeds_have_no_interval():
+    one = paired_difference([2.0, np.nan], [1.0, 0.0])
+    assert one.mean == 1.0
+    assert one.runs == 1
+    assert np.isnan([one.low, one.high]).all()
+    assert one.sign == 0
+    assert mean_with_interval([]).runs == 0
+    assert paired_difference([2.0, 3.0], [1.0, 2.0]).sign == 1

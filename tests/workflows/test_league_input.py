@@ -1,0 +1,249 @@
+"""What enters the league: courses, controllers of one's own, and what is told of wrong ones."""
+
+import re
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot import InputError
+from ballbot.cli.main import main
+from ballbot.control.file import write_controller
+from ballbot.control.interface import estimator_of
+from ballbot.control.presets import precise_controller
+from ballbot.robot import Robot
+from ballbot.twin import Twin
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import ModelMismatch, choose_courses
+from ballbot.workflows.league import run_league
+from tests.support.control_examples import FRICTION, alten
+from tests.support.league_examples import OWN
+from tests.support.paths import ROOT
+
+COURSE = '[mine.one]\nreference = "hold"\nduration = 9.0\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Return a folder with controllers of a user's own."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "own.py").write_text(OWN)
+    return folder
+
+
+def test_the_built_in_courses_are_all_of_the_league():
+    courses = choose_courses("league", alten(), "twin")
+    assert {one.name for one in courses} == {
+        "hold", "square", "circle", "figure_eight", "change_pose", "push", "ramp", "payload", "floor", "heading",
+    }  # fmt: skip
+    both = (*choose_courses("motions", alten(), "twin"), *choose_courses("disturbances", alten(), "twin"))
+    assert courses == both
+    assert choose_courses("motions,square", alten(), "twin") == courses[:5]
+    changed = {one.name: one.scenario for one in courses}
+    assert changed["floor"].friction.rolling == pytest.approx(3 * changed["hold"].friction.rolling)
+    assert changed["heading"].sensors.heading_drift == pytest.approx(
+        5 * changed["hold"].sensors.heading_drift, rel=1e-3
+    )
+
+
+def test_a_robot_unlike_the_one_described(tmp_path):
+    """Mass and height of a body whose inertia goes with them, on either plant; the controllers' robot stays."""
+    robot = alten(FRICTION)
+    (tmp_path / "courses.toml").write_text(COURSE + "unlike = { mass = 1.2, height = 0.8, friction = 0.5 }")
+    (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "model")
+    true = course.plant(robot).robot
+    assert true.body.mass == pytest.approx(1.2 * robot.body.mass)
+    assert true.body.center_of_mass == pytest.approx(0.8 * robot.body.center_of_mass)
+    # J_0 = J_c + m l^2 about either lying axis
+    own, ml2 = robot.body.inertia_about_ball_center()[0, 0], robot.body.mass * robot.body.center_of_mass**2
+    expected = 1.2 * (own - ml2) + 1.2 * 0.8**2 * ml2
+    assert true.body.inertia_about_ball_center()[0, 0] == pytest.approx(expected)
+    assert true.friction.coulomb == pytest.approx([0.5 * one for one in FRICTION.coulomb])
+    assert true.friction.stribeck_speed == FRICTION.stribeck_speed
+    pytest.importorskip("mujoco")
+    (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
+    twin = course.plant(robot)
+    assert isinstance(twin, Twin)
+    assert twin.robot.body == true.body
+    assert twin.scenario.friction.rolling == pytest.approx(0.5 * 0.007)
+
+
+def test_the_robots_of_the_set_unlike_are_all_corners():
+    courses = choose_courses("unlike", alten(), "model")
+    corners = {(one.unlike.mass, one.unlike.height, one.unlike.friction) for one in courses}
+    assert corners == set(product((0.8, 1.2), repeat=3))
+    assert choose_courses("light_low_smooth", alten(), "model")[0].unlike == ModelMismatch(
+        mass=0.8, height=0.8, friction=0.8
+    )
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        ("{}/own.py", "Name the class or function that makes the controller"),
+        ("{}/own.py:Missing", "has no 'Missing' to call"),
+        ("{}/own.py:GAIN", "has no 'GAIN' to call"),
+        ("{}/own.py:lazy", "has no sample_time"),
+        ("{}/own.py:broken", "failed when it was made: AttributeError: 'Robot' object has no attribute"),
+        ("{}/own.py:Timeless", "the sample_time of"),
+        ("{}/nowhere.py:Mine", "there is no Python file"),
+        ("{}/nowhere.toml", "There is no controller"),
+        ("{}/bad.py:Mine", "bad.py cannot be run: NameError: name 'no_such_name' is not defined (line 2)"),
+        ("{}/worse.py:Mine", "worse.py cannot be run: SyntaxError"),
+        ("=none", "lacks its name or its source"),
+        ("none@camera", "There is no estimator 'camera'; the estimators are onboard, kalman"),
+    ],
+)
+def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
+    (folder / "bad.py").write_text("import numpy\nno_such_name\n")
+    (folder / "worse.py").write_text("def (:\n")
+    with pytest.raises(InputError) as told:
+        parse_candidates([word.format(folder)])[0].controller(alten())
+    assert sentence in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("own", "sentence"),
+    [
+        ("Late", "failed at t = 0.505 s: ZeroDivisionError: no gain left (line"),
+        ("Odd", "returned str at t = 0 s, but it must return an array of torques"),
+    ],
+)
+def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
+    robot = alten()
+    controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
+    with pytest.raises(InputError) as told:
+        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], processes=1)
+    assert sentence in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "holds no courses"),
+        ("duration = 3.0", "duration holds no courses; write each under a line [duration.NAME]"),
+        ("[mine.one]\nduration = 3.0", "[mine.one]: reference is missing; a course needs it."),
+        (COURSE.replace("9.0", "-9.0"), "duration is -9.0; it must be above 0."),
+        (COURSE.replace("9.0", "nan"), "duration is nan"),
+        (
+            COURSE.replace("9.0", "1e9"),
+            "duration is 1000000000.0; it must be at most 86400.",
+        ),
+        (COURSE.replace("hold", "holt"), "There is no reference 'holt'; did you mean 'hold'?"),
+        (
+            COURSE.replace('"hold"', '{ name = "hold", side = 1.0 }'),
+            "The reference hold has no option side; it has x, y, psi.",
+        ),
+        (COURSE.replace('"hold"', "{ x = 1.0 }"), "a table without a name"),
+        (
+            COURSE.replace('"hold"', '{ name = "hold", x = "far" }'),
+            "reference.x is 'far'; it must be a number.",
+        ),
+        (COURSE.replace('"hold"', '"nowhere.csv"'), "nowhere.csv"),
+        (
+            COURSE + "lenght = 3.0",
+            "lenght is not a key of a course; the keys there are about, reference, duration",
+        ),
+        (COURSE + "unlike = { mass = 0.0 }", "unlike.mass is 0.0; it must be above 0"),
+        (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
+        (COURSE + '[mine.one.scenario]\npivoting = "much"', "pivoting is 'much'; it must be a number."),
+        (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "There are two courses 'one'"),
+        ("[mine", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_course_file_is_told_in_a_sentence(tmp_path, text, sentence):
+    path = tmp_path / "courses.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as told:
+        choose_courses(str(path), alten(), "twin")
+    assert sentence in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_course_beside_its_reference(tmp_path):
+    (tmp_path / "way.csv").write_text("t,ref_x,ref_y,ref_psi\n0,0,0,0\n1,0.25,0,0\n")
+    (tmp_path / "courses.toml").write_text(COURSE.replace("hold", "way.csv"))
+    (course,) = choose_courses(str(tmp_path / "courses.toml"), alten(), "model")
+    assert course.asked.reference()(2.0)[0] == 0.25
+
+
+def test_the_examples_in_the_documents_are_ones(tmp_path):
+    text = (ROOT / "docs" / "compare.md").read_text(encoding="utf-8")
+    python, *_ = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    (courses,) = re.findall(r"```toml\n(.*?)```", text, flags=re.DOTALL)
+    (tmp_path / "mine.py").write_text(python)
+    (tmp_path / "courses.toml").write_text(courses)
+    robot = alten()
+    mine = parse_candidates([f"{tmp_path}/mine.py:Mine"])[0]
+    assert mine.name == "mine.py:Mine"
+    state = np.array([0.1, 0, 0, 0.02, 0, 0, 0, 0, 0, 0])
+    nominal = parse_candidates(["none"])[0].controller(robot).update(0.0, state, np.zeros(10))
+    np.testing.assert_allclose(mine.controller(robot).update(0.0, state, np.zeros(10)), nominal)
+    (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
+    assert course.scenario.timing.delay == 1
+    for name in (one.name for one in choose_courses("league", robot, "twin")):
+        assert f"`{name}`" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["alten", "none", "none"], "Two controllers are called 'none'"),
+        (["alten", "none", "--seeds", "0-"], "The seeds are '0-'"),
+        (["alten", "none", "--scenarios", "push"], "choose --plant twin"),
+        (
+            ["alten", "none", "--scenarios", "moon"],
+            "There is no set or course 'moon'. The sets are league, motions",
+        ),
+        (["alten", "none", "--scenarios", "moon.toml"], "moon.toml cannot be read"),
+        (["alten", "nowhere.toml"], "There is no controller 'nowhere.toml'"),
+        (["alten", "none", "--processes", "0"], "--processes is 0; it must be at least 1"),
+    ],
+)
+def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, sentence):
+    assert main(["compare", *arguments, "--out", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("ballbot: ")
+    assert sentence in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
+    robot = Robot.load("alten")
+    file, own = tmp_path / "stiff.toml", tmp_path / "mine.py"
+    write_controller(precise_controller(robot), file)
+    own.write_text(OWN_WITH_ESTIMATOR)
+    words = ["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman", str(file)]
+    words += [f"own={own}:Mine", f"other={own}:Mine@onboard"]
+    found = {one.name: estimator_of(one.controller(robot)) for one in parse_candidates(words)}
+    assert found == {
+        "precise": "kalman",
+        "precise@onboard": "onboard",
+        "none": "onboard",
+        "none@kalman": "kalman",
+        "mine": "kalman",
+        "stiff.toml": "kalman",
+        "own": "kalman",
+        "other": "onboard",
+    }
+
+
+def test_an_own_controller_with_an_unknown_estimator_is_refused(tmp_path):
+    own = tmp_path / "mine.py"
+    own.write_text(OWN_WITH_ESTIMATOR.replace("kalman", "kalmann"))
+    with pytest.raises(InputError, match=r"no estimator 'kalmann'.*onboard, kalman"):
+        parse_candidates([f"{own}:Mine"])[0].controller(Robot.load("alten"))
+
+
+OWN_WITH_ESTIMATOR = """\
+class Mine:
+    sample_time = 0.005
+    estimator = "kalman"
+
+    def __init__(self, robot): pass
+    def reset(self): pass
+    def update(self, t, state, reference): return [0.0, 0.0, 0.0]
+"""

@@ -1,0 +1,328 @@
+"""How far a robot can go: the edge of what is survived, and what a reference takes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
+from ballbot.cli.limits import origins
+from ballbot.cli.main import main
+from ballbot.control.presets import design_gain, nominal_controller, precise_controller
+from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.report.limits import directions_figure, planes_figure
+from ballbot.simulation.conditions import Conditions
+from ballbot.twin import Scenario, Twin
+from ballbot.workflows import limits
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.limits import Edges, RobotLimits
+from ballbot.workflows.path_demand import path_demand
+from ballbot.workflows.recovery_region import Loop, Reach, Region, map_region, reach
+from ballbot.workflows.reference_check import check_reference, reference_verdict
+from tests.support.control_examples import FRICTION, alten, leaning
+
+DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+
+
+def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.inf) -> Loop:
+    body = robot or alten()
+    return Loop(
+        robot=body, controller=Controller(body, design_gain(body).gain, torque_limit=torque_limit), grip=grip
+    )
+
+
+def leans(one: Loop, *, most: float = 1.0):
+    return reach(
+        one.survives, lambda sizes: limits.leaning_state(DIRECTIONS, sizes), shape=DIRECTIONS.shape, most=most
+    ).sizes
+
+
+def controllable_lean(torque_limit: float):
+    """The lean at rest beyond which no controller whatever saves the linear robot.
+
+    Along any left eigenvector w of an unstable pole, xi = w x obeys xi_dot = lambda xi + w B u, which bounded torques
+    can bring back where |xi| lambda < sum |w B_i| u_max, and nowhere else.
+    """
+    linear = Model(alten()).linearize()
+    poles, vectors = np.linalg.eig(linear.A.T)
+    unstable = np.flatnonzero(np.real(poles) > 1.0)
+    assert len(unstable) == 2
+    pole, basis = np.real(poles[unstable[0]]), np.real(vectors[:, unstable])
+    w = basis @ np.stack([np.cos(turns := np.linspace(0.0, np.pi, 720)), np.sin(turns)])
+    most = np.abs(w.T @ linear.B).sum(axis=1) * torque_limit / pole
+    xi = np.abs(w.T @ limits.leaning_state(DIRECTIONS, 1.0).T)
+    return (most[:, None] / xi).min(axis=0)
+
+
+def test_the_edge_is_within_what_any_controller_could_do_and_close_to_it():
+    limit = 0.3  # N m: leans of 2 degrees, where the robot is linear
+    found, bound = leans(loop(limit), most=0.1), controllable_lean(limit)
+    # sampling and the saturated gain cost a little; sin(lean) < lean gains 1e-4, the rays end on 1/12288 of 0.1 rad
+    assert (found < 1.001 * bound).all()
+    assert (found > 0.9 * bound).all()
+
+
+def test_more_torque_never_saves_less():
+    edges = np.array([leans(loop(limit)) for limit in (0.5, 1.0, 2.0, 4.0)])
+    assert (np.diff(edges, axis=0) > 0.0).all()
+
+
+def test_a_wheel_lets_go_before_the_robot_is_lost():
+    robot = alten(FRICTION)
+    slippery, rubber, glue = (leans(loop(6.0, robot=robot, grip=grip)) for grip in (0.5, 1.0, np.inf))
+    assert (slippery < rubber).all()
+    assert (rubber < 0.5 * glue).all()
+
+
+def test_runs_that_are_cut_short_end_as_whole_ones_do():
+    one = Loop(robot=alten(FRICTION), controller=nominal_controller(alten(FRICTION), compensation="full"))
+    random = np.random.default_rng(3)
+    states = np.concatenate(
+        [
+            limits.leaning_state(
+                random.uniform(0, 6.3, 300), random.uniform(0, 1, 300), random.uniform(-4, 4, 300)
+            ),
+            limits.pushed_state(one.model, random.uniform(0, 6.3, 100), random.uniform(0, 60, 100), 0.4),
+        ]
+    )
+    for grip in (1.0, np.inf):
+        chosen = replace(one, grip=grip)
+        kept = chosen.survives(states)
+        assert 0.02 < kept.mean() < 0.98
+        np.testing.assert_array_equal(kept, chosen.survives(states, cut_short=False))
+
+
+def test_a_controller_that_remembers_is_run_to_the_end():
+    robot = alten(FRICTION)
+    one = Loop(robot=robot, controller=precise_controller(robot, compensation="full"))
+    states = limits.leaning_state(np.linspace(0.0, 6.0, 32), np.linspace(0.0, 0.5, 32))
+    kept = one.survives(states)
+    assert kept[0]
+    assert not kept[-1]
+    np.testing.assert_array_equal(kept, one.survives(states, cut_short=False))
+
+
+def test_a_refined_map_is_the_whole_map():
+    def crescent(points):
+        return (np.hypot(points[:, 0], points[:, 1]) < 1.0) & (
+            np.hypot(points[:, 0] - 0.7, points[:, 1]) > 0.5
+        )
+
+    def start_of(a, b):
+        return np.stack([a, b, *np.zeros((8, len(a)))], axis=1)
+
+    region = map_region(crescent, start_of, most=(1.5, 2.0), refinements=3)
+    a, b = np.meshgrid(region.across, region.along, indexing="ij")
+    whole = crescent(start_of(a.ravel(), b.ravel())).reshape(a.shape)
+    np.testing.assert_array_equal(region.kept, whole)
+    assert region.runs < 0.2 * whole.size
+    # the disc less the lens that it has in common with the other, radii 1 and 1/2 and 0.7 apart
+    halves = np.arccos((0.49 + 0.25 - 1.0) / 0.7), np.arccos((0.49 + 1.0 - 0.25) / 1.4)
+    kite = 0.5 * np.sqrt((1.5**2 - 0.49) * (0.49 - 0.5**2))
+    assert region.area == pytest.approx(np.pi - (0.25 * halves[0] + halves[1] - kite), rel=0.01)
+
+
+def test_a_ray_stops_at_the_first_loss():
+    def banded(points):
+        return (points[:, 0] < 0.3) | (points[:, 0] > 0.5)
+
+    def start_of(sizes):
+        return np.concatenate([sizes[..., None], np.zeros((*sizes.shape, 9))], axis=-1)
+
+    found = reach(banded, start_of, shape=(1,), most=1.0)
+    assert found.sizes[0] == pytest.approx(0.3, abs=1.0 / 12288)
+    assert found.limited.all()
+    free = reach(lambda points: np.ones(len(points), bool), start_of, shape=(1,), most=1.0)
+    assert free.sizes[0] == 1.0
+    assert not free.limited.any()
+
+
+def test_late_torques_are_those_of_a_controller_that_is_late():
+    robot = alten(FRICTION)
+    controller = nominal_controller(robot, compensation="partial")
+
+    class Late:
+        sample_time = controller.sample_time
+
+        def reset(self):
+            self.queue = [np.zeros(3)] * 3
+
+        def update(self, t, state, reference):
+            self.queue.append(controller.update(t, state, reference))
+            return self.queue.pop(0)
+
+    start = leaning(0.03, -0.02)
+    batch = simulate_batch(
+        Model(robot), controller, hold(), duration=2.0, initial_states=start, conditions=[Conditions(delay=3)]
+    )
+    log = simulate(Model(robot), Late(), hold(), duration=2.0, initial_state=start)
+    np.testing.assert_allclose(
+        batch.states[0, :-1], log.states[1:], atol=1e-7
+    )  # rounding, as without a delay
+
+
+def test_a_slope_moves_the_robot_as_it_moves_the_twin():
+    robot = alten()
+    slope = (0.02, -0.012)
+    controller = nominal_controller(robot)
+    batch = simulate_batch(
+        Model(robot), controller, hold(), duration=12.0, conditions=[Conditions(slope=slope)], every=0
+    )
+    # turned by -atan(s_y) about x and by atan(s_x) about y, z = s_x x + s_y y
+    tilted = replace(
+        Scenario.ideal(robot),
+        wheel_contact="point",
+        floor_tilt=(np.arctan(slope[1]), -np.arctan(slope[0])),
+    )
+    log = simulate(Twin(robot, tilted), controller, hold(), duration=12.0)
+    assert log.ended is None
+    rest = log.truth().states[-200:].mean(axis=0)
+    assert abs(rest[0]) > 0.05
+    # soft contacts of the twin creep a little
+    np.testing.assert_allclose(batch.finals[0, :4], rest[:4], rtol=0.05, atol=1e-3)
+
+
+def test_conditions_that_are_none_are_told():
+    with pytest.raises(InputError, match="delay is -1 samples"):
+        Conditions(delay=-1)
+    with pytest.raises(InputError, match=r"slope of the floor is 0\.3"):
+        Conditions(slope=(0.3, 0.0))
+    with pytest.raises(InputError, match="largest wheel speed is 0"):
+        Conditions(top_speed=0.0)
+    model = Model(alten())
+    with pytest.raises(InputError, match="2 conditions"):
+        simulate_batch(
+            model,
+            nominal_controller(model.robot),
+            hold(),
+            duration=1.0,
+            initial_states=np.zeros((3, 10)),
+            conditions=[Conditions(), Conditions(delay=1)],
+        )
+
+
+def phasors(radius: float, period: float):
+    """Lean and wheel torques [amplitudes] on a circle, by hand: M q_ddot = K q + W^T u at one frequency."""
+    model, omega = Model(alten()), 2.0 * np.pi / period
+    M, W = model.mass_matrix(np.zeros(5)), model.wheel_jacobian(np.zeros(5))
+    tipping = 17.076 * 9.81 * 0.393
+    stiff = -(omega**2) * M - np.diag([0.0, 0.0, tipping, tipping, 0.0])
+    place = radius * np.array([1.0, -1.0j])
+    unknown = np.hstack([stiff[:, 2:4], -W.T.astype(complex)])
+    solved = np.linalg.solve(unknown, -stiff[:, :2] @ place)
+    return np.abs(solved[:2]), np.abs(solved[2:])
+
+
+def test_a_circle_takes_what_it_takes_by_hand():
+    radius, period = 0.1, 3.0  # a lean of 2 degrees: linear to 1e-3
+    reference = circle(radius=radius, period=period)
+    t = np.arange(0.0, 12.0, 0.005)
+    demand = path_demand(Model(alten()), np.array([reference(one)[[0, 1, 4]] for one in t]), 0.005)
+    middle = (demand.t > 4.0) & (demand.t < 7.0)  # a whole turn, far from start and end
+    lean, torque = phasors(radius, period)
+    # corners are rounded by a Gaussian of 50 ms, which takes exp(-(omega 50 ms)^2 / 2) = 0.5 % of the amplitude
+    np.testing.assert_allclose(np.abs(demand.states[middle, 2:4]).max(axis=0), lean, rtol=0.01)
+    np.testing.assert_allclose(np.abs(demand.torques[middle]).max(axis=0), torque, rtol=0.01)
+    speed = 2.0 * np.pi / period * radius
+    np.testing.assert_allclose(np.hypot(*demand.states[middle, 5:7].T), speed, rtol=0.01)
+
+
+def test_margins_say_what_cannot_be_followed_and_why():
+    robot = alten(FRICTION)
+    controller = nominal_controller(robot)
+    slow = check_reference(robot, controller, circle(), duration=30.0)
+    assert slow.can_be_followed
+    assert reference_verdict(slow, "circle")[0].startswith("The robot can follow circle")
+    fast = check_reference(robot, controller, circle(period=2.0), duration=6.0)
+    words = " ".join(reference_verdict(fast, "fast"))
+    assert not fast.can_be_followed
+    torque = fast.uses[0]
+    assert torque.value > torque.limit == 6.0
+    assert f"wheel {torque.wheel} needs {torque.value:.3g} N m" in words
+    jumps = check_reference(robot, controller, square(), duration=20.0)
+    assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
+    assert jumps.can_be_followed
+    far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
+    assert "falls at t = " in " ".join(reference_verdict(far, "far"))
+
+
+def test_check_says_whether_a_reference_can_be_followed(tmp_path, capsys):
+    assert main(["check", "alten", "--reference", "circle", "--out", str(tmp_path)]) == 0
+    assert "The robot can follow circle" in capsys.readouterr().out
+    results = json.loads((tmp_path / "results.json").read_text())["reference"]
+    assert results["can_be_followed"] is True
+    assert {use["quantity"] for use in results["followed_exactly"]} == {
+        "torque",
+        "wheel speed",
+        "lean",
+        "grip",
+    }
+    assert main(["check", "alten", "--controller", "mine.toml"]) == 2
+    assert "--reference" in capsys.readouterr().err
+
+
+def test_limits_are_found_and_drawn(tmp_path, capsys):
+    assert main(["limits", "alten", "none", "--refinements", "0", "--out", str(tmp_path)]) == 0
+    assert "no wheel slips" in capsys.readouterr().out
+    results = json.loads((tmp_path / "results.json").read_text())["controllers"]["none"]
+    assert len(results["lean"]["sure"]) == len(results["directions"]) == 36
+    assert all(
+        one < other for one, other in zip(results["lean"]["sure"], results["lean"]["most"], strict=True)
+    )
+    for name in ("planes", "directions", "heights"):
+        assert (tmp_path / f"{name}.svg").read_text().lstrip().startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--grip", "0"], "--grip is 0"),
+        (["--refinements", "7"], "--refinements is 7"),
+        (["--twin", "--seed", "-1"], "The seed is -1"),
+        (["--twin", "--scenario", "storm"], "no scenario or scenario file 'storm'"),
+        ([f"{letter}=none" for letter in "abcdefg"], "There are 7 controllers"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_any_work(tmp_path, capsys, monkeypatch, words, sentence):
+    monkeypatch.setattr("ballbot.cli.limits.find_limits", lambda *_, **__: pytest.fail("work was begun"))
+    assert main(["limits", "alten", *words, "--out", str(tmp_path / "out")]) == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_controller_is_drawn_and_a_coarse_plane_by_all_its_points():
+    edge = Reach(sizes=np.ones(3), limited=np.ones(3, np.bool_), runs=0)
+    # survived at one point in the middle and its neighbours: every fourth point of 33 would leave one
+    kept = np.zeros((33, 33), np.bool_)
+    kept[15:18, 15:18] = True
+    plane = Region(across=np.linspace(-1.0, 1.0, 33), along=np.linspace(-1.0, 1.0, 33), kept=kept, runs=0)
+    blows = replace(edge, sizes=np.ones((9, 3)))
+    one = RobotLimits(
+        directions=np.arange(3.0),
+        heights=np.arange(9.0),
+        lean=Edges(sure=edge, most=edge),
+        blow=Edges(sure=blows, most=blows),
+        plane_direction=0.0,
+        sure_plane=plane,
+        most_plane=plane,
+    )
+    found = dict.fromkeys("abcdef", one)
+    (named,) = directions_figure(found, {}).legends
+    assert [text.get_text() for text in named.get_texts()][:6] == list("abcdef")
+    panels = planes_figure(found).axes
+    assert [panel.get_title(loc="left") or panel.get_title() for panel in panels] == [
+        f"{letter}, towards 0°" for letter in "abcdef"
+    ]
+    edges = np.vstack([path.vertices for path in panels[0].collections[-1].get_paths()])
+    # half a point beyond the three by three: 1.5 points of 1/16 rad to each side
+    assert np.abs(edges).max() == pytest.approx(np.degrees(1.5 / 16.0), rel=1e-6)
+
+
+def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("windy.toml").touch()
+    entrants = parse_candidates(["none", "soft=mine.toml@kalman"])
+    assert origins("alten", entrants, "nominal") == [Path("mine.toml")]
+    assert origins("robot.toml", entrants[:1], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]

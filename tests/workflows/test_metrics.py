@@ -1,0 +1,180 @@
+"""The metrics of closed-loop runs against closed forms, on logs made by hand."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import InputError
+from ballbot.workflows.metrics import (
+    BAND,
+    HIGH_FREQUENCY,
+    energies,
+    heading_error,
+    high_frequency_torque,
+    position_error,
+    rms,
+    rms_torque,
+    rms_torque_change,
+    score,
+    settled,
+    settling_time,
+)
+from tests.support.league_examples import made_log
+
+SAMPLE = 0.005
+
+
+def test_errors_count_once_settled():
+    log = made_log(rate=10.0, ref_x=lambda t: np.where(t < 10.0, 0.0, 1.0))
+    np.testing.assert_array_equal(np.flatnonzero(settled(log, 6.0)), [*range(60, 100), *range(160, 200)])
+
+
+def test_a_slow_reference_is_not_waited_for():
+    log = made_log(rate=10.0, ref_x=lambda t: 0.1 * t, ref_psi=lambda t: 0.15 * t)
+    np.testing.assert_array_equal(np.flatnonzero(settled(log, 6.0)), range(60, 200))
+
+
+@settings(deadline=None, max_examples=30)
+@given(size=st.floats(1e-3, 1.0), rate=st.floats(0.1, 3.0))
+def test_errors_of_a_robot_that_circles_its_place(size, rate):
+    log = made_log(
+        duration=8.0,
+        x=lambda t: 1.0 + size * np.cos(rate * t),
+        y=lambda t: size * np.sin(rate * t),
+        ref_x=1.0,
+    )
+    found = score(log, settle=1.0)
+    assert found.peak_position_error == pytest.approx(size)
+    assert found.rms_position_error == pytest.approx(size)
+
+
+def test_errors_of_a_robot_that_swings():
+    log = made_log(duration=12.0, x=lambda t: 0.3 * np.sin(np.pi * t), psi=lambda t: 0.2 * np.cos(np.pi * t))
+    found = score(log, settle=2.0)  # five whole swings count
+    assert found.peak_position_error == pytest.approx(0.3)
+    assert found.rms_position_error == pytest.approx(0.3 / np.sqrt(2.0))
+    assert found.peak_heading_error == pytest.approx(0.2)
+    assert found.rms_heading_error == pytest.approx(0.2 / np.sqrt(2.0))
+
+
+@settings(deadline=None, max_examples=30)
+@given(away=st.floats(-3.1, 3.1), turns=st.integers(-3, 3))
+def test_whole_turns_are_no_heading_error(away, turns):
+    log = made_log(duration=0.1, psi=1.0 + away + 2.0 * np.pi * turns, ref_psi=1.0)
+    np.testing.assert_allclose(heading_error(log), abs(away), atol=1e-12)
+
+
+def test_truth_counts_where_there_is_one():
+    states = ("x", "y", "theta", "phi", "psi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
+    truth = {f"true_{name}": 0.0 for name in states} | {"true_x": 0.1, "true_psi": -0.2}
+    log = made_log(**truth)
+    np.testing.assert_allclose(position_error(log), 0.1)
+    np.testing.assert_allclose(heading_error(log), 0.2)
+
+
+@settings(deadline=None, max_examples=30)
+@given(size=st.floats(0.06, 2.0), time_constant=st.floats(0.2, 1.5), jump=st.floats(2.0, 6.0))
+def test_settling_of_an_exponential(size, time_constant, jump):
+    """e(t) = size exp(-(t - jump) / T) is within the band from T ln(size / band) on."""
+
+    def distance(t):
+        return np.where(t < jump, 0.0, size * np.exp(-(t - jump) / time_constant))
+
+    log = made_log(
+        x=lambda t: np.where(t < jump, 0.0, 1.0) + distance(t), ref_x=lambda t: np.where(t < jump, 0.0, 1.0)
+    )
+    longest, always = settling_time(log)
+    assert always
+    # the jump and the arrival are each seen at a sample
+    assert longest == pytest.approx(time_constant * np.log(size / BAND), abs=2.0 * SAMPLE)
+
+
+def test_the_longest_settling_of_a_run_counts():
+    def x(t):
+        return np.where((t >= 5.0) & (t < 6.0), 0.2, 0.0) + np.where((t >= 12.0) & (t < 15.0), 0.2, 0.0)
+
+    assert settling_time(made_log(x=x)) == (pytest.approx(15.0, abs=2 * SAMPLE), True)
+    found = settling_time(made_log(x=x), disturbed=[5.0, 12.0])
+    assert found == (pytest.approx(3.0, abs=2 * SAMPLE), True)
+    assert settling_time(made_log(x=x), disturbed=[5.0, 12.0], band=0.3) == (0.0, True)
+    # times outside of the run disturb nothing
+    assert settling_time(made_log(x=x), disturbed=[5.0, 12.0, 40.0]) == found
+
+
+def test_a_robot_that_never_arrives_is_told():
+    longest, always = settling_time(made_log(x=lambda t: np.where(t < 8.0, 0.0, 0.1)), disturbed=[6.0])
+    assert longest == pytest.approx(14.0, abs=2 * SAMPLE)
+    assert not always
+
+
+def test_torque_and_its_change():
+    log = made_log(u1=lambda t: np.where(np.arange(len(t)) % 2, 3.0, -3.0), u2=lambda t: 0.0 * t)
+    assert rms_torque(log) == pytest.approx(np.sqrt(9.0 / 3.0))
+    assert rms_torque_change(log) == pytest.approx(np.sqrt(36.0 / 3.0))
+
+
+@settings(deadline=None, max_examples=30)
+@given(frequency=st.floats(0.2, 90.0), size=st.floats(0.01, 5.0), offset=st.floats(-5.0, 5.0))
+def test_high_frequency_torque_of_a_sine(frequency, size, offset):
+    """A digital Butterworth filter of order 2, both ways, keeps 1 / (1 + (w_c / w)^4), w = tan(pi f / f_s)."""
+
+    def torque(t):
+        return offset + size * np.sin(2.0 * np.pi * frequency * t)
+
+    found = high_frequency_torque(made_log(u1=torque, u2=torque, u3=torque))
+    ratio = np.tan(np.pi * HIGH_FREQUENCY * SAMPLE) / np.tan(np.pi * frequency * SAMPLE)
+    expected = size / np.sqrt(2.0) / (1.0 + ratio**4)
+    # the 20 s are no whole number of periods, and at the ends the filter settles within a few hundredths of a second
+    assert found == pytest.approx(expected, rel=0.03, abs=2e-3 * (size + abs(offset)))
+
+
+def test_what_cannot_hold_high_frequencies_is_told():
+    with pytest.raises(InputError, match="sampled at 20 Hz"):
+        high_frequency_torque(made_log(rate=20.0))
+    assert np.isnan(score(made_log(rate=20.0)).high_frequency_torque)
+    assert high_frequency_torque(made_log(duration=0.01, u1=1.0)) == pytest.approx(0.0, abs=1e-9)
+
+
+@settings(deadline=None, max_examples=30)
+@given(torque=st.floats(-3.0, 3.0), speed=st.floats(-20.0, 20.0))
+def test_energy_of_a_steady_wheel(torque, speed):
+    exchanged, given_ = energies(made_log(u2=torque, wheel2=lambda t: speed * t))
+    seconds = 20.0 - SAMPLE  # the last row's torque does no work in the log
+    assert exchanged == pytest.approx(abs(torque * speed) * seconds, abs=1e-9)
+    assert given_ == pytest.approx(max(torque * speed, 0.0) * seconds, abs=1e-9)
+
+
+def test_energy_that_swings_to_and_fro():
+    """u = a cos, speed = b sin of the same angle: the power a b sin(2 w t) / 2 is given as much as taken."""
+    rate, a, b = 2.0 * np.pi, 2.0, 3.0
+    log = made_log(u1=lambda t: a * np.cos(rate * t), wheel1=lambda t: -b / rate * np.cos(rate * t))
+    exchanged, given_ = energies(log)
+    net = 0.5 * a * b * np.sin(0.5 * rate * SAMPLE) * 20.0  # held torques lag by half a sample
+    # of the 4000 rows, 40 at a time make a quarter of a turn: the rectangle rule is right to 1 / 40^2
+    assert exchanged == pytest.approx(a * b / np.pi * 20.0, rel=1e-3)
+    assert given_ == pytest.approx(0.5 * (exchanged + net), rel=1e-3)
+
+
+def test_a_fall_is_a_fall():
+    log = made_log(duration=2.0, ended="fallen: lean past 0.6 rad at t = 2.000 s", u1=1.0)
+    found = score(log)
+    assert np.isnan([found.peak_position_error, found.rms_position_error, found.peak_heading_error]).all()
+    assert found.ended == log.ended
+    assert not found.arrived
+    assert found.rms_torque == pytest.approx(np.sqrt(1.0 / 3.0))
+
+
+def test_a_run_too_short_to_settle_is_told():
+    with pytest.raises(InputError, match="30 s after the start"):
+        score(made_log(), settle=30.0)
+
+
+def test_a_fall_at_the_first_sample_has_a_score():
+    found = score(made_log(duration=SAMPLE, ended="fallen"))
+    assert np.isnan(found.high_frequency_torque)
+    assert found.energy == 0.0
+
+
+def test_rms():
+    assert rms(np.array([[3.0, -4.0], [0.0, 0.0]])) == pytest.approx(2.5)
