@@ -1,7 +1,7 @@
 """No array corrupts memory: every public function that hands arrays to compiled code is walked under a bounds check.
 
-The walk itself is tests/support/memory_walk.py. It runs in a process of its own with NUMBA_BOUNDSCHECK=1 and an empty cache,
-because code that was compiled without the check stays so.
+The walk itself is tests/support/memory_walk.py. It runs in a process of its own with NUMBA_BOUNDSCHECK=1 and an empty
+cache, because code that was compiled without the check stays so.
 """
 
 import importlib

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot import Log
 from ballbot.cli.main import main
 from ballbot.control import references
 from ballbot.control.references import read_reference, reference_from, reference_text, square, write_reference

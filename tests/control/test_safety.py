@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot import InputError, Model, Robot, simulate
+from ballbot import Robot
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold

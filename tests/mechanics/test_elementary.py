@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ballbot.mechanics.engine import elementary
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.elementary import (
     binary_logarithm,
@@ -16,7 +17,6 @@ from ballbot.mechanics.engine.elementary import (
     sine_cosine,
     sine_cosine_of_lean,
 )
-from ballbot.mechanics.engine.run import elementary
 
 
 @compiled
