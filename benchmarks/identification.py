@@ -145,16 +145,10 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
         windows=windows,
         coordinates=coordinates,
         cost=Cost(reference=reference),
-        spread=Threads(count=1),
+        executor=Threads(count=1),
     )
     start = coordinates.scaled(START * coordinates.before)
-    return shortest(
-        lambda: gauss_newton(problem, start, free=coordinates.free, most_steps=25, report=_tell_nobody)
-    )
-
-
-def _tell_nobody(step: int, cost: float) -> None:
-    """Take a polish's reports."""
+    return shortest(lambda: gauss_newton(problem, start, free=coordinates.free, most_steps=25))
 
 
 def square_sum_by_scipy(robot: Robot, window: Windows) -> NDArray[np.float64]:

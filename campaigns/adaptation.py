@@ -19,7 +19,7 @@ from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin

@@ -6,12 +6,13 @@ on the same twin, 32 s of a 0.5 m square, with the same gain, on-board sensors a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import figure_eight, square
 from ballbot.identification import Identification, identify
+from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Twin
@@ -39,7 +40,7 @@ def identified(robot: Robot, *, recorded: float = RECORDED) -> Identification:
 
 
 def compare_compensations(
-    robot: Robot, *, seeds: Sequence[int], progress: Callable[[float], None] | None = None
+    robot: Robot, *, seeds: Sequence[int], progress: ProgressCallback = ignore_progress
 ) -> Comparison:
     """Return the twin's position errors with no, full and partial compensation of the friction in `robot`."""
     gain = design_gain(robot).gain

@@ -23,8 +23,8 @@ from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.estimation.interface import EstimatorName, named_estimator
-from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
+from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import LoadDependence
 from ballbot.workflows.comparison import initial_state_of

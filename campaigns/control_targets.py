@@ -18,7 +18,7 @@ from ballbot import Robot, simulate
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.comparison import initial_state_of

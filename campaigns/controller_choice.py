@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
+from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin

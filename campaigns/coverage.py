@@ -27,14 +27,15 @@ from ballbot.control.references import square
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.onboard import OnboardState
 from ballbot.files import read_sealed, write_sealed
-from ballbot.fitting.run import ProgressReporter, Threads, worker_pool
+from ballbot.fitting.run import Run, Threads
 from ballbot.identification.gauss_newton import at_bound
 from ballbot.identification.identifiability import Interval, assess
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.stages import Effort, prepare, refine, stages_of, states_counted
+from ballbot.identification.stages import IdentificationOptions, prepare, refine
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.processes import worker_pool
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -127,24 +128,18 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     """Simulate a log and identify it, in one thread."""
     robot = Robot.load("alten")
     coordinates = scale_between(robot)
-    effort = Effort()
+    options, run = IdentificationOptions(held_out=0.02), Run(seed=seed, executor=Threads(count=1))
     prepared = prepare(
         Predictor(robot=robot, formulation="exact", step=STEP, layout=coordinates.layout, threads=1),
         coordinates,
         [noisy_log(truth, seed=seed)],
         window=0.25,
-        held_out=0.02,
-        seed=seed,
-        effort=effort,
-        counted=states_counted(()),
-        spread=Threads(count=1),
+        options=options,
+        run=run,
     )
-    told = ProgressReporter(None, stages_of(prepared, effort))
-    estimate = refine(prepared, coordinates.scaled(BEGIN), effort=effort, told=told)
+    estimate = refine(prepared, coordinates.scaled(BEGIN), options=options, run=run)
     stands = at_bound(estimate.finished.point) & ~estimate.unknown
-    sure = assess(
-        prepared.problem, estimate.finished, estimated=estimate.estimated, at_bound=stands, seed=seed
-    )
+    sure = assess(prepared.problem, estimate.finished, estimated=estimate.estimated, at_bound=stands, run=run)
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)
     return Repeat(
         estimates={label: None if unknown else value for label, value, unknown in numbers},
@@ -154,7 +149,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
 
 def repeats(name: str, *, count: int, kept: Path | None = None, processes: int = 1) -> Iterator[Repeat]:
     """Yield repeats of the truth of that name, those first that are in the file kept; the others go into it."""
-    code = sources_of("identification", "mechanics", "simulation", "control", "robot", "log")
+    code = sources_of("fitting", "identification", "mechanics", "simulation", "control", "robot", "log")
     known = json.loads(read_sealed(kept, of=code)) if kept is not None and kept.exists() else {}
     keys = [f"{name} {seed}" for seed in range(count)]
     yield from (_from_plain(known[key]) for key in keys if key in known)

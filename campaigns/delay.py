@@ -19,7 +19,7 @@ from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
 from ballbot.estimation.interface import named_estimator
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin

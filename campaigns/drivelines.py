@@ -15,11 +15,8 @@ def campaign() -> Section:
     """Fit every wheel and return the section of docs/generated/evidence.md."""
     log = Log.read(data_folder() / "bbr" / "driveline_sweep.csv")
     sweeps, bounds = sweeps_of(Robot.load("alten"), log), DrivelineBounds()
-    fits = [fit_driveline(sweep, bounds=bounds, seed=0, progress=_silent) for sweep in sweeps]
-    printed = [
-        fit_as_printed(sweep, fit, bounds=bounds, seed=0, progress=_silent)
-        for sweep, fit in zip(sweeps, fits, strict=True)
-    ]
+    fits = [fit_driveline(sweep, bounds=bounds) for sweep in sweeps]
+    printed = [fit_as_printed(sweep, fit, bounds=bounds) for sweep, fit in zip(sweeps, fits, strict=True)]
     rows = [
         [
             f"{name} [{unit}]" if unit else name,
@@ -41,7 +38,3 @@ def campaign() -> Section:
         rows=rows,
         after=" ".join(driveline_findings(fits, printed)),
     )
-
-
-def _silent(share: float, note: str) -> None:
-    """Tell nobody."""

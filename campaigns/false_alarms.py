@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.findings import Finding
-from ballbot.fitting.run import worker_pool
 from ballbot.log import Log
 from ballbot.log.checks import check_logs
+from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from campaigns.correct_logs import PRESETS, Draw, drawn, record
 from campaigns.section import Section

@@ -23,9 +23,9 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight, square
 from ballbot.estimation.interface import named_estimator
 from ballbot.files import read_sealed, write_sealed
-from ballbot.fitting.run import worker_pool
 from ballbot.identification import Identification, identify
 from ballbot.log import Log
+from ballbot.processes import worker_pool
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.plant import Measurement, Plant

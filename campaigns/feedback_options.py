@@ -27,8 +27,8 @@ from ballbot.control.presets import (
 )
 from ballbot.control.references import change_pose, hold
 from ballbot.estimation.interface import named_estimator
-from ballbot.fitting.run import worker_pool
 from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.processes import worker_pool
 from ballbot.simulation.conditions import FALLING_PART
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement

@@ -20,7 +20,7 @@ def driveline_friction() -> Friction:
     """Return the friction of the three drivelines, wheels free; v_s and delta are the three's means."""
     robot = Robot.load("alten")
     fits = [
-        fit_driveline(sweep, bounds=DrivelineBounds(), seed=0, progress=_quiet)
+        fit_driveline(sweep, bounds=DrivelineBounds())
         for sweep in sweeps_of(robot, log_of("driveline_sweep"))
     ]
     b, c, s, v_s, delta = np.array([fit.values for fit in fits]).T
@@ -34,13 +34,9 @@ def driveline_friction() -> Friction:
     )
 
 
-def _quiet(_share: float, _doing: str) -> None:
-    """Show no progress."""
-
-
 def campaign() -> Section:
     """Identify by all three stages and return the section of docs/generated/evidence.md."""
-    upside_down = identify_upside_down(Robot.load("alten"), log_of("upside_down"), seed=0).robot.friction
+    upside_down = identify_upside_down(Robot.load("alten"), log_of("upside_down")).robot.friction
     stages = {
         "driveline, wheel free": driveline_friction(),
         "upside down, ball on the wheels": replace(upside_down, rolling=0.0),

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ballbot import Robot
+from ballbot.fitting.run import Run
+from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.report.comparison import OVERALL_HEADINGS, overall_rows
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import LEAGUE, Course, choose_courses
@@ -26,7 +28,7 @@ def play_league(
     *,
     seeds: Sequence[int] = SEEDS,
     processes: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> League:
     """Put those who enter through the courses; `robot` has the friction that is compensated."""
     entrants = parse_candidates(ENTRANTS)
@@ -36,7 +38,7 @@ def play_league(
         courses,
         seeds=seeds,
         processes=processes,
-        progress=progress,
+        run=Run(progress=progress),
     )
 
 

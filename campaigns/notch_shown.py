@@ -15,7 +15,7 @@ from ballbot.control.parts import Parts
 from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.metrics import score
 from campaigns.observations import residual_spectrum

@@ -6,6 +6,7 @@ from difflib import unified_diff
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ballbot.progress import ignore_progress
 from ballbot.thesis.reproduce.campaign import reproduce
 from ballbot.thesis.reproduce.item import VERDICTS
 from ballbot.thesis.reproduce.page import reproduction_markdown
@@ -19,7 +20,7 @@ _SHOWN = 5
 def campaign() -> Section:
     """Remake the thesis in an empty folder and return the section of docs/generated/evidence.md."""
     with TemporaryDirectory() as folder:
-        made = reproduce(Path(folder), seed=0, progress=_untold)
+        made = reproduce(Path(folder), seed=0, progress=ignore_progress)
     fresh, written = reproduction_markdown(made).splitlines(), PAGE.read_text(encoding="utf-8").splitlines()
     differing = [line for line in unified_diff(written, fresh, n=0, lineterm="") if line[0] == "+"][1:]
     shown = "; ".join(line[1:120] for line in differing[:_SHOWN])
@@ -35,7 +36,3 @@ def campaign() -> Section:
         ],
         after=f"Otherwise: {shown}." if shown else "No line differs.",
     )
-
-
-def _untold(share: float, doing: str) -> None:
-    """Tell nobody."""

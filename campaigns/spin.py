@@ -14,7 +14,7 @@ from time import process_time
 import cv2
 import numpy as np
 
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.vision.rendering import (
     LOSSLESS,
     MOTION_JPEG,

@@ -13,7 +13,7 @@ import numpy as np
 from ballbot import Robot, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.twin import Twin
 from campaigns.section import Section
 

@@ -17,7 +17,7 @@ from ballbot import Log, simulate
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
-from ballbot.fitting.run import worker_pool
+from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.metrics import score
 from campaigns.observations import (

@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 
 from ballbot.errors import InputError
 from ballbot.files import check_folder, sha256_of, write_text
-from ballbot.fitting.run import uninterrupted
+from ballbot.processes import uninterrupted
 
 LOCK = ".ballbot.lock"
 

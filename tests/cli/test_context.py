@@ -12,38 +12,38 @@ from rich.console import Console
 
 from ballbot import InputError
 from ballbot.cli import output
-from ballbot.cli.context import CHECKPOINT, LongRun, long_run
+from ballbot.cli.context import CHECKPOINT, long_run
 from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
-from ballbot.fitting.run import ExecutorError
+from ballbot.fitting.run import ExecutorError, Run
 
 ANSWER = np.ones(2)
 
 
-def begin(folder: Path, *, resume: bool, after: Callable[[LongRun], object]) -> None:
+def begin(folder: Path, *, resume: bool, after: Callable[[Run], object]) -> None:
     """Run something that answers one question, and then does what is given."""
     belongs_to = {"seed": "0"}
-    with long_run(folder, words=["ballbot"], belongs_to=belongs_to, resume=resume, cluster=None) as run:
-        run.recall("search", np.zeros(1), lambda: [ANSWER])
+    with long_run(folder, words=["ballbot"], belongs_to=belongs_to, resume=resume) as run:
+        run.memoize("search", np.zeros(1), lambda: [ANSWER])
         after(run)
 
 
-def refuse(_: LongRun) -> None:
+def refuse(_: Run) -> None:
     raise InputError("The log is too short.")
 
 
-def lose_workers(_: LongRun) -> None:
+def lose_workers(_: Run) -> None:
     raise ExecutorError("The cluster was lost.")
 
 
-def ask_something_else(run: LongRun) -> None:
-    run.recall("polish", np.ones(1), lambda: [ANSWER])
+def ask_something_else(run: Run) -> None:
+    run.memoize("polish", np.ones(1), lambda: [ANSWER])
 
 
 @pytest.fixture
 def interrupted(tmp_path) -> Path:
-    def interrupt(run: LongRun) -> None:
-        run.recall("search", np.ones(1), lambda: [ANSWER])
+    def interrupt(run: Run) -> None:
+        run.memoize("search", np.ones(1), lambda: [ANSWER])
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt, match="ballbot --resume"):

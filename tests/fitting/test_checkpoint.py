@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint, open_checkpoint
+from ballbot.fitting.checkpoint import open_checkpoint
+from ballbot.fitting.run import Memory, Run
 from ballbot.fitting.search import SearchResult, evolve
+from ballbot.progress import Progress
 
 INPUTS = {"robot": "alten", "seed": "7"}
 
@@ -23,9 +25,9 @@ class StoppedError(Exception):
     """What ends a run on the way."""
 
 
-def tell_nobody(step: int, cost: float) -> None:
-    assert step > 0
-    assert cost > 0.0
+def check_progress(progress: Progress) -> None:
+    assert progress.done > 0
+    assert progress.cost > 0.0
 
 
 def valley(points: np.ndarray) -> np.ndarray:
@@ -34,7 +36,7 @@ def valley(points: np.ndarray) -> np.ndarray:
     return (1.0 - x) ** 2 + 10.0 * (y - x**2) ** 2 + np.exp(np.sin(z))
 
 
-def search(recall: Memoize, *, answers: float = np.inf) -> SearchResult:
+def search(checkpoint: Memory | None, *, answers: float = np.inf) -> SearchResult:
     """Run a search that ends by itself, or with `StoppedError` once it has computed so many answers."""
     computed = 0
 
@@ -45,18 +47,19 @@ def search(recall: Memoize, *, answers: float = np.inf) -> SearchResult:
             raise StoppedError
         return valley(points)
 
-    return evolve(cost_of, size=3, generations=15, population=6, seed=7, report=tell_nobody, recall=recall)
+    run = Run(seed=7, checkpoint=checkpoint, progress=check_progress)
+    return evolve(cost_of, size=3, generations=15, population=6, run=run)
 
 
-def begin(path: Path, *, resume: bool = False, inputs: dict[str, str] = INPUTS) -> Memoize:
-    return open_checkpoint(path, belongs_to=inputs, resume=resume).recall
+def begin(path: Path, *, resume: bool = False, inputs: dict[str, str] = INPUTS) -> Memory:
+    return open_checkpoint(path, belongs_to=inputs, resume=resume)
 
 
 @given(stops=st.lists(st.integers(0, 6), max_size=4))
 @settings(deadline=None, max_examples=30)
 def test_a_search_stopped_anywhere_and_resumed_ends_in_the_same_bits(tmp_path_factory, stops):
     path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
-    never_stopped = search(no_checkpoint)
+    never_stopped = search(None)
     for stop in stops:
         with suppress(StoppedError):
             search(begin(path, resume=True), answers=stop)
@@ -82,8 +85,8 @@ def test_what_is_on_file_is_not_computed_again(tmp_path):
 @settings(deadline=None, max_examples=50)
 def test_every_float_comes_back_from_the_file(tmp_path_factory, question, answer):
     path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
-    begin(path)("stage", question, lambda: [answer])
-    (back,) = begin(path, resume=True)("stage", question, never)
+    begin(path).memoize("stage", question, lambda: [answer])
+    (back,) = begin(path, resume=True).memoize("stage", question, never)
     assert back.shape == answer.shape
     np.testing.assert_array_equal(back, answer)
     np.testing.assert_array_equal(np.signbit(back[~np.isnan(back)]), np.signbit(answer[~np.isnan(answer)]))
@@ -101,19 +104,19 @@ def test_nothing_is_written_before_there_is_an_answer(tmp_path):
 
 
 def test_a_run_without_its_file_begins(tmp_path):
-    assert search(begin(tmp_path / "checkpoint.jsonl", resume=True)).history == search(no_checkpoint).history
+    assert search(begin(tmp_path / "checkpoint.jsonl", resume=True)).history == search(None).history
 
 
 def test_an_unfinished_run_is_not_overwritten(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
-    begin(path)("stage", np.ones(3), list)
+    begin(path).memoize("stage", np.ones(3), list)
     with pytest.raises(InputError, match="a run that was not finished; resume it"):
         begin(path)
 
 
 def test_another_runs_file_is_refused_and_the_difference_named(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
-    begin(path)("stage", np.ones(3), list)
+    begin(path).memoize("stage", np.ones(3), list)
     with pytest.raises(InputError, match="another run, which differs in: seed;"):
         begin(path, resume=True, inputs=INPUTS | {"seed": "8"})
     with pytest.raises(InputError, match="another run, which differs in: window;"):
@@ -125,7 +128,7 @@ def cut(text: str) -> str:
 
 
 def other_format(text: str) -> str:
-    return text.replace("ballbot checkpoint 2", "ballbot checkpoint 1")
+    return text.replace("ballbot checkpoint 3", "ballbot checkpoint 2")
 
 
 def changed_digit(text: str) -> str:
@@ -153,7 +156,10 @@ def other_seed(text: str) -> str:
         (lambda _: "", "is not a complete checkpoint"),
         (lambda _: "t,x\n1,2\n", "is not a complete checkpoint"),
         (lambda _: "[]\n", "is not a complete checkpoint"),
-        (other_format, "is not a complete checkpoint"),
+        (
+            other_format,
+            r"is a checkpoint of format 2, and Ballbot \S+ has format 3; resume it with the version",
+        ),
         (cut, "is not a complete checkpoint"),
         (lambda _: "[" * 100_000, "is not a complete checkpoint"),
         (other_seed, "was edited at line 1;"),
@@ -189,9 +195,9 @@ def test_no_changed_byte_is_taken_for_what_was_written(tmp_path_factory, data):
 
 def test_another_question_is_refused(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
-    begin(path)("evolution", np.ones(3), list)
+    begin(path).memoize("evolution", np.ones(3), list)
     with pytest.raises(InputError, match="the run differs"):
-        begin(path, resume=True)("polish", np.ones(3), never)
+        begin(path, resume=True).memoize("polish", np.ones(3), never)
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe"])
@@ -204,9 +210,9 @@ def test_only_a_file_is_resumed(tmp_path, kind):
 
 def test_a_question_that_differs_by_one_bit_is_refused(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
-    begin(path)("stage", np.ones(3), lambda: [np.zeros(1)])
+    begin(path).memoize("stage", np.ones(3), lambda: [np.zeros(1)])
     with pytest.raises(InputError, match="from line 2 on the run differs"):
-        begin(path, resume=True)("stage", np.array([1.0, 1.0, np.nextafter(1.0, 2.0)]), never)
+        begin(path, resume=True).memoize("stage", np.array([1.0, 1.0, np.nextafter(1.0, 2.0)]), never)
 
 
 def test_the_file_is_text_that_a_person_can_read(tmp_path):
@@ -221,7 +227,7 @@ def test_the_file_is_text_that_a_person_can_read(tmp_path):
 
 def test_removing_takes_what_a_killed_write_left_behind(tmp_path):
     checkpoint = open_checkpoint(tmp_path / "checkpoint.jsonl", belongs_to=INPUTS, resume=False)
-    checkpoint.recall("stage", np.ones(3), list)
+    checkpoint.memoize("stage", np.ones(3), list)
     (tmp_path / ".checkpoint.jsonl.x8d2").write_text("a part")
     (tmp_path / "results.json").write_text("{}")
     checkpoint.remove()

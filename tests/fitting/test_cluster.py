@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.fitting.run import Executor, ProgressCallback, Threads
+from ballbot.fitting.run import Executor, Run, Threads
 from ballbot.identification import Identification, Progress, identify
+from ballbot.identification.stages import IdentificationOptions
+from ballbot.progress import ProgressCallback, ignore_progress
 from tests.support.control_examples import alten
 from tests.support.identification_examples import balancing_log, noisy
 
@@ -46,35 +48,31 @@ def refuse(shared: str, piece: int) -> None:
     raise InputError(f"piece {piece} of {shared} is no good")
 
 
-def quick(*, spread: Executor, report: ProgressCallback | None = None) -> Identification:
+def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> Identification:
     log = noisy(balancing_log(), seed=2).between(6.0, 14.0)
     return identify(
         alten(),
         log,
         window=0.1,
         seed=3,
-        generations=12,
-        population=12,
-        polish_steps=4,
-        step=2.5e-3,
-        spread=spread,
-        progress=report,
+        options=IdentificationOptions(generations=12, population=12, polish_steps=4, step=2.5e-3),
+        run=Run(executor=executor, progress=report),
     )
 
 
 @pytest.mark.slow
 def test_an_identification_ends_in_the_same_bytes_though_a_worker_is_killed_on_the_way(local, cluster):
-    alone = quick(spread=Threads(count=1))
+    alone = quick(executor=Threads(count=1))
     killed = []
 
     def kill_a_worker(progress: Progress) -> None:
-        if (progress.stage, progress.step) in (("evolution", 3), ("polish", 1)):
+        if (progress.stage, progress.done) in (("evolution", 3), ("polish", 1)):
             worker = next(iter(local.workers.values()))
             killed.append(worker.pid)
             # while the next step is computed
             Timer(0.03, os.kill, (worker.pid, signal.SIGKILL)).start()
 
-    spread = quick(spread=cluster, report=kill_a_worker)
+    spread = quick(executor=cluster, report=kill_a_worker)
     assert len(killed) == 2
     assert json.dumps(spread.to_dict()) == json.dumps(alone.to_dict())
 

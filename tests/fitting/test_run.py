@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.fitting.run import EtaEstimator, as_clock
+from ballbot.progress import EtaEstimator, as_clock
 
 
 class Clock:
@@ -89,7 +89,7 @@ def test_clock(seconds, text):
 #: starts two workers, shows their process numbers, and waits for work that takes a minute
 WORK = """
 import os, sys, time
-from ballbot.fitting.run import uninterrupted, worker_pool
+from ballbot.processes import (uninterrupted, worker_pool)
 pool = worker_pool(2)
 with uninterrupted():
     pids = [pool.submit(os.getpid).result()]

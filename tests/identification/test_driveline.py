@@ -10,16 +10,12 @@ import pytest
 from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
+from ballbot.fitting.run import Run
 from ballbot.identification.driveline import DrivelineBounds, Sweep, classical, fit_driveline, sweeps_of
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 
 TRUTH = np.array([0.012, 0.05, 0.03, 0.7, 1.5])
 SAMPLE_TIME = 5e-3
-
-
-def silent(share: float, note: str) -> None:
-    assert 0.0 <= share <= 1.0
-    assert note
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +39,7 @@ def test_pieces_leave_out_where_the_supply_limits(sweep):
 
 
 def test_known_friction_comes_back(sweep):
-    found = fit_driveline(sweep, bounds=DrivelineBounds(), seed=0, generations=60, progress=silent)
+    found = fit_driveline(sweep, bounds=DrivelineBounds(), generations=60)
     # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
     assert np.all(np.abs(found.values - TRUTH) < 5.0 * found.standard_errors + 0.01 * TRUTH)
     assert np.all(found.standard_errors[:3] < 0.1 * TRUTH[:3])
@@ -52,21 +48,21 @@ def test_known_friction_comes_back(sweep):
 
 
 def test_the_same_seed_gives_the_same_bits(sweep):
-    short = {"bounds": DrivelineBounds(), "seed": 3, "generations": 5, "population": 8, "progress": silent}
+    short = {"bounds": DrivelineBounds(), "generations": 5, "population": 8, "run": Run(seed=3)}
     one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)
     assert one.values.tobytes() == other.values.tobytes()
 
 
 def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
     with pytest.raises(InputError, match="speed limit"):
-        fit_driveline(replace(sweep, limit=1e-3), bounds=DrivelineBounds(), seed=0, progress=silent)
+        fit_driveline(replace(sweep, limit=1e-3), bounds=DrivelineBounds())
 
 
 def test_a_sweep_that_tells_nothing_is_refused(sweep):
     # far above what such a wheel has, so that every parameter ends at its least
     bounds = DrivelineBounds(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
     with pytest.raises(InputError, match="wheel 1 identifies none of b, c, s, v_s, delta"):
-        fit_driveline(sweep, bounds=bounds, seed=0, generations=5, progress=silent)
+        fit_driveline(sweep, bounds=bounds, generations=5)
 
 
 def test_bounds_that_fall_are_refused():

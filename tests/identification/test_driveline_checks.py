@@ -42,11 +42,6 @@ GOOD = simulated(ALTEN)
 TORQUES, SPEEDS = [f"u{i}" for i in (1, 2, 3)], [f"wheel{i}_dot" for i in (1, 2, 3)]
 
 
-def silent(share: float, note: str) -> None:
-    assert 0.0 <= share <= 1.0
-    assert note
-
-
 def times(factor: float, *names: str) -> Callable[[Columns], Columns]:
     return lambda columns: {name: factor * columns[name] for name in names}
 
@@ -137,7 +132,7 @@ def test_what_a_sweep_cannot_tell_is_unknown_and_has_no_number() -> None:
     motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speeds=20.0)
     speed = np.append(20.0, motion.speeds[0]) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
     sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003)
-    fit = fit_driveline(sweep, bounds=DrivelineBounds(), seed=0, generations=30, progress=silent)
+    fit = fit_driveline(sweep, bounds=DrivelineBounds(), generations=30)
     assert fit.unknown[3:].all()
     assert not fit.unknown[0]
     assert [row[2] for row in parameter_rows([fit])][3:] == ["unknown", "unknown"]

@@ -10,12 +10,13 @@ import pytest
 
 from ballbot import Robot
 from ballbot.errors import InputError
-from ballbot.fitting.run import Executor, Threads
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds, Identification, Progress, cross_validate, identify
 from ballbot.identification.excitation import check_excitation
 from ballbot.identification.holdout import horizon_errors
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.prediction import Predictor
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from tests.support.control_examples import alten
@@ -33,7 +34,12 @@ def flat(table: dict[str, list[float] | float]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return identify(alten(), noisy(balancing_log(), seed=5), seed=1, generations=80, step=2.5e-3)
+    return identify(
+        alten(),
+        noisy(balancing_log(), seed=5),
+        seed=1,
+        options=IdentificationOptions(generations=80, step=2.5e-3),
+    )
 
 
 def test_known_friction_is_found_within_its_standard_errors(found):
@@ -76,25 +82,26 @@ def test_the_robot_carries_the_friction_and_where_it_came_from(found):
     assert found.robot.sources["ball.mass"] == alten().sources["ball.mass"]
 
 
-def quick(log: Log, *, bounds: Bounds | None = None, spread: Executor | None = None) -> Identification:
+def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> Identification:
     return identify(
         alten(),
         log,
         bounds=bounds,
         window=0.1,
         seed=3,
-        generations=12,
-        population=12,
-        evolution_windows=24,
-        polish_steps=4,
-        step=2.5e-3,
-        spread=spread,
+        options=IdentificationOptions(
+            generations=12, population=12, evolution_windows=24, polish_steps=4, step=2.5e-3
+        ),
+        run=run,
     )
 
 
 def test_result_does_not_depend_on_the_number_of_threads():
     log = noisy(balancing_log(), seed=2).between(6.0, 12.0)
-    one, three = quick(log, spread=Threads(count=1)), quick(log, spread=Threads(count=3))
+    one, three = (
+        quick(log, run=Run(executor=Threads(count=1))),
+        quick(log, run=Run(executor=Threads(count=3))),
+    )
     assert json.dumps(one.to_dict()) == json.dumps(three.to_dict())
 
 
@@ -126,17 +133,16 @@ def test_progress_rises_and_the_cost_falls():
     identify(
         alten(),
         noisy(balancing_log(), seed=4).between(6.0, 12.0),
-        generations=5,
-        population=8,
-        evolution_windows=12,
-        polish_steps=2,
         window=0.1,
-        progress=told.append,
+        options=IdentificationOptions(generations=5, population=8, evolution_windows=12, polish_steps=2),
+        run=Run(progress=told.append),
     )
-    assert [(one.stage, one.step) for one in told[:5]] == [("evolution", step) for step in range(1, 6)]
+    assert [(one.stage, one.done) for one in told[:5]] == [("evolution", step) for step in range(1, 6)]
     assert told[5].stage == "polish"
     assert all(earlier.share <= later.share <= 1.0 for earlier, later in pairwise(told))
-    assert all(one.step <= one.of and (one.seconds_left is None or one.seconds_left >= 0.0) for one in told)
+    assert all(
+        one.done <= one.total and (one.seconds_left is None or one.seconds_left >= 0.0) for one in told
+    )
     assert all(later.cost <= earlier.cost for earlier, later in pairwise(told[:5]))
 
 
@@ -157,8 +163,6 @@ def test_motion_without_torque_is_refused():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"held_out": 0.0}, "held_out is 0.0"),
-        ({"polish_steps": 0}, "polish_steps is 0"),
         ({"window": 0.001}, "The window is 0.001 s long"),
         ({"window": 10.0}, "The logs have 2 windows of 10 s"),
     ],
@@ -166,6 +170,15 @@ def test_motion_without_torque_is_refused():
 def test_options_that_make_no_sense_are_refused(change, sentence):
     with pytest.raises(InputError, match=sentence):
         identify(alten(), balancing_log(), **change)
+
+
+@pytest.mark.parametrize(
+    ("option", "sentence"),
+    [({"held_out": 0.0}, "held_out is 0.0"), ({"polish_steps": 0}, "polish_steps is 0")],
+)
+def test_identification_options_out_of_range_are_refused(option, sentence):
+    with pytest.raises(InputError, match=sentence):
+        IdentificationOptions(**option)
 
 
 @pytest.mark.slow
@@ -179,7 +192,11 @@ def test_motors_and_sensors_are_found_with_the_friction():
     changed |= {"theta": log["theta"] + c * a - s * b, "phi": log["phi"] + s * a + c * b}
     log = noisy(log.with_columns(changed).select(slice(0, -2)), seed=9)
     found = identify(
-        alten(), log, free=("friction", "torque", "lean_bias"), seed=2, step=2.5e-3, generations=BASIN
+        alten(),
+        log,
+        free=("friction", "torque", "lean_bias"),
+        seed=2,
+        options=IdentificationOptions(step=2.5e-3, generations=BASIN),
     )
     truth = np.concatenate([TRUTH, gain, offset, [0.01], [a, b]])
     deviation = (found.values - truth) / flat(found.standard_errors)
@@ -193,7 +210,13 @@ def test_delays_of_commands_and_of_sensors_are_told_apart():
     seen = noisy(late(balancing_log(), imu=0.016, velocity=0.006), seed=1)
     torques = np.roll(seen.torques, -2, axis=0)
     log = seen.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)}).select(slice(0, -2))
-    found = identify(alten(), log, free=("friction", "delays"), seed=2, step=2.5e-3, generations=BASIN)
+    found = identify(
+        alten(),
+        log,
+        free=("friction", "delays"),
+        seed=2,
+        options=IdentificationOptions(step=2.5e-3, generations=BASIN),
+    )
     truth = np.array([*TRUTH, 0.01, 0.016, 0.006])
     deviation = (found.values - truth) / flat(found.standard_errors)
     assert np.abs(deviation).max() < 4.0  # 15 of them
@@ -223,7 +246,7 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     # half a minute of each is 250 windows for twelve parameters; 24 s of each gave the largest ratios to 0.01 the same
     names = ("square_soft.csv", "hold_soft.csv")
     logs = [Log.read(shared_data / "bbr" / name).between(0.0, 32.0) for name in names]
-    found = identify(Robot.load("alten"), logs, step=2.5e-3, generations=BASIN)
+    found = identify(Robot.load("alten"), logs, options=IdentificationOptions(step=2.5e-3, generations=BASIN))
     # a trial reached 0.14 (phi_dot) to 0.43 (psi); play and rollers leave the heading least predictable
     assert max(found.held_out.ratios.values()) < 0.5
     step, stiff = (

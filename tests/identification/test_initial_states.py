@@ -31,7 +31,7 @@ def problem_of(*, seed: int, bounds: Bounds | None = None) -> Problem:
         windows=windows,
         coordinates=coordinates,
         cost=Cost(reference=reference),
-        spread=Threads(count=1),
+        executor=Threads(count=1),
     )
 
 
@@ -57,9 +57,7 @@ def problem() -> Problem:
 @pytest.fixture(scope="module")
 def finished(problem):
     begin = problem.coordinates.scaled(1.2 * TRUTH)
-    return fit_with_initial_states(
-        problem, begin, free=problem.coordinates.free, most_steps=40, report=_silent
-    )
+    return fit_with_initial_states(problem, begin, free=problem.coordinates.free, most_steps=40)
 
 
 def test_freed_starts_come_near_the_true_ones(problem, finished):
@@ -110,7 +108,7 @@ def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
     drawn = resamples(count, block=few.block, repeats=2, seed=0)
     for times, shift in zip(drawn, few.shifts, strict=True):
         resampled = problem.resampled(np.repeat(np.arange(count), times.astype(int)))
-        anew = fit_with_initial_states(resampled, finished.point, free=free, most_steps=40, report=_silent)
+        anew = fit_with_initial_states(resampled, finished.point, free=free, most_steps=40)
         # curvature: second order in shifts of a standard error or two
         np.testing.assert_allclose(shift / errors, (anew.point - finished.point) / errors, atol=1.0)
         assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
@@ -120,9 +118,7 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     problem = problem_of(seed=2, bounds=held_but("C_rr"))
     free = problem.coordinates.free
     place = problem.coordinates.labels.index("C_rr")
-    found = fit_with_initial_states(
-        problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20, report=_silent
-    )
+    found = fit_with_initial_states(problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20)
     independent = 1.0 / np.sqrt(found.equations.normal.matrix[place, place])
     limits = profile(problem, found, place, free=free, error=2.0 * independent, rise=4.0)
     assert limits.lower is not None
@@ -138,10 +134,6 @@ def test_a_profile_has_no_limit_where_the_logs_set_none():
     free = problem.coordinates.free
     place = problem.coordinates.labels.index("v_s")
     begin = problem.coordinates.scaled(TRUTH)
-    found = fit_with_initial_states(problem, begin, free=free, most_steps=5, report=_silent)
+    found = fit_with_initial_states(problem, begin, free=free, most_steps=5)
     limits = profile(problem, found, place, free=free, error=0.3, rise=4.0)
     assert (limits.lower, limits.upper) == (None, None)
-
-
-def _silent(step: int, cost: float) -> None:
-    """Report nothing."""

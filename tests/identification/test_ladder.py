@@ -16,7 +16,7 @@ from ballbot.identification.laws import (
     law_named,
     window_blocks,
 )
-from ballbot.identification.stages import LARGEST_LOSS
+from ballbot.identification.stages import LARGEST_LOSS, IdentificationOptions
 from ballbot.identification.windows import Span
 from ballbot.report.friction import ladder_figure
 from tests.support.control_examples import FRICTION, alten
@@ -85,14 +85,16 @@ def ladder() -> ModelSelection:
             alten(),
             log,
             law=law,
-            start=start,
             window=0.1,
             seed=3,
-            generations=15,
-            population=12,
-            evolution_windows=24,
-            polish_steps=6,
-            step=2.5e-3,
+            options=IdentificationOptions(
+                warm_start=start,
+                generations=15,
+                population=12,
+                evolution_windows=24,
+                polish_steps=6,
+                step=2.5e-3,
+            ),
         )
 
     return select_model(fit)

@@ -1,6 +1,7 @@
 """Balancing logs and a free-wheel sweep in one estimate: as joint least squares, less uncertain, and without bias."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification import identify
 from ballbot.identification.quantities import Layout
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, combine, read_sweep
 from ballbot.robot import Friction
 from tests.support.control_examples import alten
@@ -121,9 +123,11 @@ def test_a_log_and_a_sweep_of_the_same_robot_together():
         values=true + errors * random.standard_normal((3, 2)),
         covariances=np.stack([np.diag(errors**2)] * 3),
     )
-    options = {"law": "coulomb", "window": 0.1, "generations": 8, "population": 8, "evolution_windows": 16}
-    alone = identify(alten(), log, polish_steps=5, step=2.5e-3, **options)
-    both = identify(alten(), log, polish_steps=5, step=2.5e-3, sweep=sweep, **options)
+    options = IdentificationOptions(
+        generations=8, population=8, evolution_windows=16, polish_steps=5, step=2.5e-3
+    )
+    alone = identify(alten(), log, law="coulomb", window=0.1, options=options)
+    both = identify(alten(), log, law="coulomb", window=0.1, options=replace(options, sweep=sweep))
     for symbol in ("b", "c"):
         before, after = np.array(alone.standard_errors[symbol]), np.array(both.standard_errors[symbol])
         assert (after < before).all()

@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.fitting.checkpoint import open_checkpoint
+from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds
 from ballbot.identification.upside_down import cut_ball_windows, identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
@@ -215,13 +216,14 @@ class TestIdentification:
         robot = ALTEN.replace(friction=FRICTION)
         few = Bounds(stribeck=(0.0, 0.1), stribeck_speed=(0.6, 0.6), stribeck_exponent=(1.1, 1.1))
         options = {"bounds": few, "window": 0.4, "generations": 3, "population": 6, "evolution_windows": 4}
-        found = identify_upside_down(robot, log, threads=1, **options)
+        found = identify_upside_down(robot, log, run=Run(executor=Threads(count=1)), **options)
         path = tmp_path / "checkpoint.jsonl"
-        dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="polish", after=0)
+        dying = Dying(open_checkpoint(path, belongs_to={}, resume=False), stage="polish", after=0)
         with pytest.raises(KeyboardInterrupt):
-            identify_upside_down(robot, log, threads=1, recall=dying, **options)
-        recall = open_checkpoint(path, belongs_to={}, resume=True).recall
-        again = identify_upside_down(robot, log, threads=2, recall=recall, **options)
+            identify_upside_down(robot, log, run=Run(executor=Threads(count=1), checkpoint=dying), **options)
+        kept = open_checkpoint(path, belongs_to={}, resume=True)
+        resumed = Run(executor=Threads(count=2), checkpoint=kept)
+        again = identify_upside_down(robot, log, run=resumed, **options)
         assert found.held_out["robot file"].max() < 1.3 * 0.03
         assert found.to_dict() == again.to_dict()
         assert found.robot.friction.rolling == FRICTION.rolling

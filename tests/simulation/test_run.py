@@ -145,5 +145,6 @@ def test_wrong_starts_are_told(model, state):
 
 def test_progress_is_told(model):
     shares: list[float] = []
-    simulate(model, nominal_controller(model.robot), hold(), duration=2.0, progress=shares.append)
+    controller = nominal_controller(model.robot)
+    simulate(model, controller, hold(), duration=2.0, progress=lambda now: shares.append(now.share))
     assert shares == [0.25, 0.5, 0.75, 1.0]

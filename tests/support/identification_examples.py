@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ballbot import Controller, Log, Model, lqr, simulate
 from ballbot.control import references
-from ballbot.fitting.checkpoint import Arrays, Memoize
+from ballbot.fitting.run import Arrays, Memory
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Friction
 from tests.support.control_examples import FRICTION, alten
@@ -64,10 +64,10 @@ def late(log: Log, *, imu: float, velocity: float, friction: Friction = FRICTION
 class Dying:
     """A checkpoint's answers until a stage asks for the time after so many: then Ctrl-C."""
 
-    def __init__(self, recall: Memoize, *, stage: str, after: int) -> None:
-        self._recall, self._stage, self._left = recall, stage, after
+    def __init__(self, checkpoint: Memory, *, stage: str, after: int) -> None:
+        self._checkpoint, self._stage, self._left = checkpoint, stage, after
 
-    def __call__(
+    def memoize(
         self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
     ) -> Arrays:
         """Answer, or die."""
@@ -75,4 +75,4 @@ class Dying:
             if self._left == 0:
                 raise KeyboardInterrupt
             self._left -= 1
-        return self._recall(stage, question, answer)
+        return self._checkpoint.memoize(stage, question, answer)

@@ -24,6 +24,7 @@ from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.progress import ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import simulate
 from tests.support.paths import ROOT
@@ -344,7 +345,7 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
 
     def again(seed: int) -> Logs:
         made = record_all(
-            wanted, robot, seed=seed, folder=tmp_path / "runs", progress=lambda share, _: told.append(share)
+            wanted, robot, seed=seed, folder=tmp_path / "runs", progress=lambda now: told.append(now.share)
         )
         return made["small"]
 
@@ -377,7 +378,7 @@ def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
     items = (*items, replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"))
     made = Reproduction(bench=bench, items=items, mistakes=(equations.seam_curve(bench),))
     index = write_reproduction(
-        made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=lambda *_: None
+        made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=ignore_progress
     )
     page = index.read_text(encoding="utf-8")
     assert page.count("<svg") == 3

@@ -14,11 +14,12 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import open_checkpoint
-from ballbot.fitting.run import Threads
+from ballbot.fitting.run import Run, Threads
 from ballbot.identification import identify
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import STATE_NAMES
 from ballbot.workflows.excitation_design import DesignEffort, criterion, design, multisine_family
-from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run, task
+from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run_on_model, task
 from ballbot.workflows.excite import deviations_found
 from tests.support.control_examples import FRICTION, alten, four_wheeled
 from tests.support.identification_examples import NOISE, Dying, balancing_log, noisy
@@ -68,7 +69,7 @@ def test_the_limits_hold_on_the_model_with_any_of_the_frictions(designed):
 
 def test_the_design_tells_more_than_a_square(designed):
     question = asked().question
-    plain = expected_errors(question, [run(asked(), square(side=0.5, period=10.0)).log])
+    plain = expected_errors(question, [run_on_model(asked(), square(side=0.5, period=10.0)).log])
     assert designed.errors.max() < 0.8 * plain.max()
     assert criterion(designed.errors) < 0.8 * criterion(plain)
     assert list(designed.history) == sorted(designed.history, reverse=True)
@@ -76,11 +77,11 @@ def test_the_design_tells_more_than_a_square(designed):
 
 def test_a_design_that_was_killed_goes_on_to_the_same_on_other_threads(designed, tmp_path):
     path = tmp_path / "checkpoint.jsonl"
-    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False).recall, stage="evolution", after=2)
+    dying = Dying(open_checkpoint(path, belongs_to={}, resume=False), stage="evolution", after=2)
     with pytest.raises(KeyboardInterrupt):
-        design(asked(), effort=EFFORT, recall=dying)
-    recall = open_checkpoint(path, belongs_to={}, resume=True).recall
-    again = design(asked(), effort=EFFORT, spread=Threads(count=1), recall=recall)
+        design(asked(), effort=EFFORT, run=Run(checkpoint=dying))
+    resumed = Run(executor=Threads(count=1), checkpoint=open_checkpoint(path, belongs_to={}, resume=True))
+    again = design(asked(), effort=EFFORT, run=resumed)
     assert (again.poses == designed.poses).all()
     assert (again.errors == designed.errors).all()
 
@@ -122,7 +123,7 @@ def test_a_sine_alone_brings_a_frictionless_robot_near_a_limit(axis, place):
 
 def test_information_adds_up_and_noise_takes_it_away():
     question = asked().question
-    log = run(asked(), square(side=0.5, period=10.0)).log
+    log = run_on_model(asked(), square(side=0.5, period=10.0)).log
     errors = expected_errors(question, [log])
     # two equal logs: half the variance, as windows are independent
     np.testing.assert_allclose(expected_errors(question, [log, log]), errors / math.sqrt(2.0), rtol=1e-6)
@@ -137,7 +138,9 @@ def test_errors_expected_are_those_that_identification_finds():
     log = balancing_log()
     question = asked(duration=25.0, deviations=NOISE, robot=alten(FRICTION)).question
     expected = question.in_units(expected_errors(question, [log]))
-    found = identify(alten(), noisy(log, seed=2), generations=40, population=16)
+    found = identify(
+        alten(), noisy(log, seed=2), options=IdentificationOptions(generations=40, population=16)
+    )
     errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
     told = np.isfinite(errors)
     assert told.sum() >= 9
@@ -156,12 +159,12 @@ def test_only_what_the_law_has_is_asked_for():
     question = asked(law="coulomb").question
     assert question.labels == ("b1", "b2", "b3", "c1", "c2", "c3", "C_rr")
     assert np.isfinite(
-        expected_errors(question, [run(asked(law="coulomb"), square(side=0.5, period=10.0)).log])
+        expected_errors(question, [run_on_model(asked(law="coulomb"), square(side=0.5, period=10.0)).log])
     ).all()
 
 
 def test_a_robot_at_rest_tells_nothing():
-    log = run(asked(), square(side=1e-6)).log
+    log = run_on_model(asked(), square(side=1e-6)).log
     assert np.isinf(expected_errors(asked().question, [log])).all()
 
 

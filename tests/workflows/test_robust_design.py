@@ -25,6 +25,7 @@ from ballbot.workflows.perturbed_robots import (
 )
 from ballbot.workflows.robust_design import weights_of
 from tests.support.control_examples import FRICTION, alten
+from tests.support.identification_examples import Dying
 
 OPTIONS = ["--robots", "20", "--generations", "3", "--population", "6", "--fresh", "100"]
 
@@ -69,25 +70,9 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path
     ]
     whole = ballbot.cli.design.robust_design
 
-    def killed(robot, *, compensation, spread, effort, seed, tell, recall):
-        asked = 0
-
-        def counted(stage, question, answer):
-            nonlocal asked
-            asked += 1
-            if asked == 3:
-                raise KeyboardInterrupt
-            return recall(stage, question, answer)
-
-        return whole(
-            robot,
-            compensation=compensation,
-            spread=spread,
-            effort=effort,
-            seed=seed,
-            tell=tell,
-            recall=counted,
-        )
+    def killed(robot, *, compensation, spread, effort, run):
+        dying = replace(run, checkpoint=Dying(run.checkpoint, stage="evolution", after=2))
+        return whole(robot, compensation=compensation, spread=spread, effort=effort, run=dying)
 
     monkeypatch.setattr(ballbot.cli.design, "robust_design", killed)
     assert main(command) == 130

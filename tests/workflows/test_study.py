@@ -17,6 +17,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import open_checkpoint
+from ballbot.fitting.run import Run
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.page import provenance
 from ballbot.report.study import controller_sentence, study_report
@@ -30,15 +31,15 @@ from ballbot.workflows.controller_prediction import (
     performance_intervals,
 )
 from ballbot.workflows.plant_draws import draw_plants, parameter_covariance
-from ballbot.workflows.study import Effort, Study, holdout_intervals, study, without_intervals
+from ballbot.workflows.study import Study, StudyOptions, holdout_intervals, study, without_intervals
 from tests.support.control_examples import FRICTION
 from tests.support.validation_examples import noisy_log
 
-SMALL = Effort(generations=12, duration=8.0, draws=2, ablation_draws=1)
+SMALL = StudyOptions(generations=12, duration=8.0, draws=2, ablation_draws=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Brief(Effort):
+class Brief(StudyOptions):
     """The effort of a study of whose candidates nothing is asked."""
 
     generations: int = 30
@@ -47,9 +48,9 @@ class Brief(Effort):
 
 
 def run(checkpoint: Path, *, resume: bool) -> Study:
-    recall = open_checkpoint(checkpoint, belongs_to={}, resume=resume).recall
+    kept = open_checkpoint(checkpoint, belongs_to={}, resume=resume)
     logs = {"walk": noisy_log()}
-    return study(Robot.load("alten"), logs, plant="model", effort=SMALL, seed=3, recall=recall)
+    return study(Robot.load("alten"), logs, plant="model", options=SMALL, run=Run(seed=3, checkpoint=kept))
 
 
 @pytest.fixture(scope="module")
@@ -255,7 +256,7 @@ def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, chec
 def test_the_measured_logs_are_foretold_better_with_friction(
     shared_data: Path, tmp_path: Path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(study_command, "Effort", Brief)
+    monkeypatch.setattr(study_command, "StudyOptions", Brief)
     bounds = tmp_path / "bounds.toml"
     # for time's sake v_s and delta are held: no interval of them is sought by profiles
     bounds.write_text("stribeck_speed = [0.6, 0.6]\nstribeck_exponent = [1.0, 1.0]\n")
@@ -333,6 +334,6 @@ def test_a_study_refuses_before_it_works():
         study(robot, {"walk": log.with_columns({"u4": log["u3"]})})
     for draws in (1, 1001):
         with pytest.raises(InputError, match="must be 2 to 1000"):
-            study(robot, {"walk": log}, effort=Effort(draws=draws))
+            study(robot, {"walk": log}, options=StudyOptions(draws=draws))
     with pytest.raises(InputError, match=r"model.*twin"):
         study(robot, {"walk": log}, plant="moon")  # pyright: ignore[reportArgumentType]

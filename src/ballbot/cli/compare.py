@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -97,7 +98,7 @@ def compare(
     warn_of_idle_compensation(made, console)
     with (
         result_folder(out, command="compare", names=_WRITTEN, inputs=files, resumes=True) as folder,
-        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume) as run,
         progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
     ):
         league = run_league(
@@ -106,8 +107,7 @@ def compare(
             courses,
             seeds=numbers,
             processes=processes,
-            recall=run.recall,
-            progress=bar.show,
+            run=replace(run, progress=lambda now: bar.show(now.share)),
         )
         with folder.replaced() as new:
             results = league_results(league) | {"provenance": origin.to_dict()}

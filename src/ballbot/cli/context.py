@@ -5,12 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import CheckpointError, Memoize, open_checkpoint
-from ballbot.fitting.run import Executor, ExecutorError, Threads
+from ballbot.fitting.checkpoint import CheckpointError, open_checkpoint
+from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
 from ballbot.log import Log
 from ballbot.log.pose import with_position
 from ballbot.printable import shell_line
@@ -42,14 +41,6 @@ def parse_seeds(text: str) -> list[int]:
 CHECKPOINT = "checkpoint.jsonl"
 
 
-@dataclass(frozen=True, kw_only=True)
-class LongRun:
-    """What the work is given."""
-
-    recall: Memoize
-    spread: Executor
-
-
 @contextmanager
 def long_run(
     folder: Path,
@@ -57,8 +48,9 @@ def long_run(
     words: Sequence[str],
     belongs_to: Mapping[str, str],
     resume: bool,
-    cluster: str | None,
-) -> Iterator[LongRun]:
+    cluster: str | None = None,
+    seed: int = 0,
+) -> Iterator[Run]:
     """Keep a checkpoint in the folder while the block runs, and delete it when the block has ended well or refused.
 
     Parameters
@@ -72,6 +64,12 @@ def long_run(
         Go on with the folder's checkpoint.
     cluster : str, optional
         The address of a Dask scheduler; the threads of this process do the work where it is not given.
+    seed : int, optional
+
+    Yields
+    ------
+    Run
+        Nobody watches its progress.
 
     Raises
     ------
@@ -82,8 +80,8 @@ def long_run(
     """
     checkpoint = open_checkpoint(folder / CHECKPOINT, belongs_to=belongs_to, resume=resume)
     try:
-        with _spread(cluster) as spread:
-            yield LongRun(recall=checkpoint.recall, spread=spread)
+        with _executor(cluster) as executor:
+            yield Run(seed=seed, executor=executor, checkpoint=checkpoint)
     except KeyboardInterrupt:
         on_cluster = ["--cluster", cluster] if cluster else []
         command = shell_line([*words, *on_cluster, "--resume"])
@@ -101,7 +99,7 @@ def _may_go_on(refusal: InputError) -> bool:
     return of_a_disk or isinstance(refusal, CheckpointError | ExecutorError)
 
 
-def _spread(cluster: str | None) -> AbstractContextManager[Executor]:
+def _executor(cluster: str | None) -> AbstractContextManager[Executor]:
     if cluster is None:
         return nullcontext(Threads())
     from ballbot.fitting.cluster import Cluster

@@ -114,7 +114,7 @@ def design_robustly(
             words=words,
             belongs_to=identity(robot, [], asked),
             resume=options.resume,
-            cluster=None,
+            seed=options.seed,
         ) as run,
         progress_bar(console, "robust design") as bar,
     ):
@@ -123,9 +123,7 @@ def design_robustly(
             compensation=compensation,
             spread=spread,
             effort=effort,
-            seed=options.seed,
-            tell=lambda share, note: bar.show(share, note=note),
-            recall=run.recall,
+            run=replace(run, progress=lambda now: bar.show(now.share, note=now.note)),
         )
         command = shell_line(words)
         made = provenance(command=command, files=files, seed=options.seed)

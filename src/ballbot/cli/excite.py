@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from ballbot.cli.context import LongRun, long_run
+from ballbot.cli.context import long_run
 from ballbot.cli.output import Bar, progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
@@ -21,6 +21,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import write_reference
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
+from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, read_bounds
 from ballbot.printable import shell_line
 from ballbot.report.excitation import errors_figure, followed_run, run_figure
@@ -227,7 +228,7 @@ def excite(
     belongs_to = identity(described, [], asked.options | read.options)
     with (
         result_folder(out, command="excite", names=_WRITTEN, inputs=asked.files, resumes=True) as folder,
-        long_run(folder.path, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+        long_run(folder.path, words=asked.words, belongs_to=belongs_to, resume=resume, seed=seed) as run,
     ):
         with progress_bar(console, "excite") as bar:
             result = _find(asked, read, run=run, bar=bar)
@@ -320,7 +321,7 @@ class _Read:
         }
 
 
-def _find(asked: _Asked, read: _Read, *, run: LongRun, bar: Bar) -> Excitation:
+def _find(asked: _Asked, read: _Read, *, run: Run, bar: Bar) -> Excitation:
     return find(
         read.robot,
         read.controller,
@@ -333,9 +334,7 @@ def _find(asked: _Asked, read: _Read, *, run: LongRun, bar: Bar) -> Excitation:
         bounds=read.bounds,
         window=asked.window,
         effort=asked.effort,
-        seed=asked.seed,
-        recall=run.recall,
-        tell=lambda share, doing, note: bar.show(share, doing=doing, note=note),
+        run=replace(run, progress=bar.report),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,12 +12,13 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from ballbot.cli.context import LongRun, long_run, named_files, names_listed, read_balancing_log
+from ballbot.cli.context import long_run, named_files, names_listed, read_balancing_log
 from ballbot.cli.findings import Accept, accept_argv, check_input
 from ballbot.cli.output import Bar, progress_bar, standard_output, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
+from ballbot.fitting.run import Run
 from ballbot.identification import (
     Bounds,
     HoldoutResult,
@@ -32,6 +33,7 @@ from ballbot.identification import identify as find
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.laws import LAWS, Gain, LawName
 from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
@@ -387,7 +389,7 @@ def _find(
     bounds: Bounds,
     sweep: SweepFriction | None,
     *,
-    run: LongRun,
+    run: Run,
     bar: Bar,
 ) -> tuple[Identification, ModelSelection | None]:
     """Fit the law asked for, or climb the ladder."""
@@ -405,14 +407,13 @@ def _find(
             law=law,
             bounds=bounds,
             window=asked.window,
-            left_out=names_listed(asked.leave_out),
-            back_emf=asked.back_emf,
-            start=start,
-            sweep=sweep,
-            seed=asked.seed,
-            spread=run.spread,
-            recall=run.recall,
-            progress=tell,
+            options=IdentificationOptions(
+                excluded_states=tuple(names_listed(asked.leave_out)),
+                back_emf=asked.back_emf,
+                warm_start=start,
+                sweep=sweep,
+            ),
+            run=replace(run, progress=tell),
         )
 
     if asked.law == "best":

@@ -124,7 +124,7 @@ def identify_axis(
     inputs = [record, *against]
     with (
         result_folder(out, command="identify-axis", names=_WRITTEN, inputs=inputs, resumes=True) as folder,
-        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume) as run,
     ):
         with progress_bar(console, "inverse model") as bar:
             found = identify_record(
@@ -134,8 +134,7 @@ def identify_axis(
                 window=window,
                 horizon=horizon,
                 held_against=others,
-                recall=run.recall,
-                progress=lambda share, doing: bar.show(share, doing=doing),
+                run=replace(run, progress=bar.report),
             )
         with folder.replaced() as new:
             more = {"findings": finding_results(findings), "provenance": made.to_dict()}

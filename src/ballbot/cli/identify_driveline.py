@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +13,11 @@ from ballbot.cli.findings import Accept, accept_argv, stop_or_show
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
+from ballbot.fitting.run import Run
 from ballbot.identification.driveline import (
     DrivelineBounds,
     DrivelineFit,
     PrintedFit,
-    Report,
     Sweep,
     fit_as_printed,
     fit_driveline,
@@ -27,6 +28,7 @@ from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.printable import shell_line
+from ballbot.progress import Progress, part_of
 from ballbot.report.driveline import (
     driveline_findings,
     driveline_report,
@@ -130,20 +132,16 @@ def _fit(
     fits: list[DrivelineFit] = []
     printed: list[PrintedFit] = []
     with progress_bar(console, "sweep") as bar:
+
+        def show(now: Progress) -> None:
+            bar.report(replace(now, note=f"error {math.exp(now.cost):.3g}"))
+
         for i, sweep in enumerate(sweeps):
-
-            def tell(share: float, note: str, i: int = i) -> None:
-                bar.show((i + share) / len(sweeps), doing=f"wheel {i + 1}", note=note)
-
-            def of_pieces(share: float, note: str, tell: Report = tell) -> None:
-                tell(_PIECES * share, note)
-
-            def of_printed(share: float, note: str, tell: Report = tell) -> None:
-                tell(_PIECES + (1.0 - _PIECES) * share, note)
-
-            fit = fit_driveline(sweep, bounds=bounds, seed=seed, progress=of_pieces)
+            of_wheel = part_of(show, i / len(sweeps), (i + 1) / len(sweeps), stage=f"wheel {i + 1}")
+            of_pieces, of_printed = part_of(of_wheel, 0.0, _PIECES), part_of(of_wheel, _PIECES, 1.0)
+            fit = fit_driveline(sweep, bounds=bounds, run=Run(seed=seed, progress=of_pieces))
             fits.append(fit)
-            printed.append(fit_as_printed(sweep, fit, bounds=bounds, seed=seed, progress=of_printed))
+            printed.append(fit_as_printed(sweep, fit, bounds=bounds, run=Run(seed=seed, progress=of_printed)))
     return fits, printed
 
 

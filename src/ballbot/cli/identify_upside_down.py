@@ -95,7 +95,7 @@ def identify_upside_down(
         result_folder(
             out, command="identify-upside-down", names=_WRITTEN, inputs=files, resumes=True
         ) as folder,
-        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=None) as run,
+        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, seed=seed) as run,
     ):
         with progress_bar(console, "identifying") as bar:
 
@@ -107,9 +107,7 @@ def identify_upside_down(
                 list(named.values()),
                 bounds=within,
                 window=window,
-                seed=seed,
-                recall=run.recall,
-                progress=tell,
+                run=replace(run, progress=tell),
             )
         with folder.replaced() as new:
             _write(found, next(iter(named.values())), made, findings, new)

@@ -16,6 +16,7 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
 from ballbot.printable import shell_line
+from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, directions_figure, heights_figure, planes_figure
 from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
@@ -105,11 +106,11 @@ def limits(
         with progress_bar(console, "limits") as bar:
             for place, (one, controller) in enumerate(zip(entrants, chosen.values(), strict=True)):
 
-                def tell(share: float, place: int = place, name: str = one.name) -> None:
-                    bar.show((place + share) / len(chosen), note=name)
+                def report(now: Progress, place: int = place, name: str = one.name) -> None:
+                    bar.show((place + now.share) / len(chosen), note=name)
 
                 loop = Loop(robot=described, controller=controller, grip=grip)
-                found.model[one.name] = find_limits(loop, refinements=refinements, tell=tell)
+                found.model[one.name] = find_limits(loop, refinements=refinements, progress=report)
                 if truth is not None:
                     bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
                     found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], seed)

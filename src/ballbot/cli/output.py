@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as RichProgress
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from ballbot.fitting.run import EtaEstimator, as_clock
 from ballbot.printable import printable, printable_line
+from ballbot.progress import EtaEstimator, Progress, as_clock
 
 _WIDTH = 100  #: columns where no terminal says how many there are
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
@@ -53,11 +54,15 @@ class Bar(Protocol):
         """Show that a share of the work, 0 to 1, is done, what is being done now, and a short note."""
         ...
 
+    def report(self, progress: Progress) -> None:
+        """Show the progress of work, its stage and its note; a `ballbot.progress.ProgressCallback`."""
+        ...
+
 
 class _DrawnBar:
     """A bar that moves, on a terminal."""
 
-    def __init__(self, progress: Progress, task: TaskID) -> None:
+    def __init__(self, progress: RichProgress, task: TaskID) -> None:
         self._progress, self._task, self._pace = progress, task, EtaEstimator()
 
     def show(self, share: float, *, doing: str | None = None, note: str = "") -> None:
@@ -66,6 +71,9 @@ class _DrawnBar:
         self._progress.update(
             self._task, completed=share, description=shown, note=printable_line(note), left=left
         )
+
+    def report(self, progress: Progress) -> None:
+        self.show(progress.share, doing=progress.stage, note=progress.note)
 
 
 class _WrittenLines:
@@ -89,6 +97,9 @@ class _WrittenLines:
         stage_is_new = bool(self._written_of) and self._doing != self._written_of
         if stage_is_new or monotonic() > self._next:
             self._write()
+
+    def report(self, progress: Progress) -> None:
+        self.show(progress.share, doing=progress.stage, note=progress.note)
 
     def end(self) -> None:
         """Write nothing more."""
@@ -132,7 +143,7 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    with Progress(*columns, console=console, transient=True) as progress:
+    with RichProgress(*columns, console=console, transient=True) as progress:
         yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=1.0, note="", left=""))
 
 

@@ -126,7 +126,7 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
     outcome = finished_outcome(job, seed, out) if resume else None
     if outcome is None:
         with progress_bar(console, f"recording {job.duration:g} s") as bar:
-            outcome = record_run(job, seed, out, progress=bar.show)
+            outcome = record_run(job, seed, out, progress=lambda now: bar.show(now.share))
     else:
         console.print("The run is complete and was kept.")
     for path in sorted(out.iterdir()):
@@ -138,7 +138,7 @@ def _one(job: RecordJob, seed: int, out: Path, console: Console, *, resume: bool
 
 def _many(job: RecordJob, seeds: list[int], out: Path, console: Console) -> None:
     with progress_bar(console, f"recording {len(seeds)} runs of {job.duration:g} s") as bar:
-        outcomes = record_runs(job, seeds, out, progress=lambda done: bar.show(done / len(seeds)))
+        outcomes = record_runs(job, seeds, out, progress=lambda now: bar.show(now.share))
     console.print(_summary(outcomes, out), soft_wrap=True)
     for outcome in outcomes:
         if outcome.ended:

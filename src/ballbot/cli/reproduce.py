@@ -7,6 +7,7 @@ from pathlib import Path
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.fitting.run import check_seed
 from ballbot.printable import shell_line
+from ballbot.progress import part_of
 from ballbot.report.page import provenance
 from ballbot.result_folder import result_folder
 
@@ -44,14 +45,14 @@ def reproduce(*, out: Path, seed: int = 0) -> None:
         found = remake(
             folder.path / "runs",
             seed=seed,
-            progress=lambda share, doing: bar.show(_MEASURED * share, doing=doing),
+            progress=part_of(bar.report, 0.0, _MEASURED),
         )
         with folder.replaced() as new:
             write_reproduction(
                 found,
                 new,
                 provenance=made,
-                progress=lambda share, doing: bar.show(_MEASURED + (1.0 - _MEASURED) * share, doing=doing),
+                progress=part_of(bar.report, _MEASURED, 1.0),
             )
     rows = [[item.name, item.title, item.verdict] for item in found.items]
     console.print(table("The thesis remade", ("", "shows", "ours"), rows, framed=console.is_terminal))

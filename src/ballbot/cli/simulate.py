@@ -103,7 +103,7 @@ def simulate(
                 path,
                 duration=duration,
                 seed=seed,
-                progress=bar.show,
+                progress=lambda now: bar.show(now.share),
             )
         with folder.replaced() as new:
             log.write(new / f"log.{format}")

@@ -100,7 +100,9 @@ def spin(
     with result_folder(out, command="spin", names=_WRITTEN, inputs=files) as folder:
         with progress_bar(console, "looking") as bar:
             found = measure_spin(
-                film, setup, progress=lambda share, doing: bar.show(share, doing=doing, note=video.stem)
+                film,
+                setup,
+                progress=lambda now: bar.show(now.share, doing=now.stage, note=video.stem),
             )
         comparison = None
         if run is not None and described is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.text import Text
@@ -24,7 +25,7 @@ from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_text
 from ballbot.workflows.courses import PlantName
 from ballbot.workflows.plant_draws import available_plant
-from ballbot.workflows.study import Effort
+from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
 
 
@@ -35,7 +36,7 @@ def study(
     out: Path,
     plant: PlantName | None = None,
     scenario: str = "nominal",
-    draws: int = Effort.draws,
+    draws: int = StudyOptions.draws,
     leave_out: str = "",
     mapping: Path | None = None,
     bounds: Path | None = None,
@@ -117,7 +118,9 @@ def study(
     belongs_to = identity(described, list(named.values()), options)
     with (
         result_folder(out, command="study", names=STUDY_FILES, inputs=files, resumes=True) as folder,
-        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=cluster) as run,
+        long_run(
+            folder.path, words=words, belongs_to=belongs_to, resume=resume, cluster=cluster, seed=seed
+        ) as run,
         progress_bar(console, "reading") as bar,
     ):
         result = run_study(
@@ -125,14 +128,8 @@ def study(
             CheckedLogs(logs=named, findings=findings),
             plant=named_plant,
             scenario=tried,
-            effort=Effort(draws=draws),
-            bounds=within,
-            left_out=left_out,
-            back_emf=back_emf,
-            seed=seed,
-            spread=run.spread,
-            recall=run.recall,
-            progress=lambda stage, share: bar.show(share, doing=stage),
+            options=StudyOptions(bounds=within, excluded_states=left_out, back_emf=back_emf, draws=draws),
+            run=replace(run, progress=bar.report),
         )
         bar.show(1.0, doing="writing the report")
         with folder.replaced() as new:
@@ -164,7 +161,7 @@ def _words(
     words = ["ballbot", "study", robot, *map(str, logs), "--out", str(out)]
     words += ["--plant", plant] if plant else []
     words += ["--scenario", scenario] if scenario != "nominal" else []
-    words += ["--draws", str(draws)] if draws != Effort.draws else []
+    words += ["--draws", str(draws)] if draws != StudyOptions.draws else []
     words += ["--leave-out", leave_out] if leave_out else []
     words += ["--mapping", str(mapping)] if mapping else []
     words += ["--bounds", str(bounds)] if bounds else []

@@ -111,7 +111,7 @@ def recommendations(
                 seeds=parse_seeds(seeds),
                 duration=duration,
                 threads=os.cpu_count() or 1,
-                progress=bar.show,
+                progress=lambda now: bar.show(now.share),
             )
         scores = {
             name: {kind: [asdict(one) for one in runs] for kind, runs in comparison.scores.items()}

@@ -7,7 +7,7 @@ state of the search or of its random numbers has to be kept. A question that dif
 
 The file is text, a JSON object a line, floats with as many digits as give the same bits back:
 
-    {"format": "ballbot checkpoint 2", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
+    {"format": "ballbot checkpoint 3", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
     {"stage": "evolution", "question": {"shape": [24, 12], ...}, "answer": [...], "sha256": "..."}
 
 It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one. A line ends with the
@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import check_file, remove, write_bytes
+from ballbot.fitting.run import Arrays
 from ballbot.log import Log
 from ballbot.robot import Robot
 
@@ -53,44 +54,14 @@ def machine() -> dict[str, str]:
     return {package: version(package) for package in _PACKAGES} | {"processor": kind}
 
 
-_FORMAT = "ballbot checkpoint 2"
+_FORMAT = "ballbot checkpoint 3"
+_ANY_FORMAT = re.compile(r"ballbot checkpoint (\d+)")
 _SEAL = b', "sha256": "'
 _END = b'"}\n'
-
-Arrays = tuple[NDArray[np.float64], ...]
 
 
 class CheckpointError(InputError):
     """A checkpoint that is damaged or another run's; it is its owner's to delete."""
-
-
-class Memoize(Protocol):
-    """Answers a question, from a checkpoint where the answer is on file."""
-
-    def __call__(
-        self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
-    ) -> Arrays:
-        """Return the arrays that `answer` gives.
-
-        Parameters
-        ----------
-        stage : str
-            What part of the run asks.
-        question : ndarray
-            What the answer depends on.
-        answer : callable
-            Computes it; draws no random numbers.
-        """
-        ...
-
-
-def no_checkpoint(
-    stage: str,  # noqa: ARG001
-    question: NDArray[np.float64],  # noqa: ARG001
-    answer: Callable[[], Sequence[NDArray[np.float64]]],
-) -> Arrays:
-    """Compute every answer: the `Recall` of a run without a checkpoint."""
-    return tuple(answer())
 
 
 class Checkpoint:
@@ -102,10 +73,10 @@ class Checkpoint:
         self._lines = list(lines)
         self._next = 1  # the line that the next question is compared with
 
-    def recall(
+    def memoize(
         self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
     ) -> Arrays:
-        """Answer as `Recall` says; a new answer is on file before it is returned.
+        """Answer as `ballbot.fitting.run.Run.memoize` says; a new answer is on file before it is returned.
 
         Raises
         ------
@@ -211,13 +182,19 @@ def _read(path: Path) -> list[bytes]:
 
 
 def _header(path: Path, lines: Sequence[bytes]) -> dict[str, str]:
+    """Return what the file's run belongs to, or raise InputError if the file is no checkpoint of this version."""
     try:
         header = json.loads(lines[0])
-        whole = header["format"] == _FORMAT and lines[-1].endswith(b"\n")
-        belongs_to = dict(header["belongs_to"])
+        written, belongs_to = str(header["format"]), dict(header["belongs_to"])
     except (IndexError, ValueError, KeyError, TypeError, RecursionError):
-        whole, belongs_to = False, {}
-    if not whole:
+        written, belongs_to = "", {}
+    numbered = _ANY_FORMAT.fullmatch(written)
+    if numbered and written != _FORMAT:
+        raise InputError(
+            f"{path} is a checkpoint of format {numbered[1]}, and Ballbot {version('ballbot')} has format "
+            f"{_FORMAT.rsplit(' ', 1)[1]}; resume it with the version that wrote it, or delete it to start again."
+        )
+    if written != _FORMAT or not lines[-1].endswith(b"\n"):
         raise InputError(
             f"{path} is not a complete checkpoint of this version of Ballbot; delete it to start again."
         )

@@ -12,8 +12,8 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import check_seed
+from ballbot.fitting.run import Run
+from ballbot.progress import Progress
 
 #: the search ends early where this many generations together gain less than `LEAST_GAIN`; a polish follows
 PATIENCE = 25
@@ -34,9 +34,7 @@ def evolve(
     size: int,
     generations: int,
     population: int,
-    seed: int,
-    report: Callable[[int, float], None],
-    recall: Memoize = no_checkpoint,
+    run: Run,
 ) -> SearchResult:
     """Minimise a cost over the unit cube.
 
@@ -47,29 +45,20 @@ def evolve(
     size : int
         Number of coordinates, p.
     generations, population : int
-    seed : int
-        The same seed gives the same search, bit for bit.
-    report : callable
-        Told the number of generations done and the best cost after each.
-    recall : Recall
-        Answers for the costs of a generation; by default they are computed.
-
-    Raises
-    ------
-    InputError
-        Where the seed is none.
+    run : Run
+        Its seed fixes the search bit for bit; its checkpoint answers for the costs of a generation, and the stage
+        "evolution" is reported after each.
     """
-    check_seed(seed)
     strategy = CMA(
         mean=np.full(size, 0.5),
         sigma=0.3,
         bounds=np.tile([0.0, 1.0], (size, 1)),
         population_size=population,
-        seed=seed,
+        seed=run.seed,
     )
 
     def costs_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
-        return recall("evolution", candidates, lambda: [cost_of(candidates)])[0]
+        return run.memoize("evolution", candidates, lambda: [cost_of(candidates)])[0]
 
     best, least, history = np.full(size, 0.5), np.inf, []
     for generation in range(1, generations + 1):
@@ -79,7 +68,7 @@ def evolve(
         if costs.min() < least:
             best, least = candidates[costs.argmin()], float(costs.min())
         history.append(least)
-        report(generation, least)
+        run.progress(Progress(stage="evolution", done=generation, total=generations, cost=least))
         waited = len(history) > PATIENCE and history[-PATIENCE - 1] - least < LEAST_GAIN
         if waited or strategy.should_stop():
             break

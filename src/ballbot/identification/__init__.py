@@ -1,11 +1,11 @@
 """Friction from logs: what a robot's own motion tells, how surely, and what it does not."""
 
-from ballbot.fitting.run import Progress
 from ballbot.identification.holdout import HoldoutResult, cross_validate
 from ballbot.identification.identify import identify
 from ballbot.identification.laws import ModelSelection, select_model
 from ballbot.identification.parameters import Bounds, read_bounds
 from ballbot.identification.result import Identification, WindowErrors
+from ballbot.progress import Progress
 
 __all__ = [
     "Bounds",

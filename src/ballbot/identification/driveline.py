@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log import Log
@@ -87,7 +88,6 @@ _AT_BOUND = 1e-4
 #: a standard error of this share of the bounds' width leaves a parameter unknown
 _UNKNOWN = 0.5
 _BLOCK = 0.5  # [s]; residuals of one block may depend on each other
-Report = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,10 +238,9 @@ def fit_driveline(
     sweep: Sweep,
     *,
     bounds: DrivelineBounds,
-    seed: int,
     generations: int = 120,
     population: int = 20,
-    progress: Report,
+    run: Run = DEFAULT_RUN,
 ) -> DrivelineFit:
     """Find one driveline's five parameters from the pieces of its sweep.
 
@@ -269,7 +268,7 @@ def fit_driveline(
         return _jacobian(lambda many: errors(bounds.values(many)), z)
 
     best = _evolve(
-        lambda values: np.linalg.norm(errors(values), axis=1), bounds, seed, generations, population, progress
+        lambda values: np.linalg.norm(errors(values), axis=1), bounds, generations, population, run
     )
     z = least_squares(
         lambda z: errors(bounds.values(z[None]))[0],
@@ -331,17 +330,16 @@ def fit_as_printed(
     fit: DrivelineFit,
     *,
     bounds: DrivelineBounds,
-    seed: int,
     generations: int = 60,
     population: int = 16,
-    progress: Report,
+    run: Run = DEFAULT_RUN,
 ) -> PrintedFit:
     """Find the five parameters with the clamp (3.2) as printed, over the whole sweep."""
 
     def costs(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.linalg.norm(_predict_clamped(sweep, values) - sweep.speed, axis=1)
 
-    best = bounds.values(_evolve(costs, bounds, seed, generations, population, progress))
+    best = bounds.values(_evolve(costs, bounds, generations, population, run))
     predicted, restarted = _predict_clamped(sweep, np.stack([best, fit.values]))
     return PrintedFit(
         values=best,
@@ -354,10 +352,9 @@ def fit_as_printed(
 def _evolve(
     costs: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     bounds: DrivelineBounds,
-    seed: int,
     generations: int,
     population: int,
-    progress: Report,
+    run: Run,
 ) -> NDArray[np.float64]:
     """Return the best scaled parameters (5,) of an evolution strategy; amounts are looked for closer near zero."""
 
@@ -369,8 +366,7 @@ def _evolve(
         size=5,
         generations=generations,
         population=population,
-        seed=seed,
-        report=lambda generation, cost: progress(generation / generations, f"error {np.exp(cost):.3g}"),
+        run=run,
     )
     return z_of(evolved.best)
 

@@ -7,15 +7,15 @@ at a bound that would leave it stays there.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import NormalEquations
 from ballbot.identification.prediction import Problem
+from ballbot.progress import Progress
 
 #: all of them are tried at each step, in one batch, each by itself and lengthened: where large residuals make
 #: Gauss-Newton's curvature too great, a longer step goes further
@@ -44,23 +44,22 @@ def gauss_newton(
     *,
     free: NDArray[np.bool_],
     most_steps: int,
-    report: Callable[[int, float], None],
-    recall: Memoize = no_checkpoint,
+    run: Run = DEFAULT_RUN,
 ) -> GaussNewtonFit:
     """Descend from `start` (p,), scaled, moving the parameters marked in `free` (p,), at most so many steps.
 
-    `report` is told the number of steps done and the cost after each; `recall` answers for costs and normal equations.
+    The run's checkpoint answers for costs and normal equations; the stage "polish" is reported after each step.
     """
 
     def costs_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return recall("costs", points, lambda: [problem.costs(points)])[0]
+        return run.memoize("costs", points, lambda: [problem.costs(points)])[0]
 
     def equations_about(point: NDArray[np.float64]) -> NormalEquations:
         def answer() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             equations = problem.linearize(point)
             return equations.matrix, equations.scores
 
-        matrix, scores = recall("equations", point, answer)
+        matrix, scores = run.memoize("equations", point, answer)
         return NormalEquations(matrix=matrix, scores=scores)
 
     point, least, history = start, float(costs_of(start[None])[0]), []
@@ -74,7 +73,7 @@ def gauss_newton(
             point, least = candidates[costs.argmin()], float(costs.min())
             equations = equations_about(point)
         history.append(least)
-        report(step, least)
+        run.progress(Progress(stage="polish", done=step, total=most_steps, cost=least))
         short_steps = 0 if gain > LEAST_GAIN else short_steps + 1
         if not gain > 0.0 or short_steps == PATIENCE:
             break

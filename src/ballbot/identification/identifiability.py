@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -37,11 +37,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import t as student
 
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import bootstrap, correlation, covariance, unleveraged
 from ballbot.identification.initial_states import InitialStatesFit, compared, descend
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Problem
+from ballbot.progress import ignore_progress
 
 #: how sure it has to be, as a number without a meaning is worse than none
 EFFECT_CONFIDENCE = 0.999
@@ -70,9 +71,9 @@ class Unidentifiable:
 
 
 def unidentifiable(
-    problem: Problem, finished: InitialStatesFit, *, most_steps: int, recall: Memoize = no_checkpoint
+    problem: Problem, finished: InitialStatesFit, *, most_steps: int, run: Run = DEFAULT_RUN
 ) -> Unidentifiable:
-    """Return which free parameters act through others that do not differ from zero; `recall` answers for each step."""
+    """Return which free parameters act through others that do not differ from zero."""
     coordinates = problem.coordinates
     names = np.array(coordinates.names)
     found, origin = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
@@ -82,7 +83,7 @@ def unidentifiable(
         if (
             dependent.any()
             and through.any()
-            and not _earned(problem, finished, through, dependent, most_steps, recall)
+            and not _earned(problem, finished, through, dependent, most_steps, run)
         ):
             found, origin = found | dependent, origin | through
     return Unidentifiable(dependent=found, through=origin)
@@ -94,7 +95,7 @@ def _earned(
     through: NDArray[np.bool_],
     dependent: NDArray[np.bool_],
     most_steps: int,
-    recall: Memoize,
+    run: Run,
 ) -> bool:
     point, free = finished.point, problem.coordinates.free
     amounts = point * through
@@ -111,9 +112,8 @@ def _earned(
         finished.starts,
         free=free & ~through & ~dependent,
         most_steps=most_steps,
-        report=_ignore,
         moved=-amounts,
-        recall=recall,
+        run=replace(run, progress=ignore_progress),
     )
     rise = 2.0 * compared(problem) * int(problem.cost.counted.sum()) * (history[-1] - finished.cost)
     return rise > limit * _dependence(finished, moved, through, spread)
@@ -129,10 +129,6 @@ def _dependence(
     H = finished.equations.normal.matrix[np.ix_(moved, moved)]
     independent = np.linalg.pinv(H, hermitian=True)[np.ix_(through[moved], through[moved])]
     return float(np.trace(np.linalg.lstsq(independent, spread, rcond=1e-13)[0])) / len(spread)
-
-
-def _ignore(step: int, cost: float) -> None:
-    """Report nothing."""
 
 
 #: fits of the other parameters on one side, and steps of each
@@ -200,9 +196,7 @@ def _limit(
         target = float(np.clip(target, 0.0, 1.0))
         moved = np.zeros(len(point))
         moved[place] = target - point[place]
-        point, starts, history = descend(
-            problem, point, starts, free=others, most_steps=_STEPS, report=_ignore_progress, moved=moved
-        )
+        point, starts, history = descend(problem, point, starts, free=others, most_steps=_STEPS, moved=moved)
         root = float(np.sqrt(max(scale * (history[-1] - least), 0.0)))
         if root**2 < rise:
             inside = (target, root)
@@ -230,10 +224,6 @@ def _next(
     reached = inside[0] - origin
     longer = 2.0 if inside[1] <= 0.5 * root else root / inside[1] * 1.05
     return origin + longer * (reached if reached else step)
-
-
-def _ignore_progress(step: int, cost: float) -> None:
-    """Report nothing."""
 
 
 #: how an interval was obtained
@@ -360,9 +350,8 @@ def assess(
     *,
     estimated: NDArray[np.bool_],
     at_bound: NDArray[np.bool_],
-    seed: int,
     most_profiles: int = MOST_PROFILES,
-    recall: Memoize = no_checkpoint,
+    run: Run = DEFAULT_RUN,
 ) -> Uncertainty:
     """Return how sure the estimate is.
 
@@ -375,12 +364,10 @@ def assess(
         Which parameters get a standard error.
     at_bound : ndarray (p,)
         Which of the others stand at a bound; they get an interval on one side.
-    seed : int
-        Of the bootstrap.
     most_profiles : int
         How many parameters are profiled, where the errors are doubtful.
-    recall : callable, optional
-        Answers for each profile.
+    run : Run, optional
+        Its seed is the bootstrap's; its checkpoint answers for each profile.
     """
     coordinates, point = problem.coordinates, finished.point
     normal = finished.equations.normal
@@ -388,7 +375,7 @@ def assess(
     clustered = covariance(unleveraged(windows.matrices, windows.scores, estimated), estimated)
     variances = clustered.diagonal()  # not positive where a short, ill-posed fit tells nothing
     scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
-    resampled = bootstrap(finished.equations, estimated, seed=seed).errors
+    resampled = bootstrap(finished.equations, estimated, seed=run.seed).errors
     errors = Errors(
         point=point,
         clustered=scaled_errors,
@@ -412,7 +399,7 @@ def assess(
             )
             return [np.array([one.lower, one.upper], dtype=float)]  # None becomes NaN
 
-        (limits,) = recall("profile", np.array([float(place), float(rise)]), answer)
+        (limits,) = run.memoize("profile", np.array([float(place), float(rise)]), answer)
         lower, upper = (float(one) if np.isfinite(one) else None for one in limits)
         return Profile(place=place, lower=lower, upper=upper)
 

@@ -7,15 +7,14 @@ polish, standard errors and held-out windows added.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
 from ballbot.findings import Finding
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import Executor, ProgressCallback, ProgressReporter, Threads, check_seed
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.gauss_newton import at_bound
@@ -37,7 +36,8 @@ from ballbot.identification.result import (
     ridge_findings,
 )
 from ballbot.identification.stages import (
-    Effort,
+    DEFAULT_OPTIONS,
+    IdentificationOptions,
     PointEstimate,
     Prepared,
     better_start,
@@ -47,15 +47,14 @@ from ballbot.identification.stages import (
     refine,
     search,
     stages_of,
-    states_counted,
 )
-from ballbot.identification.sweep import Estimate, SweepFriction, with_sweep
+from ballbot.identification.sweep import Estimate, with_sweep
 from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
-from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import ProgressReporter
 from ballbot.robot import Robot
 
 
@@ -63,75 +62,38 @@ def identify(
     robot: Robot,
     logs: Log | Sequence[Log] | CheckedLogs,
     *,
-    accept: Collection[str] = (),
     free: Sequence[str] = ("friction",),
     law: LawName = "stribeck",
     bounds: Bounds | None = None,
     window: float = 0.25,
-    formulation: Formulation = "exact",
-    held_out: float = 0.25,
-    left_out: Sequence[str] = (),
-    back_emf: float = 0.0,
-    start: Identification | None = None,
-    sweep: SweepFriction | None = None,
-    seed: int = 0,
-    generations: int = 150,
-    population: int = 24,
-    evolution_windows: int = 64,
-    polish_steps: int = 25,
-    step: float = 1e-3,
-    spread: Executor | None = None,
-    recall: Memoize = no_checkpoint,
-    progress: ProgressCallback | None = None,
+    seed: int | None = None,
+    options: IdentificationOptions = DEFAULT_OPTIONS,
+    run: Run = DEFAULT_RUN,
 ) -> Identification:
-    """Find b, c, s of each wheel, v_s, delta and C_rr from balancing logs, and what else is named.
+    """Identify b, c, s of each wheel, v_s, delta and C_rr from balancing logs, and any other named quantity.
 
     Parameters
     ----------
     robot : Robot
-        Its own friction is not used, but for parameters that the logs say nothing of, and where friction is not sought.
+        Its own friction is used only for parameters on which the logs have no information, and where friction is not
+        estimated.
     logs : Log, sequence of Log, or CheckedLogs
         With the ten state columns and the torques u1 .. un, of one sample time. Windows with missing values, gaps
-        or a fallen robot are left out. The logs are checked first, unless they come as `CheckedLogs`.
-    accept : collection of str
-        Codes of errors found in the logs to go on in spite of; see `ballbot.findings.CODES`.
+        or a fallen robot are skipped. The logs are checked first, unless they come as `CheckedLogs`.
     free : sequence of str
-        What is sought: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
+        What is estimated: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
     law : str
-        The friction law, of `ballbot.identification.laws.LAWS`, where "friction" is sought.
+        The friction law, of `ballbot.identification.laws.LAWS`, if "friction" is estimated.
     bounds : Bounds, optional
         Within which the parameters are sought; a quantity with equal bounds is held there.
     window : float
         Length of the windows predicted [s].
-    formulation : {"exact", "thesis"}
-    held_out : float
-        Share of the windows kept from the fit, to judge it by.
-    left_out : sequence of str
-        States whose errors do not count in the fit, as the heading on a floor on which the ball pivots.
-    back_emf : float
-        What a motor driven by voltage brakes with [N m s/rad], if the logs' torques contain it; see
-        `ballbot.identification.windows`.
-    start : Identification, optional
-        One whose numbers the polish begins from where they predict better than what the evolution found.
-    sweep : SweepFriction, optional
-        What a sweep of the free wheels told, to be combined with what the logs tell; see
-        `ballbot.identification.sweep`.
-    seed : int
-        The result is the same to the bit for the same seed, wherever the work is done and however often it was resumed.
-    generations, population : int
-        Most generations of the evolution, and sets of parameters in each.
-    evolution_windows : int
-        How many of the windows to fit the evolution looks at; the polish takes all.
-    polish_steps : int
-        Most steps of the polish.
-    step : float
-        Longest inner step of the polish's and the verdict's simulations [s].
-    spread : Spread, optional
-        Where the work is done: `Threads` of a number, a `Cluster`; by default a thread for each core.
-    recall : Recall, optional
-        A checkpoint's, for a run that can be resumed; see `ballbot.fitting.checkpoint`.
-    progress : callable, optional
-        Told a `Progress` after each generation and each step of the polish.
+    seed : int, optional
+        Replaces the seed of `run`. The result is the same to the bit for the same seed, wherever the work is done and
+        however often it was resumed.
+    options : IdentificationOptions, optional
+    run : Run, optional
+        Where the work is done, the checkpoint of a run that can be resumed, and who watches the progress.
 
     Returns
     -------
@@ -140,56 +102,43 @@ def identify(
     Raises
     ------
     InputError
-        If the checks of the logs find an error whose code is not accepted.
-        Where the logs cannot give the parameters (a column missing, too few windows, no motion), or an option makes
-        no sense.
+        If the checks of the logs find an error whose code is not accepted; if the logs cannot determine the
+        parameters (a column missing, too few windows, no motion); or if an option is invalid.
     """
-    if not 0.0 < held_out < 1.0:
-        raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
-    check_seed(seed)
-    effort = Effort(
-        generations=generations,
-        population=population,
-        evolution_windows=evolution_windows,
-        polish_steps=polish_steps,
-    )
-    checked = checked_logs(robot, logs, accept=accept)
+    run = run if seed is None else replace(run, seed=seed)
+    checked = checked_logs(robot, logs, accept=options.accept)
     fitted = list(checked.logs.values())
     coordinates = estimated_parameters(robot, free=free, law=law, bounds=bounds or Bounds())
     predictor = Predictor(
         robot=robot,
-        formulation=formulation,
-        step=step,
+        formulation=options.formulation,
+        step=options.step,
         layout=coordinates.layout,
-        back_emf=back_emf,
+        back_emf=options.back_emf,
     )
     prepared = prepare(
         predictor,
         coordinates,
-        [standstill_torques(log, robot, back_emf) for log in fitted],
+        [standstill_torques(log, robot, options.back_emf) for log in fitted],
         window=window,
-        held_out=held_out,
-        seed=seed,
-        effort=effort,
-        counted=states_counted(left_out),
-        spread=spread or Threads(),
+        options=options,
+        run=run,
     )
-    recall("inputs", inputs_of(prepared, effort=effort, seed=seed, start=start), list)
-    told = ProgressReporter(progress, stages_of(prepared, effort))
-    evolved = search(prepared.coarse, effort=effort, seed=seed, told=told, recall=recall)
+    run.memoize("inputs", inputs_of(prepared, options=options, seed=run.seed), list)
+    run = replace(run, progress=ProgressReporter(run.progress, stages_of(prepared, options)))
+    evolved = search(prepared.coarse, options=options, run=run)
+    start = options.warm_start
     begin = evolved.best if start is None else better_start(prepared.problem, evolved.best, start)
-    estimate = refine(prepared, begin, effort=effort, told=told, recall=recall)
+    estimate = refine(prepared, begin, options=options, run=run)
     return _result(
         prepared,
         evolved,
         estimate,
         logs=fitted,
         findings=checked.findings,
-        left_out=tuple(left_out),
         window=window,
-        sweep=sweep,
-        seed=seed,
-        recall=recall,
+        options=options,
+        run=run,
     )
 
 
@@ -215,11 +164,9 @@ def _result(
     *,
     logs: Sequence[Log],
     findings: tuple[Finding, ...],
-    left_out: tuple[str, ...],
     window: float,
-    sweep: SweepFriction | None,
-    seed: int,
-    recall: Memoize,
+    options: IdentificationOptions,
+    run: Run,
 ) -> Identification:
     coordinates, predictor = prepared.problem.coordinates, prepared.problem.predictor
     sure = assess(
@@ -227,14 +174,13 @@ def _result(
         estimate.finished,
         estimated=estimate.estimated,
         at_bound=_at_bounds(coordinates, estimate),
-        seed=seed,
-        recall=recall,
+        run=run,
     )
     layout = predictor.layout
-    told = Estimate(values=estimate.values, uncertainty=sure)
-    if sweep is not None:
-        told = with_sweep(coordinates, told, sweep)
-    values, sure = told.values, told.uncertainty
+    final = Estimate(values=estimate.values, uncertainty=sure)
+    if options.sweep is not None:
+        final = with_sweep(coordinates, final, options.sweep)
+    values, sure = final.values, final.uncertainty
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found_robot(predictor.robot, layout, values, sure.standard_errors, log_count=len(logs)),
@@ -250,31 +196,31 @@ def _result(
         fit_windows=prepared.fit.spans,
         held_out_windows=prepared.held_out.spans,
         window=window,
-        left_out=left_out,
+        left_out=tuple(options.excluded_states),
         evolution_cost=evolved.history,
         polish_cost=estimate.polished.history,
         warnings=(
-            *_log_findings(predictor, logs, left_out),
-            *_findings(prepared, estimate, told, held_out),
-            *told.remarks,
+            *_log_findings(predictor, logs, options.excluded_states),
+            *_findings(prepared, estimate, final, held_out),
+            *final.remarks,
         ),
         log_findings=findings,
     )
 
 
 def _findings(
-    prepared: Prepared, estimate: PointEstimate, told: Estimate, held_out: WindowErrors
+    prepared: Prepared, estimate: PointEstimate, final: Estimate, held_out: WindowErrors
 ) -> list[str]:
     """Return what to know of the numbers, in sentences."""
-    coordinates, sure = prepared.problem.coordinates, told.uncertainty
+    coordinates, sure = prepared.problem.coordinates, final.uncertainty
     apart = (
         *correlation_findings(coordinates.labels, sure.correlation),
         *ridge_findings(coordinates.labels, sure.correlation),
     )
     return [
         *prepared.excitation.remarks,
-        *influence_findings(coordinates, told.values, estimate.no_influence),
-        *bound_findings(coordinates, told.values, _at_bounds(coordinates, estimate)),
+        *influence_findings(coordinates, final.values, estimate.no_influence),
+        *bound_findings(coordinates, final.values, _at_bounds(coordinates, estimate)),
         *error_findings(coordinates, sure.scaled_errors),
         *interval_findings(sure.intervals),
         *dict.fromkeys(apart),

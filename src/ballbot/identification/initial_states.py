@@ -16,17 +16,18 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.gauss_newton import LEAST_GAIN, leaving
 from ballbot.identification.prediction import DIFFERENCE, Problem, Work
+from ballbot.progress import Progress
 
 #: damping and length of the steps tried at once: short ones, as a wheel that begins to stick bends the cost sharply;
 #: long ones, for the bent and nearly level valley of b, c, s and v_s; the last only settles the starts
@@ -86,12 +87,11 @@ def fit_with_initial_states(
     *,
     free: NDArray[np.bool_],
     most_steps: int,
-    report: Callable[[int, float], None],
-    recall: Memoize = no_checkpoint,
+    run: Run = DEFAULT_RUN,
 ) -> InitialStatesFit:
     """Descend from `point` (p,), scaled, in the parameters marked in `free` (p,) and all starts at once.
 
-    `report` is told the number of steps done and the cost after each; `recall` answers for each step.
+    The run's checkpoint answers for each step; the stage "starts" is reported after each.
     """
     best, least, history = (point, problem.windows.initial), np.inf, []
     for _ in range(_ROUNDS):
@@ -102,8 +102,9 @@ def fit_with_initial_states(
             problem.windows.initial,
             free=free,
             most_steps=most_steps - done,
-            report=lambda step, cost, done=done: report(done + step, cost),
-            recall=recall,
+            run=replace(
+                run, progress=lambda one, done=done: run.progress(replace(one, done=done + one.done))
+            ),
         )
         history += costs_after
         if not costs_after or costs_after[-1] >= least:
@@ -145,7 +146,7 @@ def linearize(
         tie=tie,
     )
     work = Work(predictor=problem.predictor, windows=problem.windows)
-    parts = problem.spread(_reduced, work, [(about, rows) for rows in work.rows])
+    parts = problem.executor(_reduced, work, [(about, rows) for rows in work.rows])
     matrices, scores, shift, response = (np.concatenate(one) for one in zip(*parts, strict=True))
     count, size = len(problem.windows), len(point)
     equations = WindowEquations(matrices=np.zeros((count, size, size)), scores=np.zeros((count, size)))
@@ -169,9 +170,8 @@ def descend(
     *,
     free: NDArray[np.bool_],
     most_steps: int,
-    report: Callable[[int, float], None],
     moved: NDArray[np.float64] | None = None,
-    recall: Memoize = no_checkpoint,
+    run: Run = DEFAULT_RUN,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float]]:
     """Descend from a point (p,) and starts (w, 10); return where it ended, likewise, and the cost after each step.
 
@@ -180,18 +180,16 @@ def descend(
     free : ndarray (p,)
         Which parameters the descent moves.
     most_steps : int
-    report : callable
-        Told the number of steps done and the cost after each.
     moved : ndarray (p,), optional
         By how much the first step moves those that are not free, whatever it costs.
-    recall : Recall
-        Answers for each step.
+    run : Run, optional
+        Its checkpoint answers for each step; the stage "starts" is reported after each.
     """
     fixed = np.zeros(len(point)) if moved is None else moved
     least = np.inf if fixed.any() else float(costs(problem, point[None], starts[None])[0])
     history, short_steps, trail = [], 0, [point]
     for step in range(1, most_steps + 1):
-        trial, its_starts, cost = recall(
+        trial, its_starts, cost = run.memoize(
             "starts",
             point,
             partial(
@@ -211,7 +209,7 @@ def descend(
             point, starts, least = trial, its_starts, float(cost)
         fixed = np.zeros(len(point))
         history.append(least)
-        report(step, least)
+        run.progress(Progress(stage="starts", done=step, total=most_steps, cost=least))
         short_steps = 0 if gain > LEAST_GAIN else short_steps + 1
         if short_steps == _PATIENCE:
             break
@@ -350,7 +348,7 @@ def _squares_of_windows(
     """Return squares (sets, w, 2, 10), of starts and of the rest."""
     work = Work(predictor=problem.predictor, windows=problem.windows)
     values = problem.coordinates.physical(points)
-    parts = problem.spread(_squares, work, [(values, starts[:, rows], rows) for rows in work.rows])
+    parts = problem.executor(_squares, work, [(values, starts[:, rows], rows) for rows in work.rows])
     return np.concatenate(parts, axis=1)
 
 

@@ -300,11 +300,11 @@ class Work:
         return [np.arange(first, min(first + WINDOWS, count)) for first in range(0, count, WINDOWS)]
 
 
-def piecewise_square_sums(work: Work, values: NDArray[np.float64], spread: Executor) -> NDArray[np.float64]:
+def piecewise_square_sums(work: Work, values: NDArray[np.float64], executor: Executor) -> NDArray[np.float64]:
     """Return the residuals' sums of squares (sets, 10) over windows and times of comparison, from values (sets, p)."""
     groups = [slice(first, first + SETS) for first in range(0, len(values), SETS)]
     pieces = [(group, rows) for group in groups for rows in work.rows]
-    found = spread(_squares, work, [(values[group], rows) for group, rows in pieces])
+    found = executor(_squares, work, [(values[group], rows) for group, rows in pieces])
     sums = np.zeros((len(values), 10))
     for (group, _), part in zip(pieces, found, strict=True):
         sums[group] += part
@@ -321,10 +321,10 @@ class Differences:
 
 
 def normal_equations(
-    work: Work, differences: Differences, spread: Executor
+    work: Work, differences: Differences, executor: Executor
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return J^T J (m, m) and, for each window, J^T r (w, m)."""
-    found = spread(_products, work, [(differences, rows) for rows in work.rows])
+    found = executor(_products, work, [(differences, rows) for rows in work.rows])
     matrix = np.zeros((len(differences.distance),) * 2)
     for part, _ in found:
         matrix += part
@@ -360,7 +360,7 @@ class Problem:
     windows: Windows
     coordinates: Coordinates
     cost: Cost
-    spread: Executor = field(default_factory=Threads)  #: where the work is done
+    executor: Executor = field(default_factory=Threads)  #: where the work is done
 
     def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the costs (sets,) of scaled parameters (sets, p)."""
@@ -368,7 +368,7 @@ class Problem:
 
     def square_sums(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums of squares (sets, 10) of scaled parameters (sets, p), over windows and time."""
-        return piecewise_square_sums(self._work, self.coordinates.physical(points), self.spread)
+        return piecewise_square_sums(self._work, self.coordinates.physical(points), self.executor)
 
     def residuals(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return predicted minus measured states (sets, w, k, 10) at each window's k times of comparison."""
@@ -392,7 +392,7 @@ class Problem:
         compared = len(self.windows) * (self.windows.samples // every)
         weight = self.cost.weights(self.square_sums(point[None])[0], compared)
         differences = Differences(values=values, distance=distance, weight=weight)
-        part, score = normal_equations(self._work, differences, self.spread)
+        part, score = normal_equations(self._work, differences, self.executor)
         matrix, scores = np.zeros((size, size)), np.zeros((len(self.windows), size))
         matrix[np.ix_(moved, moved)], scores[:, moved] = part, score
         return NormalEquations(matrix=matrix, scores=scores)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, digest, no_checkpoint
-from ballbot.fitting.run import Executor, ProgressReporter, Stage
+from ballbot.fitting.checkpoint import digest
+from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
 from ballbot.fitting.search import SearchResult, evolve
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
@@ -26,8 +26,11 @@ from ballbot.identification.input_and_sensor_model import samples_before
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
 from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.sweep import SweepFriction
 from ballbot.identification.windows import Windows, ball_spin, cut_windows, split
 from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import Stage
 
 #: inner step of the evolution's simulations [s]; only the basin is asked of them, and the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
@@ -37,22 +40,54 @@ LARGEST_LOSS = 1e-3
 STEPS_WITH_STARTS = 3
 
 
-@dataclass(frozen=True, kw_only=True)
-class Effort:
-    """How hard to search.
+def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which states (10,) count if these are excluded from the cost.
 
     Raises
     ------
     InputError
-        Where a count is too small.
+        Where one is no state, or none is left.
+    """
+    for name in excluded:
+        if name not in STATE_NAMES:
+            raise InputError(f"{name!r} is not a state; the states are {', '.join(STATE_NAMES)}.")
+    counted = np.array([name not in excluded for name in STATE_NAMES])
+    if not counted.any():
+        raise InputError("Every state is excluded from the cost; at least one must remain.")
+    return counted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IdentificationOptions:
+    """Options of `identify` besides what it estimates; the defaults suit most logs.
+
+    Raises
+    ------
+    InputError
+        If the held-out fraction is not between 0 and 1, a count is too small, or a state that is excluded is not one.
     """
 
+    accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
+    formulation: Formulation = "exact"  #: of the equations of motion
+    held_out: float = 0.25  #: fraction of the windows that the fit does not see, to validate it on
+    excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading where the ball pivots
+    #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
+    back_emf: float = 0.0
+    warm_start: Identification | None = (
+        None  #: Gauss-Newton begins from its numbers where they predict better
+    )
+    sweep: SweepFriction | None = None  #: friction from a sweep of the free wheels, to combine with the logs'
     generations: int = 150  #: of the evolution, at most
-    population: int = 24  #: sets of parameters in each
-    evolution_windows: int = 64  #: of those to fit, how many the evolution looks at; the polish takes all
-    polish_steps: int = 25  #: at most
+    population: int = 24  #: sets of parameters in each generation
+    evolution_windows: int = 64  #: windows that the evolution looks at; Gauss-Newton takes all
+    polish_steps: int = 25  #: Gauss-Newton steps, at most
+    step: float = 1e-3  #: longest inner step of the final simulations [s]
 
     def __post_init__(self) -> None:
+        if not 0.0 < self.held_out < 1.0:
+            raise InputError(
+                f"held_out is {self.held_out!r}; it must be a fraction between 0 and 1, such as 0.25."
+            )
         for name, least in (
             ("generations", 1),
             ("population", 4),
@@ -61,6 +96,16 @@ class Effort:
         ):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
+        states_counted(self.excluded_states)
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which states (10,) count in the cost."""
+        return states_counted(self.excluded_states)
+
+
+#: suits most logs
+DEFAULT_OPTIONS = IdentificationOptions()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +121,7 @@ class Prepared:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEstimate:
-    """Where the search ended and what could be told there."""
+    """Where the search ended, and which parameters the logs determine there."""
 
     polished: GaussNewtonFit  #: windows predicted from their measured starts
     finished: InitialStatesFit  #: their starts estimated too: the estimate
@@ -112,11 +157,8 @@ def prepare(
     logs: Sequence[Log],
     *,
     window: float,
-    held_out: float,
-    seed: int,
-    effort: Effort,
-    counted: NDArray[np.bool_],
-    spread: Executor,
+    options: IdentificationOptions = DEFAULT_OPTIONS,
+    run: Run = DEFAULT_RUN,
 ) -> Prepared:
     """Cut the logs, set windows aside and ask whether the rest can give the parameters.
 
@@ -124,12 +166,9 @@ def prepare(
     ----------
     window : float
         Length of a window [s].
-    held_out : float
-        Share of the windows that are set aside.
-    counted : ndarray (10,)
-        The states whose errors count.
-    spread : Spread
-        Where the search and the polish do their work.
+    options : IdentificationOptions, optional
+    run : Run, optional
+        Its seed draws the windows that are held out; its executor does the work of the search and the polish.
 
     Raises
     ------
@@ -137,16 +176,16 @@ def prepare(
         Where the logs cannot give the parameters.
     """
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
-    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=seed)
+    fit_rows, held_rows = split(len(windows), held_out=options.held_out, seed=run.seed)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fit = windows.take(fit_rows)
     check_torques(fit)
     excitation = check_excitation(fit, predictor.robot, coordinates)
-    drawn = np.sort(np.random.default_rng(seed).permutation(len(fit))[: effort.evolution_windows])
+    drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fit))[: options.evolution_windows])
     coarse = replace(predictor, step=max(predictor.step, EVOLUTION_STEP))
     return Prepared(
-        problem=_problem(predictor, fit, coordinates, counted, spread),
-        coarse=_problem(coarse, fit.take(drawn), coordinates, counted, spread),
+        problem=_problem(predictor, fit, coordinates, options.counted, run.executor),
+        coarse=_problem(coarse, fit.take(drawn), coordinates, options.counted, run.executor),
         fit=fit,
         held_out=windows.take(held_rows),
         excitation=excitation,
@@ -158,27 +197,29 @@ def _problem(
     windows: Windows,
     coordinates: Coordinates,
     counted: NDArray[np.bool_],
-    spread: Executor,
+    executor: Executor,
 ) -> Problem:
     before = np.clip(coordinates.before, coordinates.lower, coordinates.upper)
     none = predictor.layout.without_friction(before)
     reference = predictor.square_sums(none[None], windows, every=windows.comparison_interval)[0]
     cost = Cost(reference=reference, counted=counted)
-    return Problem(predictor=predictor, windows=windows, coordinates=coordinates, cost=cost, spread=spread)
+    return Problem(
+        predictor=predictor, windows=windows, coordinates=coordinates, cost=cost, executor=executor
+    )
 
 
-def stages_of(prepared: Prepared, effort: Effort) -> tuple[Stage, ...]:
+def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage, ...]:
     """Return the stages and their work, in simulations of a window by a set of parameters times inner steps."""
     free = int(prepared.problem.coordinates.free.sum())
     polishing = CANDIDATES + 2 * free + 2  # candidates, then differences, the point itself and its variances
     finishing = TRIALS + 2 * free + 2 + WORK_OF_STARTS
-    search = effort.population * _work(prepared.coarse)
+    search = options.population * _work(prepared.coarse)
     return (
-        Stage(name="evolution", steps=effort.generations, work=search),
-        Stage(name="polish", steps=effort.polish_steps, work=polishing * _work(prepared.problem)),
+        Stage(name="evolution", steps=options.generations, work=search),
+        Stage(name="polish", steps=options.polish_steps, work=polishing * _work(prepared.problem)),
         Stage(
             name="starts",
-            steps=STEPS_WITH_STARTS * effort.polish_steps,
+            steps=STEPS_WITH_STARTS * options.polish_steps,
             work=finishing * _work(prepared.problem),
         ),
     )
@@ -188,21 +229,19 @@ def _work(problem: Problem) -> float:
     return len(problem.windows) / problem.predictor.step
 
 
-def inputs_of(
-    prepared: Prepared, *, effort: Effort, seed: int, start: Identification | None
-) -> NDArray[np.float64]:
+def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) -> NDArray[np.float64]:
     """Return a digest (32,) of all that the search and the polish depend on, as a checkpoint's first question."""
     problem = prepared.problem
-    parts: list[object] = [effort, seed, None if start is None else (start.layout, start.values.tolist())]
+    start = options.warm_start
+    counts = (options.generations, options.population, options.evolution_windows, options.polish_steps)
+    parts: list[object] = [counts, seed, None if start is None else (start.layout, start.values.tolist())]
     for one in (replace(problem.predictor, threads=None), problem.coordinates, prepared.fit):
         parts += [getattr(one, field.name) for field in fields(one)]
     parts += [prepared.coarse.windows.spans, prepared.coarse.predictor.step, problem.cost.counted]
     return np.frombuffer(digest(*parts), dtype=np.uint8).astype(float)
 
 
-def search(
-    problem: Problem, *, effort: Effort, seed: int, told: ProgressReporter, recall: Memoize = no_checkpoint
-) -> SearchResult:
+def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> SearchResult:
     """Find the basin: an evolution over the parameters that are free, the others where they are held."""
     coordinates = problem.coordinates
     free = coordinates.free
@@ -216,11 +255,9 @@ def search(
     evolved = evolve(
         lambda population: problem.costs(points(population)),
         size=int(free.sum()),
-        generations=effort.generations,
-        population=effort.population,
-        seed=seed,
-        report=told.of("evolution"),
-        recall=recall,
+        generations=options.generations,
+        population=options.population,
+        run=run,
     )
     return SearchResult(best=points(evolved.best[None])[0], history=evolved.history)
 
@@ -229,29 +266,22 @@ def refine(
     prepared: Prepared,
     start: NDArray[np.float64],
     *,
-    effort: Effort,
-    told: ProgressReporter,
-    recall: Memoize = no_checkpoint,
+    options: IdentificationOptions,
+    run: Run,
 ) -> PointEstimate:
     """Polish, free the starts; then hold what turned out to be without influence, and finish the rest."""
     problem = prepared.problem
-    free, steps = problem.coordinates.free, STEPS_WITH_STARTS * effort.polish_steps
-    polish_steps, report = effort.polish_steps, told.of("polish")
-    polished = gauss_newton(problem, start, free=free, most_steps=polish_steps, report=report, recall=recall)
-    report = told.of("starts")
-    finished = fit_with_initial_states(
-        problem, polished.point, free=free, most_steps=steps, report=report, recall=recall
-    )
-    asleep = unidentifiable(problem, finished, most_steps=steps, recall=recall)
+    free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.polish_steps
+    polished = gauss_newton(problem, start, free=free, most_steps=options.polish_steps, run=run)
+    finished = fit_with_initial_states(problem, polished.point, free=free, most_steps=steps, run=run)
+    asleep = unidentifiable(problem, finished, most_steps=steps, run=run)
     no_influence = free & (asleep.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
         again = _as_before(problem, finished.point, no_influence & ~asleep.dependent)
         own = problem.coordinates.scaled(problem.coordinates.before)
         again = np.where(asleep.through, 0.0, np.where(asleep.dependent, own, again))
         rest = free & ~no_influence
-        finished = fit_with_initial_states(
-            problem, again, free=rest, most_steps=steps, report=report, recall=recall
-        )
+        finished = fit_with_initial_states(problem, again, free=rest, most_steps=steps, run=run)
     refused = prepared.excitation.refused & ~no_influence
     return PointEstimate(
         polished=polished,
@@ -302,20 +332,3 @@ def errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) 
         np.concatenate(squares, axis=1) if squares else np.zeros((2, 0, len(STATE_NAMES)))
     )
     return WindowErrors(window_samples=windows.samples, squares_with=with_friction, squares_without=without)
-
-
-def states_counted(left_out: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which states (10,) count where these are left out of the cost.
-
-    Raises
-    ------
-    InputError
-        Where one is no state, or none is left.
-    """
-    for name in left_out:
-        if name not in STATE_NAMES:
-            raise InputError(f"{name!r} is not a state; the states are {', '.join(STATE_NAMES)}.")
-    counted = np.array([name not in left_out for name in STATE_NAMES])
-    if not counted.any():
-        raise InputError("Every state is excluded from the cost; at least one must remain.")
-    return counted

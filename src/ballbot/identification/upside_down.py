@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import ProgressCallback, ProgressReporter, Stage, check_seed
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
@@ -44,6 +43,7 @@ from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, co
 from ballbot.log import Log
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
+from ballbot.progress import Progress, ProgressReporter, Stage
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 
@@ -207,13 +207,10 @@ def identify_upside_down(
     bounds: Bounds | None = None,
     window: float = 1.0,
     held_out: float = 0.25,
-    seed: int = 0,
     generations: int = 120,
     population: int = 20,
     evolution_windows: int = 20,
-    threads: int | None = None,
-    recall: Memoize = no_checkpoint,
-    progress: ProgressCallback | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> UpsideDown:
     """Find b, c, s of each wheel, v_s and delta from the robot clamped upside down.
 
@@ -229,18 +226,13 @@ def identify_upside_down(
         Length of the windows predicted [s].
     held_out : float
         Share of the windows kept from the fit.
-    seed : int
-        The result is the same for the same seed, whatever the number of threads.
     generations, population : int
         Most generations of the evolution, and sets of parameters in each.
     evolution_windows : int
         How many of the windows to fit the evolution looks at; what follows takes all.
-    threads : int, optional
-        All cores by default.
-    recall : Recall, optional
-        A checkpoint's, for a run that can be resumed: it answers for each generation and for the polish.
-    progress : callable, optional
-        Told a `Progress`; its cost is in rad/s here.
+    run : Run, optional
+        Its checkpoint answers for each generation and for the polish. The cost of its progress is in rad/s here. Of its
+        executor, the number of threads counts; the result does not depend on it.
 
     Raises
     ------
@@ -249,36 +241,31 @@ def identify_upside_down(
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
-    check_seed(seed)
     logs = [logs] if isinstance(logs, Log) else list(logs)
     coordinates = _coordinates(robot, bounds or Bounds())
     windows = cut_ball_windows(logs, wheel_count=robot.wheel_count, duration=window)
-    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=seed)
+    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
     problem = BallProblem(
         ball=ClampedBall.of_robot(robot),
         windows=windows.take(fit_rows),
         coordinates=coordinates,
-        threads=threads,
+        threads=run.executor.count if isinstance(run.executor, Threads) else None,
     )
     remarks = _check(problem)
-    told = ProgressReporter(
-        progress,
-        [Stage(name="evolution", steps=generations, work=1.0), Stage(name="polish", steps=1, work=1.0)],
-    )
-    drawn = np.sort(np.random.default_rng(seed).permutation(len(fit_rows))[:evolution_windows])
+    stages = [Stage(name="evolution", steps=generations, work=1.0), Stage(name="polish", steps=1, work=1.0)]
+    run = replace(run, progress=ProgressReporter(run.progress, stages))
+    drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fit_rows))[:evolution_windows])
     coarse = replace(problem, windows=problem.windows.take(drawn), step=EVOLUTION_STEP)
     evolved = evolve(
         lambda points: coarse.costs(coordinates.from_search(points)),
         size=len(coordinates.labels),
         generations=generations,
         population=population,
-        seed=seed,
-        report=told.of("evolution"),
-        recall=recall,
+        run=run,
     )
     start = coordinates.from_search(evolved.best)
-    point = recall("polish", start, lambda: [_polished(problem, start)])[0]
-    told.of("polish")(1, float(problem.costs(point[None])[0]))
+    point = run.memoize("polish", start, lambda: [_polished(problem, start)])[0]
+    run.progress(Progress(stage="polish", done=1, total=1, cost=float(problem.costs(point[None])[0])))
     judged = {"found": coordinates.physical(point)}
     if robot.friction != Friction.none(robot.wheel_count):
         judged["robot file"] = coordinates.before

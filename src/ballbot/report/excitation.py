@@ -11,7 +11,7 @@ from matplotlib.ticker import LogFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, thinned
-from ballbot.workflows.excitation_task import RunLimits, run
+from ballbot.workflows.excitation_task import RunLimits, run_on_model
 from ballbot.workflows.excite import Excitation
 
 #: a square's bars and the design's
@@ -36,7 +36,7 @@ def followed_run(result: Excitation) -> Followed:
     """Return the designed run to be drawn: as it was on the twin, or on the model where it was not tried there."""
     trial, poses = result.trials.get("designed"), result.design.poses
     if trial is None:
-        log = run(result.task, result.design.reference).log
+        log = run_on_model(result.task, result.design.reference).log
         return Followed(title="on the model", t=log.t, states=log.states, torques=log.torques, poses=poses)
     log, truth = trial.log, trial.log.truth()
     return Followed(

@@ -247,7 +247,7 @@ def study_report(study: Study, made: Provenance) -> str:
         "comparison_words": _comparison_words(study),
         "candidates": candidate_rows(study.choice),
         "ablation": ablation_rows(study.choice),
-        "ablation_plants": min(study.effort.ablation_draws, len(study.choice.plants)),
+        "ablation_plants": min(study.options.ablation_draws, len(study.choice.plants)),
         "ablation_words": ablation_sentence(study),
         "choice_words": controller_sentence(study),
         "prediction_rows": predicted_rows(study.prediction) if study.prediction else [],

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -15,6 +13,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.model import Model
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
 
@@ -32,7 +31,7 @@ def simulate(
     duration: float,
     initial_state: ArrayLike | None = None,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> Log:
     """Run a plant in closed loop from a start, sampled and held as the controller asks.
 
@@ -85,8 +84,8 @@ def simulate(
         table[rows] = _row(measured, torques, wanted)
         measured = active.step(torques, controller.sample_time)
         rows, ended = rows + 1, measured.ended
-        if progress and rows % 100 == 0:
-            progress(rows / samples)
+        if rows % 100 == 0:
+            progress(Progress(stage="simulating", done=rows, total=samples))
     if rows == 0:
         raise InputError(f"The run ends before its first sample: {ended}.")
     return Log(dict(zip(names, table[:rows].T, strict=True)), ended=ended)

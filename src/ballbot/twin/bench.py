@@ -6,7 +6,6 @@ and Appendix V) and a camera gives its angular velocity in the body's frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.simulation.sensors import Encoders
@@ -45,7 +45,7 @@ def run_bench(
     *,
     bench: Bench,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> BenchRun:
     """Drive the motors of a robot that is held.
 
@@ -78,8 +78,8 @@ def run_bench(
         measured.append(before)
         true.append(truth)
         held.advance(torque)
-        if progress and k % 200 == 0:
-            progress(k / len(torques))
+        if k % 200 == 0:
+            progress(Progress(stage="simulating", done=k, total=len(torques)))
     t = scenario.sensors.sample_time * np.arange(len(torques), dtype=np.float64)
     names = [*wheel_angle_names(count), *wheel_speed_names(count)]
     names += [f"ball_omega_{axis}" for axis in "xyz"] if bench == "upside_down" else []

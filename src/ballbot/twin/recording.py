@@ -25,6 +25,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import state_errors
 from ballbot.findings import Finding
 from ballbot.log import Log
+from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
@@ -58,7 +59,7 @@ def record_balance(
     *,
     duration: float,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> Recording:
     """Run the twin in closed loop and film it.
 
@@ -93,7 +94,7 @@ def record_bench(
     *,
     duration: float,
     seed: int = 0,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> Recording:
     """Drive the motors of the robot held on the bench; see `ballbot.twin.bench`."""
     if experiment == "driveline_sweep":

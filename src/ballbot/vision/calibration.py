@@ -16,12 +16,13 @@ A video's view is calibrated on its first seconds, before the whole of it is fol
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.progress import ProgressCallback
 from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
 from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
 from ballbot.vision.tracking import follow, orientation_search
@@ -193,7 +194,7 @@ def calibrated_view(
     table: SeamTable,
     found: bool,
     distance: float | None,
-    progress: Callable[[float], None],
+    progress: ProgressCallback,
 ) -> Calibration | None:
     """Return the view by the video's first seconds, or None where too little of them is tracked.
 
@@ -213,7 +214,7 @@ def calibrated_view(
     distance : float, optional
         D, where it is known [ball radii].
     progress : function
-        Told what share is done.
+        Called after each frame.
     """
     view = view_of_outline(points, size=video.size, closeness=closeness)
     first = _followed(video, view, colour, table, progress)
@@ -241,7 +242,7 @@ def _followed(
     view: View,
     colour: SeamColour,
     table: SeamTable,
-    progress: Callable[[float], None],
+    progress: ProgressCallback,
 ) -> _Pass:
     wanted = max(2, round(_TIME * video.frame_rate))
     if video.stated_frames:
@@ -260,7 +261,7 @@ def _followed(
     pixels = ball_pixels(view, video.size)
     track = follow(
         pictures(), seam_finder(pixels, colour), orientation_search(table, pixels),
-        progress=lambda count: progress(count / wanted),
+        progress=progress, frame_count=wanted,
     )  # fmt: skip
     rows = [row for row in range(len(kept)) if track.tracked[row * every]]
     return _Pass(

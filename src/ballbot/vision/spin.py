@@ -10,7 +10,7 @@ The picture shows the ball's outline and the fitted seam drawn over frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_of
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
@@ -102,7 +103,7 @@ def facing(forward: float) -> Rotation:
 
 
 def measure_spin(
-    video: Video, setup: Setup = Setup(), *, progress: Callable[[float, str], None] | None = None
+    video: Video, setup: Setup = Setup(), *, progress: ProgressCallback = ignore_progress
 ) -> Spin:
     """Return the angular velocity of the ball in a video, camera frame.
 
@@ -111,8 +112,8 @@ def measure_spin(
     video : Video
         From `open_video`.
     setup : Setup
-    progress : function, optional
-        Told what share is done, and what is being done.
+    progress : callable, optional
+        Called with the stage and the share of the whole.
 
     Raises
     ------
@@ -120,11 +121,10 @@ def measure_spin(
         Where no ball or no seam is found, the circle or the distance cannot be, the seam is not of that kind, or it is
         never followed long enough.
     """
-    tell = progress or _ignore_progress
     if setup.distance is not None:
         check_distance(setup.distance)
     seam = setup.seam or thesis_seam()
-    tell(0.0, "looking")
+    progress(Progress(stage="looking", done=0.0, total=1.0))
     samples = video.samples()
     points = find_outline(samples) if setup.circle is None else circle_points(setup.circle, video.size)
     closeness = ASSUMED_CLOSENESS if setup.distance is None else 1.0 / setup.distance
@@ -136,7 +136,7 @@ def measure_spin(
     table = seam_table(seam)
     calibration = calibrated_view(
         video, points, closeness, samples, colour=colour, table=table, found=setup.circle is None,
-        distance=setup.distance, progress=lambda share: tell(0.1 * share, "calibrating"),
+        distance=setup.distance, progress=part_of(progress, 0.0, 0.1, stage="calibrating"),
     )  # fmt: skip
     calibrated = calibration is not None
     if calibration is None:
@@ -145,7 +145,7 @@ def measure_spin(
     stated: list[float] = []
     track = follow(
         _pictures(video, stated), seam_finder(pixels, colour), orientation_search(table, pixels),
-        progress=lambda count: tell(min(1.0, 0.1 + 0.9 * count / max(video.stated_frames, 1)), "tracking"),
+        frame_count=video.stated_frames, progress=part_of(progress, 0.1, 1.0),
     )  # fmt: skip
     if not track.tracked.any():
         raise InputError(
@@ -167,10 +167,6 @@ def _velocity(video: Video, t: NDArray[np.float64], track: Track) -> Velocity:
             "a velocity needs; the ball may turn too fast for the frame rate, or be covered."
         )
     return velocity
-
-
-def _ignore_progress(_share: float, _doing: str) -> None:
-    """Tell nobody."""
 
 
 def _pictures(video: Video, stated: list[float]) -> Iterator[NDArray[np.uint8]]:

@@ -11,13 +11,14 @@ before; from one stretch to the next the ball may be another of its symmetric se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.vision.seam import Fit, SeamPoints, SeamTable, exponential, fit_rotation, logarithm
 from ballbot.vision.seam_pixels import BallPixels, SeamFinder
 
@@ -204,7 +205,8 @@ def follow(
     finder: SeamFinder,
     search: OrientationSearch,
     *,
-    progress: Callable[[int], None] | None = None,
+    frame_count: int = 0,
+    progress: ProgressCallback = ignore_progress,
 ) -> Track:
     """Return the orientation in every frame.
 
@@ -213,8 +215,10 @@ def follow(
     frames : iterable of ndarray (height, width, 3) uint8
     finder : SeamFinder
     search : OrientationSearch
-    progress : function, optional
-        Told how many frames are done.
+    frame_count : int, optional
+        How many there are at most, for the progress; 0 if that is not known.
+    progress : callable, optional
+        Called after each frame.
     """
     follower = _Follower(finder, search)
     nothing = np.full((3, 3), np.nan)
@@ -227,8 +231,8 @@ def follow(
         bias.append(fit.bias if fit else nothing)
         quality.append(score)
         stretch.append(number)
-        if progress is not None:
-            progress(count)
+        total = frame_count or 1
+        progress(Progress(stage="tracking", done=min(count, total), total=total))
     return Track(
         R=np.array(R).reshape(-1, 3, 3),
         information=np.array(information).reshape(-1, 3, 3),

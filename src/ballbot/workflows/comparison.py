@@ -24,8 +24,10 @@ from scipy import stats
 from ballbot.control.interface import Feedback
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
-from ballbot.fitting.run import ExecutorError, uninterrupted, worker_pool
+from ballbot.fitting.run import ExecutorError
 from ballbot.mechanics.model import Model
+from ballbot.processes import uninterrupted, worker_pool
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate
 from ballbot.workflows.metrics import SETTLE, Score, score
@@ -224,7 +226,7 @@ def compare(
     seeds: Sequence[int],
     settle: float = SETTLE,
     threads: int = 1,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> Comparison:
     """Run every controller with every seed and score the runs.
 
@@ -277,8 +279,7 @@ def compare(
     with ThreadPoolExecutor(threads) as pool:
         for done, ((name, _), result) in enumerate(zip(runs, pool.map(run, runs), strict=True), start=1):
             scores[name].append(result)
-            if progress:
-                progress(done / len(runs))
+            progress(Progress(stage="comparing controllers", done=done, total=len(runs)))
     return Comparison(seeds=tuple(seeds), scores={name: tuple(found) for name, found in scores.items()})
 
 

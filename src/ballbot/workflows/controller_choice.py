@@ -23,9 +23,11 @@ from ballbot.control.controller import Controller
 from ballbot.control.overcompensation import cautious_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Arrays, Memoize, no_checkpoint
+from ballbot.fitting.checkpoint import Arrays
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
 from ballbot.log import Log
+from ballbot.progress import Progress
 from ballbot.robot import Robot
 from ballbot.workflows.comparison import MedianEstimate, OrderedResults, median_with_interval
 from ballbot.workflows.courses import ReferenceSpec
@@ -194,8 +196,7 @@ def choose_controller(
     course: NamedCourse = SQUARE,
     ablation_plants: int = 6,
     processes: int | None = None,
-    recall: Memoize = no_checkpoint,
-    progress: ChoiceProgress | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> ControllerChoice:
     """Run every candidate on every plant, choose one, and remove the parts of the precise one by turns.
 
@@ -209,10 +210,8 @@ def choose_controller(
         Number of plants, the first ones, of the ablation; 0 leaves it out.
     processes : int, optional
         One for each core by default. The result does not depend on it.
-    recall : Recall, optional
-        A checkpoint's.
-    progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+    run : Run, optional
+        Its checkpoint answers for each trial; its seed is not used.
 
     Raises
     ------
@@ -234,10 +233,9 @@ def choose_controller(
     with OrderedResults(_run, jobs, processes=processes) as ahead:
         for place, job in enumerate(jobs):
             question = np.array([place, job.plant.seed], dtype=np.float64)
-            numbers, codes, seen = recall("trial", question, lambda place=place: ahead.result(place))
+            numbers, codes, seen = run.memoize("trial", question, lambda place=place: ahead.result(place))
             trials[job.name].append((Score.from_arrays(numbers, codes), Performance.from_array(seen)))
-            if progress:
-                progress((place + 1) / len(jobs))
+            run.progress(Progress(stage="comparing controllers", done=place + 1, total=len(jobs)))
     made = {name: _trial(one, trials[name]) for name, one in {**controllers, **parts}.items()}
     named = {name: made[name] for name in controllers}
     equals = equal_best(named)

@@ -22,8 +22,7 @@ alone leaves the others hardly better known than a square does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +31,10 @@ from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, sampled_reference
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import Executor, Threads
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.mechanics.model import Model
+from ballbot.progress import Progress
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.run import sample_count
 from ballbot.workflows.excitation_task import (
@@ -45,7 +44,7 @@ from ballbot.workflows.excitation_task import (
     RunLimits,
     RunPeaks,
     expected_errors,
-    run,
+    run_on_model,
 )
 
 #: sines of each axis, from so many turns in the run (at least) to the fastest frequency [Hz]
@@ -213,10 +212,7 @@ def design(
     task: ExcitationTask,
     *,
     effort: DesignEffort | None = None,
-    seed: int = 0,
-    spread: Executor | None = None,
-    recall: Memoize = no_checkpoint,
-    report: Callable[[float, float], None] | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> ExcitationDesign:
     """Find the reference whose log would tell the parameters best, that which it tells worst above all.
 
@@ -224,31 +220,28 @@ def design(
     ----------
     task : Task
     effort : Effort, optional
-    seed : int
-        The same seed gives the same design, bit for bit.
-    spread : Spread, optional
-        Where the work is done; by default a thread for each core.
-    recall : Recall, optional
-        A checkpoint's, for a design that can be resumed: it answers for each generation.
-    report : callable, optional
-        Told the share that is done and the best `criterion` so far, after each generation.
+    run : Run, optional
+        Its seed fixes the design bit for bit; its checkpoint answers for each generation. The cost of its progress is
+        the best `criterion` so far.
 
     Raises
     ------
     InputError
         Where no reference keeps within the limits, or none that does tells every parameter.
     """
-    effort, spread = effort or DesignEffort(), spread or Threads()
+    effort = effort or DesignEffort()
     choice = multisine_family(task.robot, task.controller, limits=task.limits, duration=task.duration)
     shared = (task, choice)
+
+    def report(now: Progress) -> None:
+        run.progress(replace(now, stage="design", cost=_criterion_of(now.cost)))
+
     evolved = evolve(
-        lambda members: np.array(spread(_cost, shared, list(members))),
+        lambda members: np.array(run.executor(_cost, shared, list(members))),
         size=choice.size,
         generations=effort.generations,
         population=effort.population,
-        seed=seed,
-        report=lambda done, cost: report(done / effort.generations, _criterion_of(cost)) if report else None,
-        recall=recall,
+        run=replace(run, progress=report),
     )
     best = _fitted(task, choice, evolved.best)
     _check_within(task, best)
@@ -300,7 +293,7 @@ def _fitted(task: ExcitationTask, choice: MultisineFamily, member: NDArray[np.fl
     poses, limits = choice.poses(member), task.limits.scaled(MARGIN)
     level, best = 1.0, None
     for _ in range(_LEVELS):
-        followed = run(task, sampled_reference(choice.times, level * poses))
+        followed = run_on_model(task, sampled_reference(choice.times, level * poses))
         used = max(limits.used(followed.peaks).values()) if followed.lasted == 1.0 else _FALLS
         if best is None or _better(used, best.used):
             best = _Fitted(level=level, run=followed, used=used)

@@ -170,7 +170,7 @@ def _information(question: InformationProblem, logs: Sequence[Log]) -> NDArray[n
         windows=off,
         coordinates=question.coordinates,
         cost=Cost(reference=question.deviations**2),
-        spread=Threads(count=1),
+        executor=Threads(count=1),
     )
     return linearize(problem, question.point, windows.initial).equations.normal.matrix
 
@@ -268,7 +268,7 @@ def task(
     )
 
 
-def run(task: ExcitationTask, reference: Reference) -> ReferenceRun:
+def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
     """Follow a reference on the model."""
     batch = simulate_batch(
         Model(task.robot, step=task.question.predictor.step),

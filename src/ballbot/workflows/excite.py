@@ -7,8 +7,8 @@ the robot, the experiment is tried on the twin: do its limits hold, and what doe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import cast
@@ -20,8 +20,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, square
 from ballbot.errors import InputError
 from ballbot.files import read_json
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import check_seed
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Coordinates, scale_between
@@ -29,6 +28,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs
+from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_of
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.scenario import Scenario
@@ -42,7 +42,7 @@ from ballbot.workflows.excitation_task import (
     RunPeaks,
     expected_errors,
     peaks_of,
-    run,
+    run_on_model,
     task,
 )
 
@@ -115,7 +115,7 @@ def follow_on_twin(
     *,
     duration: float,
     seed: int = 1,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> Log:
     """Run the twin along a reference and return its log, with what was true.
 
@@ -136,9 +136,7 @@ def try_reference(
     law: Law = "stribeck",
     bounds: Bounds | None = None,
     window: float = 0.25,
-    seed: int = 0,
-    recall: Memoize = no_checkpoint,
-    progress: Callable[[float], None] | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> Trial:
     """Identify from a log of the twin, as from a robot's, and return what it told.
 
@@ -150,12 +148,8 @@ def try_reference(
         From `follow_on_twin`.
     law, bounds, window
         Identification's.
-    seed : int
-        Of identification.
-    recall : Recall, optional
-        A checkpoint's.
-    progress : callable, optional
-        Told the share of the identification that is done.
+    run : Run, optional
+        Identification's.
 
     Raises
     ------
@@ -169,9 +163,7 @@ def try_reference(
         law=law,
         bounds=asked,
         window=window,
-        seed=seed,
-        recall=recall,
-        progress=(lambda told: progress(told.share)) if progress else None,
+        run=run,
     )
     coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=asked)
     return Trial(
@@ -194,15 +186,13 @@ _SIDE, _PERIOD = 0.5, 32.0
 #: the twin's seed
 _SEED = 1
 
-#: told the share that is done, what is being done, and a note
-ExcitationProgress = Callable[[float, str, str], None]
-#: stages and their part of the work, by and large
-_STAGES = (
-    ("square on the twin", 0.06),
-    ("design", 0.6),
-    ("design on the twin", 0.06),
-    ("identification", 0.28),
-)
+#: stages, and when each begins and ends as a share of the whole work, by and large
+_STAGES = {
+    "square on the twin": (0.0, 0.06),
+    "design": (0.06, 0.66),
+    "design on the twin": (0.66, 0.72),
+    "identification": (0.72, 1.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -291,9 +281,7 @@ def excite(
     bounds: Bounds | None = None,
     window: float = 0.25,
     effort: DesignEffort | None = None,
-    seed: int = 0,
-    recall: Memoize = no_checkpoint,
-    tell: ExcitationProgress | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> Excitation:
     """Design an experiment, hold it against a square of the same length, and try both on the twin.
 
@@ -314,25 +302,21 @@ def excite(
     law, bounds, window
         Identification's.
     effort : Effort, optional
-    seed : int
-        Of the design and of identification.
-    recall : Recall, optional
-        A checkpoint's, for work that can be resumed; the twin's runs, seconds each, are made again.
-    tell : callable, optional
-        Told how far the work is.
+    run : Run, optional
+        Its seed is that of the design and of the identification. The twin's runs, seconds each, are made again when it
+        is resumed.
 
     Raises
     ------
     InputError
         Where no reference keeps within the limits, none that does tells every parameter, or a run cannot be made.
     """
-    check_seed(seed)
-    told = _StageProgress(tell)
+    of_stage = {name: part_of(run.progress, *part, stage=name) for name, part in _STAGES.items()}
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
     follow = partial(follow_on_twin, robot, scenario, controller, duration=duration, seed=_SEED)
     logs: dict[str, Log] = {}
     if on_twin or deviations is None:
-        logs["square"] = follow(plain, progress=told.of(0))
+        logs["square"] = follow(plain, progress=of_stage["square on the twin"])
     if deviations is None:
         true = robot.replace(friction=scenario.friction)
         deviations = deviations_in(logs["square"].without_truth(), true, window=window)
@@ -346,43 +330,26 @@ def excite(
         bounds=bounds,
         window=window,
     )
-    made = design(asked, effort=effort, seed=seed, recall=recall, report=told.design)
+
+    def of_design(now: Progress) -> None:
+        note = f"errors about {100.0 * now.cost:.1f} %" if np.isfinite(now.cost) else ""
+        of_stage["design"](replace(now, note=note))
+
+    made = design(asked, effort=effort, run=replace(run, progress=of_design))
     if on_twin:
-        logs["designed"] = follow(made.reference, progress=told.of(2))
+        logs["designed"] = follow(made.reference, progress=of_stage["design on the twin"])
     trials: dict[str, Trial] = {}
     for number, (name, log) in enumerate(logs.items() if on_twin else ()):
-        share = told.of(3, first=number / len(logs), last=(number + 1) / len(logs))
-        trials[name] = try_reference(
-            robot, log, law=law, bounds=bounds, window=window, seed=seed, recall=recall, progress=share
-        )
-    driven = run(asked, plain)
+        part = part_of(of_stage["identification"], number / len(logs), (number + 1) / len(logs))
+        identifying = replace(run, progress=part)
+        trials[name] = try_reference(robot, log, law=law, bounds=bounds, window=window, run=identifying)
+    driven = run_on_model(asked, plain)
     return Excitation(
         task=asked,
         design=made,
         square=PlainSquare(run=driven, errors=expected_errors(asked.question, [driven.log])),
         trials=trials,
     )
-
-
-class _StageProgress:
-    """Turns a stage's share into one of the whole."""
-
-    def __init__(self, tell: ExcitationProgress | None) -> None:
-        self._tell = tell
-
-    def of(self, stage: int, *, first: float = 0.0, last: float = 1.0) -> Callable[[float], None]:
-        """Return what to tell the share of a part of a stage, from `first` to `last` of it."""
-        return lambda share: self._show(stage, first + (last - first) * share, "")
-
-    def design(self, share: float, criterion: float) -> None:
-        """Tell how far the design is, and its errors by and large."""
-        self._show(1, share, f"errors about {100.0 * criterion:.1f} %" if np.isfinite(criterion) else "")
-
-    def _show(self, stage: int, share: float, note: str) -> None:
-        if self._tell:
-            before = sum(part for _, part in _STAGES[:stage])
-            name, part = _STAGES[stage]
-            self._tell(before + part * share, name, note)
 
 
 def _by_label(labels: Sequence[str], values: NDArray[np.float64]) -> dict[str, float | None]:

@@ -8,7 +8,7 @@ over the seeds, and every controller against the first one, with intervals.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from functools import partial
 
@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Arrays, Memoize, no_checkpoint
+from ballbot.fitting.checkpoint import Arrays
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
+from ballbot.progress import Progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.workflows.comparison import (
@@ -68,8 +70,7 @@ def run_league(
     *,
     seeds: Sequence[int],
     processes: int | None = None,
-    recall: Memoize = no_checkpoint,
-    progress: Callable[[float], None] | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> League:
     """Put every controller through every course with every seed.
 
@@ -86,10 +87,8 @@ def run_league(
     seeds : sequence of int
     processes : int, optional
         One for each core where not given; with one, all is done in this process.
-    recall : Recall, optional
-        A checkpoint's, for a league that can be resumed.
-    progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+    run : Run, optional
+        Its checkpoint answers for each run; its seed is not used.
 
     Raises
     ------
@@ -116,14 +115,13 @@ def run_league(
     with OrderedResults(partial(_run, robot), games, processes=processes) as ahead:
         for place, game in enumerate(games):
             question = np.array([place, game.seed], dtype=np.float64)
-            numbers, codes, track = recall("game", question, lambda place=place: ahead.result(place))
+            numbers, codes, track = run.memoize("game", question, lambda place=place: ahead.result(place))
             key, found = (game.course.name, game.name), Score.from_arrays(numbers, codes)
             scores[key].append(found)
             if game.tracked:
                 tracks[key] = Track(t=track[0], x=track[1], y=track[2], psi=track[3], ended=found.ended)
             done += game.course.duration
-            if progress:
-                progress(done / whole)
+            run.progress(Progress(stage="comparing controllers", done=done, total=whole))
     return League(
         robot=robot.name,
         courses=tuple(courses),

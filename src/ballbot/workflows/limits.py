@@ -21,6 +21,7 @@ from ballbot.control.references import hold
 from ballbot.estimation.interface import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
@@ -161,7 +162,7 @@ class TwinEdge:
 
 
 def find_limits(
-    loop: Loop, *, refinements: int = 5, tell: Callable[[float], None] | None = None
+    loop: Loop, *, refinements: int = 5, progress: ProgressCallback = ignore_progress
 ) -> RobotLimits:
     """Return how far a robot may lean and how hard it may be hit.
 
@@ -171,20 +172,19 @@ def find_limits(
         Its grip is that of `sure`.
     refinements : int
         Of the planes' grid; 5 make a million points each.
-    tell : callable, optional
-        Told the share that is done.
+    progress : callable, optional
+        Called with the progress after each stage.
     """
-    note = tell or (lambda _: None)
     held = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
     lean = Edges(sure=_lean_reach(loop, directions), most=_lean_reach(held, directions))
-    note(0.05)
+    progress(Progress(stage="limits", done=0.05, total=1.0))
     body = loop.robot.body
     heights = body.center_of_mass * np.array(HEIGHTS)
     blow = Edges(
         sure=_impulse_reach(loop, directions, heights), most=_impulse_reach(held, directions, heights)
     )
-    note(0.2)
+    progress(Progress(stage="limits", done=0.2, total=1.0))
     worst = float(directions[lean.sure.sizes.argmin()])
     widest = float(lean.most.sizes[lean.sure.sizes.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
@@ -196,7 +196,7 @@ def find_limits(
                 one.survives, lambda a, b: leaning_state(worst, a, b), most=most, refinements=refinements
             )
         )
-        note(done)
+        progress(Progress(stage="limits", done=done, total=1.0))
     return RobotLimits(
         directions=directions,
         heights=heights,
@@ -242,7 +242,7 @@ def twin_edges(
     *,
     directions: Sequence[int],
     seed: int = 1,
-    tell: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> list[TwinEdge]:
     """Return the twin's limits beside the model's, by halving between none and a tenth more than the model's most.
 
@@ -258,8 +258,8 @@ def twin_edges(
         Places among its directions.
     seed : int
         Of every run.
-    tell : callable, optional
-        Told the share that is done.
+    progress : callable, optional
+        Called with the progress after each stage.
     """
     lenient = replace(scenario, fallen_lean=LARGEST_LEAN)
     state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
@@ -289,8 +289,7 @@ def twin_edges(
             _edge("lean", direction, *sizes["lean"], leans),
             _edge("blow", direction, *sizes["blow"], stands),
         ]
-        if tell:
-            tell(done / len(directions))
+        progress(Progress(stage="limits on the twin", done=done, total=len(directions)))
     return edges
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
@@ -28,7 +28,8 @@ from ballbot.control.references import is_reference_file, reference_from, refere
 from ballbot.errors import InputError
 from ballbot.estimation.interface import named_estimator
 from ballbot.files import write_text
-from ballbot.fitting.run import uninterrupted, worker_pool
+from ballbot.processes import uninterrupted, worker_pool
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
 from ballbot.robot.file import robot_text
 from ballbot.robot.robot import Robot
@@ -82,7 +83,7 @@ class RecordOutcome:
 
 
 def record_run(
-    job: RecordJob, seed: int, folder: Path, *, progress: Callable[[float], None] | None = None
+    job: RecordJob, seed: int, folder: Path, *, progress: ProgressCallback = ignore_progress
 ) -> RecordOutcome:
     """Record one run into a folder.
 
@@ -120,7 +121,7 @@ def record_runs(
     folder: Path,
     *,
     processes: int | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> list[RecordOutcome]:
     """Record a run for each seed into folders seed_0001, seed_0002 and so on, over all cores.
 
@@ -133,7 +134,7 @@ def record_runs(
     processes : int, optional
         One for each core where not given.
     progress : callable, optional
-        Called with the number of runs that are there.
+        Called with the number of runs that are there, of all seeds.
 
     Returns
     -------
@@ -156,7 +157,7 @@ def _record_missing(
     folder: Path,
     *,
     processes: int | None,
-    progress: Callable[[int], None] | None,
+    progress: ProgressCallback,
 ) -> list[RecordOutcome]:
     """Record the runs that are not whole in the folder."""
     for seed, other in sorted(_seed_folders(folder).items()):
@@ -166,8 +167,7 @@ def _record_missing(
         seed: one for seed in seeds if (one := finished_outcome(job, seed, seed_folder(folder, seed)))
     }
     missing = [seed for seed in dict.fromkeys(seeds) if seed not in outcomes]
-    if progress:
-        progress(len(outcomes))
+    progress(Progress(stage="recording", done=len(outcomes), total=len(seeds)))
     if missing:
         workers = min(processes or os.cpu_count() or 1, len(missing))
         with worker_pool(workers) as pool:
@@ -176,8 +176,7 @@ def _record_missing(
             try:
                 for run in as_completed(runs):
                     outcomes[run.result().seed] = run.result()
-                    if progress:
-                        progress(len(outcomes))
+                    progress(Progress(stage="recording", done=len(outcomes), total=len(seeds)))
             except BrokenProcessPool:
                 raise InputError(
                     "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
@@ -231,7 +230,7 @@ def settings(job: RecordJob, seed: int) -> dict[str, str]:
     return texts
 
 
-def _record(job: RecordJob, seed: int, progress: Callable[[float], None] | None) -> Recording:
+def _record(job: RecordJob, seed: int, progress: ProgressCallback) -> Recording:
     if job.experiment != "balance":
         return record_bench(
             job.robot, job.scenario, job.experiment, duration=job.duration, seed=seed, progress=progress

@@ -9,7 +9,7 @@ candidate runs on the same perturbed robots, so that candidates differ by what t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,9 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import check_seed
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
+from ballbot.progress import Progress, part_of
 from ballbot.robot import Robot
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
@@ -129,9 +129,7 @@ def robust_design(
     compensation: Compensation,
     spread: PerturbationRanges,
     effort: Effort,
-    seed: int,
-    tell: Callable[[float, str], None] | None = None,
-    recall: Memoize = no_checkpoint,
+    run: Run = DEFAULT_RUN,
     threads: int | None = None,
 ) -> RobustDesign:
     """Seek the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
@@ -143,12 +141,8 @@ def robust_design(
     compensation : {"none", "full", "partial"}
     spread : Spread
     effort : Effort
-    seed : int
-        Equal seeds give equal results, bit for bit.
-    tell : callable, optional
-        Told the share that is done, and a note.
-    recall : Recall
-        Answers for a generation's costs; by default they are computed.
+    run : Run, optional
+        Its seed fixes the result bit for bit; its checkpoint answers for a generation's costs.
     threads : int, optional
         All cores by default; the result does not depend on it.
 
@@ -157,9 +151,7 @@ def robust_design(
     InputError
         Where the nominal gain falls with half of the perturbed robots, or the seed is none.
     """
-    check_seed(seed)
-    note = tell or (lambda _share, _note: None)
-    judges = draw_perturbed(robot, effort.robots, spread=spread, seed=seed)
+    judges = draw_perturbed(robot, effort.robots, spread=spread, seed=run.seed)
 
     def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:
         gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
@@ -183,14 +175,15 @@ def robust_design(
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 
+    def report(now: Progress) -> None:
+        part_of(run.progress, 0.0, 0.9)(replace(now, note=f"worst tenth {now.cost:.2f}"))
+
     found = evolve(
         cost_of,
         size=len(GROUPS),
         generations=effort.generations,
         population=effort.population,
-        seed=seed,
-        report=lambda done, least: note(0.9 * done / effort.generations, f"worst tenth {least:.2f}"),
-        recall=recall,
+        run=replace(run, progress=report),
     )
     weights = weights_of(found.best)
     rivals = {
@@ -198,8 +191,8 @@ def robust_design(
         "nominal": (NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT),
         "plain": ((1.0,) * 10, 1.0),
     }
-    compared = _compare(robot, rivals, controller_of, units, spread, effort.fresh, seed, threads)
-    note(1.0, "compared")
+    compared = _compare(robot, rivals, controller_of, units, spread, effort.fresh, run.seed, threads)
+    run.progress(Progress(stage="comparison", done=1, total=1, note="compared"))
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controller_of(weights),

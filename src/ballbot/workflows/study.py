@@ -13,7 +13,7 @@ own gain is recovered for the closed-loop validation, and the report shows both.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,13 +23,14 @@ from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import design_gain
 from ballbot.errors import InputError
 from ballbot.findings import Finding
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
-from ballbot.fitting.run import Executor, Progress
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.mechanics.model import Model
+from ballbot.progress import Progress, part_of
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_pair
@@ -69,9 +70,6 @@ def without_intervals(log: Log, stretches: Sequence[Interval]) -> Log:
     return log.with_columns({name: np.where(kept, log[name], np.nan) for name in STATE_NAMES})
 
 
-#: told what is being done and the share of the whole that is done
-StudyProgress = Callable[[str, float], None]
-
 #: plants that candidates can be compared on; a run of each takes a second or more
 MAX_DRAWS = 1000
 #: shares of the whole that are done when the friction is identified, and when it is validated, from timings of the demo
@@ -98,15 +96,26 @@ class StudiedLog:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Effort:
-    """How much work a study does; less is for tests."""
+class StudyOptions:
+    """Options of `study`; the defaults suit most logs."""
 
+    accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
+    bounds: Bounds | None = None  #: within which the friction is sought
+    excluded_states: Sequence[
+        str
+    ] = ()  #: whose errors do not count in the fit; they are validated all the same
+    #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
+    back_emf: float = 0.0
     generations: int = 150  #: of the identification's evolution, at most
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 20  #: plants on which the candidates are compared
     ablation_draws: int = (
         10  #: of them, plants on which the parts of the precise controller are removed by turns
     )
+
+
+#: suits most logs
+DEFAULT_STUDY = StudyOptions()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,7 +134,7 @@ class Study:
     prediction: (
         Prediction | None
     )  #: of the chosen controller's next run; None if none is chosen or draws are few
-    effort: Effort
+    options: StudyOptions
     seed: int
 
     @property
@@ -138,17 +147,10 @@ def study(
     robot: Robot,
     logs: Mapping[str, Log] | CheckedLogs,
     *,
-    accept: Collection[str] = (),
     plant: PlantName | None = None,
     scenario: Scenario | None = None,
-    bounds: Bounds | None = None,
-    left_out: Sequence[str] = (),
-    back_emf: float = 0.0,
-    seed: int = 0,
-    effort: Effort | None = None,
-    spread: Executor | None = None,
-    recall: Memoize = no_checkpoint,
-    progress: StudyProgress | None = None,
+    options: StudyOptions = DEFAULT_STUDY,
+    run: Run = DEFAULT_RUN,
 ) -> Study:
     """Find a robot's friction in its logs, judge it, and show what compensating it gains.
 
@@ -159,32 +161,14 @@ def study(
     logs : mapping of str to Log, or CheckedLogs
         By a name to call each; with torques and states, and with the reference for the closed-loop validation. They
         are checked first, unless they come as `CheckedLogs`.
-    accept : collection of str
-        Codes of errors found in the logs to go on in spite of; see `ballbot.findings.CODES`.
     plant : {"model", "twin"}, optional
         What the candidates are compared on, with the friction drawn from what the identification leaves uncertain: the
         equations of motion, or the physics-engine twin; by default the twin if its engine is installed.
     scenario : Scenario, optional
         Delay, play, noise, sensors and floor of these plants; the nominal one by default.
-    bounds : Bounds, optional
-        Within which the friction is sought.
-    left_out : sequence of str
-        States whose errors do not count in the fit, as the heading on a floor on which the ball pivots; they are
-        judged all the same.
-    back_emf : float
-        What a motor driven by voltage brakes with [N m s/rad], if the logs' torques contain it; see
-        `ballbot.identification.windows`.
-    seed : int
-        Of all that is random.
-    effort : Effort, optional
-        How much work is done.
-    spread : Spread, optional
-        Where the identification does its work; by default a thread for each core.
-    recall : Recall, optional
-        A checkpoint's, for a study that can be resumed: it answers for the identification's steps and for the runs of
-        the candidates.
-    progress : callable, optional
-        Told the stage and the share of the whole that is done.
+    options : StudyOptions, optional
+    run : Run, optional
+        Its checkpoint answers for the identification's steps and for the runs of the candidates.
 
     Raises
     ------
@@ -192,43 +176,32 @@ def study(
         If a log lacks a column or is not of this robot, its checks find an error whose code is not accepted, or
         there is nothing to find in the logs.
     """
-    effort, tell = effort or Effort(), progress or _no_progress
-    checked = checked_logs(robot, logs, accept=accept)
+    checked = checked_logs(robot, logs, accept=options.accept)
     studied = tuple(
         StudiedLog(name=name, log=log, held_out=holdout_intervals(log)) for name, log in checked.logs.items()
     )
     check_columns(robot, studied)
-    if not 2 <= effort.draws <= MAX_DRAWS:
-        raise InputError(f"The number of draws is {effort.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
+    if not 2 <= options.draws <= MAX_DRAWS:
+        raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 20.")
     # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
     sample_time = round(studied[0].log.sample_time, 9)
     chosen_plant = available_plant(plant)
     tried = sampled_at(scenario or Scenario.nominal(robot), sample_time)
     _check_plant(robot, tried, chosen_plant)
     identified, validated = _STAGES[chosen_plant]
-
-    def identifying(share: float) -> None:
-        tell("identifying friction", identified * share)
-
-    def validating(name: str, share: float) -> None:
-        tell(f"validating on {name}", identified + (validated - identified) * share)
-
-    def choosing(share: float) -> None:
-        tell("comparing controllers", validated + (1.0 - validated) * share)
-
-    found = _identify(
-        robot, studied, checked, bounds, left_out, back_emf, seed, effort, spread, recall, identifying
-    )
-    by_log = _validate(found.robot, studied, seed, validating)
+    identifying = part_of(run.progress, 0.0, identified, stage="identifying friction")
+    choosing = part_of(run.progress, validated, 1.0, stage="comparing controllers")
+    found = _identify(robot, studied, checked, options, replace(run, progress=identifying))
+    validating = replace(run, progress=part_of(run.progress, identified, validated))
+    by_log = _validate(found.robot, studied, validating)
     choice = choose_controller(
         candidates(found, sample_time=sample_time),
-        draw_plants(found, plant=chosen_plant, scenario=tried, count=effort.draws, seed=seed),
-        course=NamedCourse(name=SQUARE.name, duration=effort.duration),
-        ablation_plants=effort.ablation_draws,
-        recall=recall,
-        progress=choosing,
+        draw_plants(found, plant=chosen_plant, scenario=tried, count=options.draws, seed=run.seed),
+        course=NamedCourse(name=SQUARE.name, duration=options.duration),
+        ablation_plants=options.ablation_draws,
+        run=replace(run, progress=choosing),
     )
-    tell("done", 1.0)
+    run.progress(Progress(stage="done", done=1, total=1))
     return Study(
         robot=robot,
         logs=studied,
@@ -240,8 +213,8 @@ def study(
         scenario=tried,
         choice=choice,
         prediction=predict(choice, logs=[one.log for one in studied]),
-        effort=effort,
-        seed=seed,
+        options=options,
+        seed=run.seed,
     )
 
 
@@ -279,48 +252,32 @@ def _check_plant(robot: Robot, scenario: Scenario, plant: PlantName) -> None:
     PlantDraw(robot=robot, known=robot, scenario=scenario, plant=plant, seed=0).make("onboard")
 
 
-def _no_progress(stage: str, share: float) -> None:
-    """Tell nobody."""
-
-
 def _identify(
     robot: Robot,
     logs: Sequence[StudiedLog],
     checked: CheckedLogs,
-    bounds: Bounds | None,
-    left_out: Sequence[str],
-    back_emf: float,
-    seed: int,
-    effort: Effort,
-    spread: Executor | None,
-    recall: Memoize,
-    tell: Callable[[float], None],
+    options: StudyOptions,
+    run: Run,
 ) -> Identification:
-    def told(progress: Progress) -> None:
-        tell(progress.share)
-
     return identify(
         robot,
         checked.with_logs(
             {studied.name: without_intervals(studied.log, studied.held_out) for studied in logs}
         ),
-        bounds=bounds,
-        left_out=left_out,
-        back_emf=back_emf,
-        held_out=_OWN_HOLDOUT,
-        seed=seed,
-        generations=effort.generations,
-        spread=spread,
-        recall=recall,
-        progress=told,
+        bounds=options.bounds,
+        options=IdentificationOptions(
+            excluded_states=tuple(options.excluded_states),
+            back_emf=options.back_emf,
+            held_out=_OWN_HOLDOUT,
+            generations=options.generations,
+        ),
+        run=run,
     )
 
 
-def _validate(
-    robot: Robot, logs: Sequence[StudiedLog], seed: int, tell: Callable[[str, float], None]
-) -> tuple[Validation, ...]:
+def _validate(robot: Robot, logs: Sequence[StudiedLog], run: Run) -> tuple[Validation, ...]:
     validations, models = [], ModelPair.by_friction(Model(robot))
     for number, studied in enumerate(logs):
-        tell(studied.name, number / len(logs))
-        validations.append(validate_pair(models, studied.log, held_out=studied.held_out, seed=seed))
+        run.progress(Progress(stage=f"validating on {studied.name}", done=number, total=len(logs)))
+        validations.append(validate_pair(models, studied.log, held_out=studied.held_out, seed=run.seed))
     return tuple(validations)

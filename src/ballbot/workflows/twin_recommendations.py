@@ -8,13 +8,14 @@ sensors only; what a stiffer ball is worth is therefore read from the softer one
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
 from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.progress import ProgressCallback, ignore_progress, part_of
 from ballbot.robot.robot import Robot
 from ballbot.simulation.sensors import FixSource
 from ballbot.twin.scenario import Scenario
@@ -67,7 +68,7 @@ def try_recommendations(
     seeds: Sequence[int],
     duration: float = 64.0,
     threads: int = 1,
-    progress: Callable[[float], None] | None = None,
+    progress: ProgressCallback = ignore_progress,
 ) -> dict[str, Comparison]:
     """Run every variant around a square of 0.5 m and return its scores with and without compensation, by name.
 
@@ -87,11 +88,6 @@ def try_recommendations(
     tried = variants(robot)
     found: dict[str, Comparison] = {}
     for k, variant in enumerate(tried):
-
-        def advance(share: float, done: int = k) -> None:
-            if progress:
-                progress((done + share) / len(tried))
-
         found[variant.name] = compare(
             lambda variant=variant: variant.twin(robot),
             controllers,
@@ -99,7 +95,7 @@ def try_recommendations(
             duration=duration,
             seeds=seeds,
             threads=threads,
-            progress=advance,
+            progress=part_of(progress, k / len(tried), (k + 1) / len(tried)),
         )
     return found
 

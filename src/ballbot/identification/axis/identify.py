@@ -7,15 +7,15 @@ What an axis's identification has to say in plain words.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.inverse import (
     BLOCK,
     InverseFit,
@@ -41,6 +41,7 @@ from ballbot.identification.axis.output_error import (
     select_law,
 )
 from ballbot.identification.axis.record import AxisRecord
+from ballbot.progress import Progress, part_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,12 +204,10 @@ def _open_parameters(best: Estimate) -> list[str]:
     return sentences
 
 
-Report = Callable[[float, str], None]
-
 #: where a search starts: the bristles' travel over the record's, the break-away's share of Coulomb friction
 _BRISTLE_TRAVEL, _BREAK_AWAY = 4e-4, 0.1
-#: shares of the work done when the ladder begins and ends
-_LADDER_FROM, _LADDER_TO = 0.1, 0.7
+#: shares of the work done when the ladder begins and ends, and when the open-loop fits end
+_LADDER_FROM, _LADDER_TO, _FITS_TO = 0.1, 0.7, 0.95
 
 
 def identify_axis(
@@ -219,8 +218,7 @@ def identify_axis(
     window: float = 1.0,
     horizon: float | None = None,
     held_against: Sequence[AxisRecord] = (),
-    recall: Memoize = no_checkpoint,
-    progress: Report | None = None,
+    run: Run = DEFAULT_RUN,
 ) -> AxisIdentification:
     """Identify an axis's mass and friction.
 
@@ -239,10 +237,8 @@ def identify_axis(
         Duration of the windows [s] that the final open-loop fit predicts; the whole record by default.
     held_against : sequence of AxisRecord
         Other records of the axis: every estimate is held against them, none is fitted to them.
-    recall : Recall, optional
-        A checkpoint's, for a run that can be resumed: it answers for each law on the ladder and each fit.
-    progress : callable, optional
-        Told a share of the work, 0 to 1, and what is being done.
+    run : Run, optional
+        Its checkpoint answers for each law on the ladder and each fit. Its seed is not used.
 
     Raises
     ------
@@ -251,7 +247,6 @@ def identify_axis(
     """
     _check(record, held_against, window=window, horizon=horizon)
     wanted = axis_law_named(law) if law else None
-    tell = progress or _silent
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     inverse = {
         "coulomb": inverse_fit(record, form="coulomb", bandwidth=band),
@@ -259,21 +254,19 @@ def identify_axis(
     }
     motion = smoothed_motion(record, bandwidth=band)
     starts = _initial_values(record, motion, inverse)
-
-    def tell_ladder(share: float, what: str) -> None:
-        tell(_LADDER_FROM + (_LADDER_TO - _LADDER_FROM) * share, what)
-
-    ladder = cross_validate_laws(record, motion, starts, window=window, recall=recall, progress=tell_ladder)
+    of_ladder = replace(run, progress=part_of(run.progress, _LADDER_FROM, _LADDER_TO))
+    ladder = cross_validate_laws(record, motion, starts, window=window, run=of_ladder)
     rung = wanted or select_law(ladder)
     bench = _Bench(records=(record, *held_against), bandwidth=band)
     rungs = {}
     for number, name in enumerate(AXIS_LAWS):
-        tell(_LADDER_TO + 0.25 * number / len(AXIS_LAWS), f"open loop, law {name}")
+        stage = Progress(stage=f"open loop, law {name}", done=number, total=len(AXIS_LAWS))
+        part_of(run.progress, _LADDER_TO, _FITS_TO)(stage)
         fit = partial(_open_loop, record, motion, AXIS_LAWS[name], starts[name], horizon)
         rungs[name] = bench.estimate(
-            "open loop", memoized(recall, "open loop", AXIS_LAWS[name], starts[name], fit)
+            "open loop", memoized(run, "open loop", AXIS_LAWS[name], starts[name], fit)
         )
-    tell(0.95, "closed loop")
+    run.progress(Progress(stage="closed loop", done=_FITS_TO, total=1.0))
     estimates = [_inverse_estimate(bench, inverse)]
     if record.loop is not None:
         start = first_row(record, bandwidth=band)
@@ -281,10 +274,10 @@ def identify_axis(
         usual = float(np.std(record.force)) * 0.05
         begin = starts[rung.name]
         fit = partial(fit_output_error, rung, begin, residuals, scale=usual)
-        estimates.append(bench.estimate("closed loop", memoized(recall, "closed loop", rung, begin, fit)))
+        estimates.append(bench.estimate("closed loop", memoized(run, "closed loop", rung, begin, fit)))
     estimates.append(rungs[rung.name])
     asymmetry = asymmetry_over_time(record)
-    tell(1.0, "done")
+    run.progress(Progress(stage="done", done=1.0, total=1.0))
     return AxisIdentification(
         record=record.name,
         unit=record.unit,
@@ -399,7 +392,3 @@ def _initial_values(
     asymmetric = dict(zip(inverse["asymmetric"].names, inverse["asymmetric"].values.tolist(), strict=True))
     asymmetric = {name: max(value, least) for name, value in asymmetric.items()}
     return {name: (values if rung.symmetric else asymmetric) for name, rung in AXIS_LAWS.items()}
-
-
-def _silent(share: float, what: str) -> None:
-    """Tell nobody."""

@@ -26,12 +26,13 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Memoize, no_checkpoint
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.axis.inverse import Motion, speed_at_start
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Scaling, Values
 from ballbot.identification.axis.record import AxisRecord
+from ballbot.progress import Progress
 
 #: half the central difference, in the scaled parameter
 _DIFFERENCE = 5e-4
@@ -158,7 +159,7 @@ def fit_output_error(
 
 
 def memoized(
-    recall: Memoize, stage: str, rung: AxisLaw, start: Values, fit: Callable[[], OutputErrorFit]
+    run: Run, stage: str, rung: AxisLaw, start: Values, fit: Callable[[], OutputErrorFit]
 ) -> OutputErrorFit:
     """Return a rung's fit from `start`, from a checkpoint where that has it."""
 
@@ -168,7 +169,7 @@ def memoized(
         return [*(np.array([table[name] for name in rung.names]) for table in tables), np.array(found.rms)]
 
     asked = np.array([start[name] for name in rung.names])
-    values, errors, rms = recall(f"{stage}, {rung.name}", asked, answer)
+    values, errors, rms = run.memoize(f"{stage}, {rung.name}", asked, answer)
     return OutputErrorFit(
         rung=rung,
         values=dict(zip(rung.names, values.tolist(), strict=True)),
@@ -204,8 +205,7 @@ def search_output_error(
         size=len(rung.names),
         generations=_GENERATIONS,
         population=_POPULATION,
-        seed=0,
-        report=lambda generation, cost: None,  # noqa: ARG005
+        run=DEFAULT_RUN,
     )
     found = fit_output_error(rung, scaling.values(z_of(evolved.best)), residuals_of, scale=scale)
     return min(near, found, key=lambda fit: fit.rms)
@@ -249,8 +249,7 @@ def cross_validate_laws(
     starts: Mapping[str, Values],
     *,
     window: float,
-    recall: Memoize = no_checkpoint,
-    progress: Callable[[float, str], None],
+    run: Run = DEFAULT_RUN,
 ) -> tuple[LawVerdict, ...]:
     """Return the verdict on every rung.
 
@@ -263,10 +262,8 @@ def cross_validate_laws(
         By the rung's name, where its search starts.
     window : float
         Duration of the windows [s].
-    recall : Recall, optional
-        A checkpoint's: it answers for each rung.
-    progress : callable
-        Told a share and what is done.
+    run : Run, optional
+        Its checkpoint answers for each law; each is reported.
 
     Raises
     ------
@@ -281,10 +278,10 @@ def cross_validate_laws(
         )
     verdicts: dict[str, LawVerdict] = {}
     for number, (name, rung) in enumerate(AXIS_LAWS.items()):
-        progress(number / len(AXIS_LAWS), f"law {name}")
+        run.progress(Progress(stage=f"law {name}", done=number, total=len(AXIS_LAWS)))
         asked = np.array([starts[name][one] for one in rung.names])
         judge = partial(_held_out, record, motion, rung, starts[name], spans)
-        squares = recall(f"ladder, {name}", asked, lambda judge=judge: [judge()])[0]
+        squares = run.memoize(f"ladder, {name}", asked, lambda judge=judge: [judge()])[0]
         below = verdicts[rung.below].square_sums if rung.below else None
         gain, interval = _gain(squares, below)
         verdicts[name] = LawVerdict(

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from cyclopts import run
-from rich.progress import Progress
+from rich.progress import Progress as RichProgress
 
 from ballbot.errors import InputError
 from ballbot.thesis.published.page import write_published_page
@@ -23,9 +23,9 @@ def main(*, out: Path = Path("docs/generated/published_models.md")) -> int:
         The Markdown file to write.
     """
     try:
-        with Progress(transient=True) as bar:
+        with RichProgress(transient=True) as bar:
             task = bar.add_task("published models", total=1.0)
-            write_published_page(out, progress=lambda share: bar.update(task, completed=share))
+            write_published_page(out, progress=lambda now: bar.update(task, completed=now.share))
     except InputError as error:
         print(f"ballbot: {error}", file=sys.stderr)
         return 2

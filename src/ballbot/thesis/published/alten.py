@@ -22,6 +22,7 @@ from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.thesis.lagrangian import equations
 from ballbot.thesis.published.printed import (
@@ -104,9 +105,7 @@ def outcomes(robot: Robot, models: Sequence[LinearModel]) -> list[Outcome]:
     ]
 
 
-def mixture_outcomes(
-    robot: Robot, *, progress: Callable[[float], None] | None = None
-) -> dict[Mixture, Outcome]:
+def mixture_outcomes(robot: Robot, *, progress: ProgressCallback = ignore_progress) -> dict[Mixture, Outcome]:
     """Return what each of the sixteen mixtures leads to; half a minute, to derive them.
 
     Parameters
@@ -119,8 +118,7 @@ def mixture_outcomes(
     chosen, models = mixtures(), []
     for mixture in chosen:
         models.append(mixture_model(robot, corrections_with(mixture)))
-        if progress:
-            progress(len(models) / len(chosen))
+        progress(Progress(stage="the thesis's mixtures", done=len(models), total=len(chosen)))
     return dict(zip(chosen, outcomes(robot, models), strict=True))
 
 
@@ -180,7 +178,7 @@ _ENTRIES = (
 _FIRST_WHEEL = {"y": 1, "theta": 2, "psi": 4, "y_dot": 6, "theta_dot": 7, "psi_dot": 9}
 
 
-def section(robot: Robot, *, progress: Callable[[float], None] | None = None) -> str:
+def section(robot: Robot, *, progress: ProgressCallback = ignore_progress) -> str:
     """Return the source's part of the page, computed; some tens of seconds, most of them to derive the mixtures."""
     frictionless = robot.replace(friction=Friction.none(robot.wheel_count))
     found = mixture_outcomes(frictionless, progress=progress)

@@ -6,7 +6,6 @@ below); with massless wheels they must be ours.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from ballbot.files import write_text
 from ballbot.mechanics.model import Model
+from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia, solid_sphere_inertia, thin_shell_inertia
 from ballbot.thesis.published import alten, kugle, rezero
@@ -118,7 +118,7 @@ where the reproduced one rounds to the printed one. Items are those of design se
 """
 
 
-def published_page(*, progress: Callable[[float], None] | None = None) -> str:
+def published_page(*, progress: ProgressCallback = ignore_progress) -> str:
     """Return the whole page in Markdown; about a minute, most of it to derive the thesis's mixtures.
 
     Parameters
@@ -138,7 +138,7 @@ def published_page(*, progress: Callable[[float], None] | None = None) -> str:
     return "\n".join(parts)
 
 
-def write_published_page(path: Path, *, progress: Callable[[float], None] | None = None) -> None:
+def write_published_page(path: Path, *, progress: ProgressCallback = ignore_progress) -> None:
     """Compute the page and write it.
 
     Raises

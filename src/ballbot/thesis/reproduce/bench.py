@@ -22,6 +22,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, change_pose, hold
+from ballbot.fitting.run import Run
 from ballbot.identification.driveline import DrivelineBounds, DrivelineFit, Sweep, fit_driveline, sweeps_of
 from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
 from ballbot.identification.upside_down import identify_upside_down
@@ -163,13 +164,15 @@ class Bench:
     @cached_property
     def driveline_fit(self) -> DrivelineFit:
         """Wheel 1's friction, from its sweep (Figure 3.2)."""
-        return fit_driveline(self.sweeps[0], bounds=DrivelineBounds(), seed=self.seed, progress=_no_progress)
+        return fit_driveline(self.sweeps[0], bounds=DrivelineBounds(), run=Run(seed=self.seed))
 
     @cached_property
     def contact(self) -> Robot:
         """The robot with the friction of drivelines and contacts, identified upside down as section 3.2 has it."""
         log = self.recordings["upside_down"]["log"]
-        return rounded_friction(identify_upside_down(self.robot, log, seed=self.seed, generations=60).robot)
+        return rounded_friction(
+            identify_upside_down(self.robot, log, generations=60, run=Run(seed=self.seed)).robot
+        )
 
     @cached_property
     def ball_movement(self) -> BallMovement:
@@ -345,7 +348,3 @@ def linear_run(
     columns = {"t": t} | dict(zip(STATE_NAMES, states.T, strict=True))
     columns |= {f"u{i + 1}": column for i, column in enumerate(torques.T)}
     return Log(columns | {"ref_x": wanted[:, 0], "ref_y": wanted[:, 1], "ref_psi": wanted[:, 4]})
-
-
-def _no_progress(share: float, note: str) -> None:
-    """Tell nobody."""

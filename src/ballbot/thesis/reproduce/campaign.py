@@ -8,9 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot.fitting.run import Progress as Identifying
+from ballbot.fitting.run import Run
 from ballbot.identification.identify import identify
 from ballbot.log import Log
+from ballbot.progress import ProgressCallback, part_of
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import read_robot, write_robot
 from ballbot.thesis.reproduce import appendices, chapter3, chapter4, chapter5
@@ -52,7 +53,7 @@ ITEMS: tuple[Callable[[Bench], Item], ...] = (
 #: when each stage has ended, of the whole
 _RECORDED, _IDENTIFIED, _COMPENSATED = 0.4, 0.65, 0.7
 #: the packages that the friction identified depends on, beside the logs
-_IDENTIFIED_BY = ("robot", "log", "mechanics", "simulation", "identification")
+_IDENTIFIED_BY = ("robot", "log", "mechanics", "simulation", "fitting", "identification")
 #: the logs that friction is identified from
 _FITTED = ("fit_square", "fit_eight")
 
@@ -72,7 +73,7 @@ class Reproduction:
         return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
 
 
-def reproduce(folder: Path, *, seed: int, progress: Progress) -> Reproduction:
+def reproduce(folder: Path, *, seed: int, progress: ProgressCallback) -> Reproduction:
     """Remake every figure and table; equal seeds give equal results, wherever the run was stopped in between.
 
     Parameters
@@ -82,46 +83,47 @@ def reproduce(folder: Path, *, seed: int, progress: Progress) -> Reproduction:
     seed : int
         Of all that is random.
     progress : callable
-        Told the share that is done, and what is being done.
+        Called with the stage and the share of the whole.
     """
     bench = make_bench(folder, seed=seed, progress=progress)
     total = len(ITEMS) + len(MISTAKES)
     items, mistakes = [], []
+    making = part_of(progress, _COMPENSATED, 1.0)
     for done, make in enumerate(ITEMS):
-        progress(_COMPENSATED + (1.0 - _COMPENSATED) * done / total, make.__name__.replace("_", " "))
+        making(Progress(stage=make.__name__.replace("_", " "), done=done, total=total))
         items.append(make(bench))
     for done, make in enumerate(MISTAKES, start=len(ITEMS)):
-        progress(_COMPENSATED + (1.0 - _COMPENSATED) * done / total, "mistakes")
+        making(Progress(stage="mistakes", done=done, total=total))
         mistakes.append(make(bench))
     return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
 
 
-def make_bench(folder: Path, *, seed: int, progress: Progress) -> Bench:
+def make_bench(folder: Path, *, seed: int, progress: ProgressCallback) -> Bench:
     """Record the twin, identify its friction, record it compensated; see `reproduce`."""
     alten = Robot.load("alten")
     robot = alten.replace(friction=Friction.none(alten.wheel_count))
-    progress(0.0, "recording the twin")
+    progress(Progress(stage="recording the twin", done=0.0, total=1.0))
     recordings = record_all(
         FIRST,
         robot,
         seed=seed,
         folder=folder,
-        progress=lambda share, note: progress(_RECORDED * share, f"recorded: {note}"),
+        progress=part_of(progress, 0.0, _RECORDED),
     )
     identified = _identified(robot, recordings, seed=seed, folder=folder, progress=progress)
-    progress(_IDENTIFIED, "recording the twin, compensated")
+    progress(Progress(stage="recording the twin, compensated", done=_IDENTIFIED, total=1.0))
     recordings |= record_all(
         SECOND,
         identified,
         seed=seed,
         folder=folder,
-        progress=lambda _, note: progress(_COMPENSATED, note),
+        progress=part_of(progress, _COMPENSATED, _COMPENSATED),
     )
     return Bench(robot=robot, identified=identified, recordings=recordings, seed=seed, folder=folder)
 
 
 def _identified(
-    robot: Robot, recordings: dict[str, Logs], *, seed: int, folder: Path, progress: Progress
+    robot: Robot, recordings: dict[str, Logs], *, seed: int, folder: Path, progress: ProgressCallback
 ) -> Robot:
     """Return the robot with the friction that two recordings tell, from the folder where it was found before."""
     logs = [recordings[name]["log"].without_truth() for name in _FITTED]
@@ -129,10 +131,10 @@ def _identified(
     if path.exists():
         return read_robot(path)
 
-    def tell(now: Identifying) -> None:
-        progress(_RECORDED + (_IDENTIFIED - _RECORDED) * now.share, f"identifying: {now.stage}")
+    def tell(now: Progress) -> None:
+        part_of(progress, _RECORDED, _IDENTIFIED, stage=f"identifying: {now.stage}")(now)
 
-    found = identify(robot, logs, seed=seed, progress=tell)
+    found = identify(robot, logs, run=Run(seed=seed, progress=tell))
     write_robot(rounded_friction(found.robot), path)
     return read_robot(path)
 

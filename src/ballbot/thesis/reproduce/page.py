@@ -12,6 +12,7 @@ from types import MappingProxyType
 from matplotlib.figure import Figure
 
 from ballbot.files import write_text
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.report.page import Provenance, as_json, figure_markup, render
 from ballbot.report.style import drawn
 from ballbot.report.tables import with_symbols
@@ -140,7 +141,7 @@ REPRODUCTION_FILES = (
 
 
 def write_reproduction(
-    made: Reproduction, folder: Path, *, provenance: Provenance, progress: Callable[[float, str], None]
+    made: Reproduction, folder: Path, *, provenance: Provenance, progress: ProgressCallback
 ) -> Path:
     """Write figures/*.svg, results.json, reproduce.md and index.html into a folder and return the index's path.
 
@@ -150,12 +151,12 @@ def write_reproduction(
     folder : Path
     provenance : Provenance
     progress : callable
-        Called with the share of the figures that is drawn, and which is next.
+        Called before each figure.
     """
     shown = [item for item in made.items if item.key in DRAWINGS]
     figures: dict[str, str] = {}
     for done, item in enumerate(shown):
-        progress(done / len(shown), f"drawing {item.name}")
+        progress(Progress(stage=f"drawing {item.name}", done=done, total=len(shown)))
         svg = drawn(partial(DRAWINGS[item.key], made.bench), name=item.key.replace("_", "-"))
         figures[item.key] = svg
         # a file of its own is as wide as an attribute says; a style counts within a page only

@@ -33,9 +33,10 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
 from ballbot.errors import InputError
 from ballbot.files import read_sealed, write_sealed
-from ballbot.fitting.run import uninterrupted, worker_pool
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.processes import uninterrupted, worker_pool
+from ballbot.progress import Progress, ProgressCallback
 from ballbot.robot import Robot
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
@@ -103,8 +104,6 @@ class ModelOnGrid(ModelPlant):
 
 
 Logs = dict[str, Log]
-#: called with the share that is done and what was done last
-Progress = Callable[[float, str], None]
 
 #: the thesis's change of reference: from the origin to [1 m, -1 m, pi] at t = 3 s, in a step
 CHANGE: Reference = change_pose(x=1.0, y=-1.0, psi=float(np.pi), at=3.0, ramp=0.0)
@@ -192,7 +191,7 @@ SECOND = _changes("with_compensation", "full")
 
 
 def record_all(
-    recordings: tuple[Recording, ...], robot: Robot, *, seed: int, folder: Path, progress: Progress
+    recordings: tuple[Recording, ...], robot: Robot, *, seed: int, folder: Path, progress: ProgressCallback
 ) -> dict[str, Logs]:
     """Return the logs of each recording by name, from the folder where it has them, else made on all cores.
 
@@ -205,7 +204,7 @@ def record_all(
     folder : Path
         Where logs are kept.
     progress : callable
-        Told the share of all that is done.
+        Called after each recording.
     """
     found = {
         one.name: logs for one in recordings if (logs := _read(_path(folder, one, robot, seed))) is not None
@@ -224,7 +223,9 @@ def record_all(
                     found[one.name] = future.result()
                     _write(_path(folder, one, robot, seed), found[one.name])
                     done += one.seconds
-                    progress(done / total, one.name.replace("_", " "))
+                    progress(
+                        Progress(stage=f"recorded: {one.name.replace('_', ' ')}", done=done, total=total)
+                    )
             except BrokenProcessPool:
                 raise InputError(
                     "A recording process was killed, perhaps because memory ran out. Finished recordings are kept; "
