@@ -59,7 +59,7 @@ def test_a_fitting_array_is_not_copied():
         (object(), "objects"),
     ],
 )
-def test_what_is_no_array_of_numbers_is_refused(value, sentence):
+def test_non_numeric_arrays_are_refused(value, sentence):
     with pytest.raises(InputError, match=sentence) as caught:
         real_array(value, (3,), "The value")
     assert str(caught.value).startswith("The value ")
@@ -67,7 +67,7 @@ def test_what_is_no_array_of_numbers_is_refused(value, sentence):
 
 @settings(max_examples=50)
 @given(st.lists(st.floats(width=64), min_size=1, max_size=2000))
-def test_finite_is_what_numpy_calls_finite(values):
+def test_finite_check_equals_numpys(values):
     """Numbers whose squares overflow are finite; no other shortcut may be seen."""
     if np.isfinite(values).all():
         np.testing.assert_array_equal(real_array(values, ("n",), "The value"), values)
@@ -76,7 +76,7 @@ def test_finite_is_what_numpy_calls_finite(values):
             real_array(values, ("n",), "The value")
 
 
-def test_numbers():
+def test_scalar_arguments_are_checked():
     assert real_number(np.array(2), "It") == real_number(np.float32(2.0), "It") == 2.0
     assert whole_number(np.int64(3), "It", least=0) == 3
     for wrong in ("1", 1j, None, np.nan, np.inf, [1.0], True, 10**400):
@@ -89,7 +89,7 @@ def test_numbers():
         positive_number(0.0, "It")
 
 
-def test_indices_name_rows():
+def test_invalid_row_indices_are_refused():
     assert index_array([1, 0], "It", count=2, length=2).dtype == np.int64
     for wrong in ([0, 2], [-1, 0], [0.0, 1.0], [0], [[0, 1]], ["0", "1"], [[0], [1, 2]]):
         with pytest.raises(InputError, match=r"^It "):

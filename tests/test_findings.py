@@ -28,7 +28,7 @@ def test_warnings_and_notes_do_not_stop():
     stop_on_errors([GAP, USE])
 
 
-def test_an_error_stops_with_its_file_its_text_and_the_option_that_goes_on():
+def test_error_stops_with_file_text_and_the_accepting_option():
     with pytest.raises(InputError) as refusal:
         stop_on_errors([SIGN, DEAD, GAP])
     assert str(refusal.value).startswith("a.csv: The torques are negated. (1 more")

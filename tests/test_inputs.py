@@ -91,7 +91,7 @@ def log_file(path: Path, t: np.ndarray) -> Path:
 
 
 @pytest.mark.parametrize("place", [0, 812])
-def test_one_stray_time(tmp_path, capsys, place):
+def test_one_stray_time_is_reported(tmp_path, capsys, place):
     t = 0.005 * np.arange(813.0)
     t = t + np.where(
         np.arange(813) >= max(place, 1), 1.7e9, 0.0
@@ -102,7 +102,7 @@ def test_one_stray_time(tmp_path, capsys, place):
 
 
 @pytest.mark.parametrize(("per_second", "unit"), [(1e9, "nanoseconds"), (1e6, "microseconds")])
-def test_a_time_that_is_not_in_seconds(tmp_path, capsys, per_second, unit):
+def test_time_in_other_units_is_reported(tmp_path, capsys, per_second, unit):
     said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", per_second * 0.005 * np.arange(400.0)))
     assert f"t is in seconds and is perhaps in {unit}" in said
 
@@ -126,7 +126,7 @@ angle = {{ from = ["a", "b"] }}
         ("sample_time = 5e-324", "s", "inf rows"),
     ],
 )
-def test_a_mapping_with_a_wrong_unit(tmp_path, capsys, asked, unit, words):
+def test_mapping_with_a_wrong_unit_is_reported(tmp_path, capsys, asked, unit, words):
     log = tmp_path / "raw.csv"
     rows = (f"{0.005 * k!r},{0.01 * k!r},{0.02 * k!r}\n" for k in range(800))
     log.write_text("t,a,b\n" + "".join(rows))
@@ -144,7 +144,7 @@ def test_a_fit_in_blocks_is_the_fit_of_the_whole():
 
 
 @pytest.mark.parametrize("rows", ["2147483648", "9223372036854775808", "9" * 5000, "0x" + "f" * 6000])
-def test_a_robot_of_two_billion_rings_of_rollers(tmp_path, capsys, rows):
+def test_two_billion_roller_rings_are_refused(tmp_path, capsys, rows):
     path = tmp_path / "robot.toml"
     path.write_text(re.sub(r"(?m)^rows = \{ value = \d+", f"rows = {{ value = {rows}", robot_text(ALTEN)))
     words = "rollers.rows" if len(rows) < 5000 or rows[1] == "x" else "is not valid TOML"
@@ -152,7 +152,7 @@ def test_a_robot_of_two_billion_rings_of_rollers(tmp_path, capsys, rows):
 
 
 @pytest.mark.parametrize("value", ["5e-9", "5e-324"])
-def test_a_sample_time_of_nanoseconds(tmp_path, capsys, value):
+def test_sample_time_of_nanoseconds_is_refused(tmp_path, capsys, value):
     robot = tmp_path / "robot.toml"
     written = re.sub(r"(?m)^sample_time = .*$", "", robot_text(ALTEN))
     entry = f'sample_time = {{ value = {value}, unit = "s", source = "measured" }}'
@@ -178,7 +178,7 @@ def test_a_sample_time_of_nanoseconds(tmp_path, capsys, value):
         ("timestep = 5e-9", "timestep"),
     ],
 )
-def test_a_scenario_that_asks_for_too_much(tmp_path, line, words):
+def test_excessive_scenario_is_refused(tmp_path, line, words):
     path = tmp_path / "scenario.toml"
     path.write_text(line)
     with pytest.raises(InputError, match=words):
@@ -199,7 +199,7 @@ def test_a_scenario_that_asks_for_too_much(tmp_path, line, words):
         (b"\x00\x01\x02", "not valid"),
     ],
 )
-def test_settings_that_a_parser_would_drown_in(tmp_path, name, content, words):
+def test_deeply_nested_settings_are_refused(tmp_path, name, content, words):
     path = tmp_path / "any.toml"
     path.write_bytes(content)
     began = time.perf_counter()
@@ -210,13 +210,13 @@ def test_settings_that_a_parser_would_drown_in(tmp_path, name, content, words):
     assert time.perf_counter() - began < 2.0
 
 
-def test_settings_after_a_byte_order_mark(tmp_path):
+def test_settings_after_a_byte_order_mark_are_read(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_bytes(b"\xef\xbb\xbf" + robot_text(ALTEN).replace("\n", "\r\n").encode())
     assert read_robot(path) == ALTEN
 
 
-def test_json_of_depth(tmp_path):
+def test_deeply_nested_json_is_refused(tmp_path):
     path = tmp_path / "results.json"
     for text in ("[" * 100_000, '{"a":' * 40 + "1" + "}" * 40):
         path.write_text(text)
@@ -235,7 +235,7 @@ def test_a_text_is_toml_or_refused(text):
 
 @pytest.mark.parametrize("command", [["check"], ["check-log"], ["identify-axis"]])
 @pytest.mark.parametrize("kind", ["folder", "pipe", "device", "nothing", "zero byte"])
-def test_a_path_that_is_no_file(tmp_path, capsys, command, kind):
+def test_path_without_a_file_is_refused(tmp_path, capsys, command, kind):
     suffix = {"check": ".toml", "check-log": ".csv", "identify-axis": ".mat"}[command[0]]
     path = tmp_path / f"a{suffix}"
     if kind == "folder":
@@ -260,7 +260,7 @@ def test_a_path_that_is_no_file(tmp_path, capsys, command, kind):
 
 
 @pytest.mark.parametrize("columns", [1001, 100_000])
-def test_a_log_of_very_many_columns(tmp_path, capsys, columns):
+def test_log_of_too_many_columns_is_refused(tmp_path, capsys, columns):
     path = tmp_path / "wide.csv"
     names = [f"c{k}" for k in range(columns - 1)]
     path.write_text(f"t,{','.join(names)}\n" + f"0{',1' * (columns - 1)}\n1{',1' * (columns - 1)}\n")
@@ -270,7 +270,7 @@ def test_a_log_of_very_many_columns(tmp_path, capsys, columns):
     assert f"line 2: the row has {columns} cells" in refused(capsys, "check-log", path)
 
 
-def test_parquet_says_how_much_it_holds(tmp_path, capsys):
+def test_oversized_parquet_is_refused_by_its_header(tmp_path, capsys):
     path = tmp_path / "long.parquet"
     rows = 1_000_000
     column = pyarrow.array(np.zeros(rows))
@@ -346,7 +346,7 @@ def _read_or_refused(content: bytes) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("address", ["10.0.0.5", "tcp://localhost", "", "foo://x:1", "localhost:99999"])
-def test_a_cluster_without_a_port(tmp_path, capsys, address):
+def test_cluster_address_without_a_port_is_refused(tmp_path, capsys, address):
     log = tmp_path / "log.csv"
     smooth_log(rows=400).write(log)
     said = refused(capsys, "identify", "alten", log, "--cluster", address, "--out", tmp_path / "out")
@@ -355,7 +355,7 @@ def test_a_cluster_without_a_port(tmp_path, capsys, address):
 
 
 @pytest.mark.parametrize(("duration", "sample_time"), [(86400.0, 1e-4), (1.0, 1e-9), (86400.0, 5e-324)])
-def test_a_run_whose_log_would_not_fit(duration, sample_time):
+def test_run_whose_log_exceeds_memory_is_refused(duration, sample_time):
     with pytest.raises(InputError, match=r"A run of .* samples of .* would not fit in memory"):
         sample_count(duration, sample_time)
 
@@ -384,7 +384,7 @@ def test_rows_are_counted_or_refused(span, interval, columns):
         (1e18, "31688087814 years"),
     ],
 )
-def test_a_length_of_time_in_words(seconds, words):
+def test_durations_are_printed_in_words(seconds, words):
     assert format_duration(seconds) == words
 
 
@@ -429,5 +429,5 @@ def test_the_documents_have_the_limits():
         ["design", "alten", "--robust", "--robots", "100000000"],
     ],
 )
-def test_a_search_of_years(tmp_path, capsys, words):
+def test_search_of_years_is_refused(tmp_path, capsys, words):
     assert "it must be 100000 or less" in refused(capsys, *words, "--out", tmp_path / "out")

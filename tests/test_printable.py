@@ -49,7 +49,7 @@ def obeyed(text: str) -> set[str]:
 
 
 @given(text=TEXTS)
-def test_nothing_in_a_text_is_obeyed(text):
+def test_control_sequences_in_text_are_escaped(text):
     assert not obeyed(printable(text))
     assert not obeyed(printable_line(text))
     assert "\n" not in printable_line(text)
@@ -59,7 +59,7 @@ def test_nothing_in_a_text_is_obeyed(text):
 
 
 @given(text=TEXTS)
-def test_a_console_shows_what_it_is_given(text):
+def test_console_prints_markup_literally(text):
     out = io.StringIO()
     console = PlainConsole(file=out, width=10_000)
     console.print(text, soft_wrap=True)
@@ -67,7 +67,7 @@ def test_a_console_shows_what_it_is_given(text):
     assert not obeyed(out.getvalue())
 
 
-def test_progress_shows_names_as_they_are():
+def test_progress_prints_names_literally():
     console = PlainConsole(file=io.StringIO())
     console._force_terminal = True
     with progress_bar(console, "[/x]") as bar:
@@ -145,7 +145,7 @@ def test_a_shell_reads_the_words_back(word):
 @pytest.mark.parametrize(
     "name", ["[/x]", "\x1b[31m", r"$\frac$", os.fsdecode(b"\xff\xfe"), "a\nb", ":smile:", "-x"]
 )
-def test_names_of_files_end_no_command_and_are_not_obeyed(tmp_path, monkeypatch, capfd, name):
+def test_file_names_are_never_interpreted_as_options_or_markup(tmp_path, monkeypatch, capfd, name):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine", "--out", f"./{name}.toml"]) == 0
     assert main(["design", f"./{name}.toml", "--out", f"./{name}"]) == 0

@@ -43,7 +43,7 @@ def test_a_new_result_replaces_the_old_one_as_a_whole(tmp_path):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, OSError])
-def test_a_run_that_stops_leaves_the_old_result(tmp_path, error):
+def test_interrupted_run_leaves_the_old_result(tmp_path, error):
     leave(tmp_path, OLD)
 
     def stop() -> None:
@@ -57,7 +57,7 @@ def test_a_run_that_stops_leaves_the_old_result(tmp_path, error):
     leave(tmp_path, NEW)
 
 
-def test_a_file_that_cannot_be_written_is_named_as_the_user_knows_it(tmp_path):
+def test_unwritable_file_is_named_by_its_given_path(tmp_path):
     def fill() -> None:
         with result_folder(tmp_path, command="study", names=NAMES) as held, held.replaced() as new:
             (new / "robot.toml").mkdir()
@@ -171,7 +171,7 @@ with result_folder(sys.argv[1], command="study", names=()):
 """
 
 
-def test_a_folder_is_one_processs_until_it_dies(tmp_path):
+def test_folder_is_locked_by_one_process(tmp_path):
     holder = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     assert holder.stdout is not None
     assert holder.stdout.readline() == "held\n"
@@ -184,7 +184,7 @@ def test_a_folder_is_one_processs_until_it_dies(tmp_path):
     assert shown(tmp_path) == NEW
 
 
-def test_what_a_killed_process_left_is_cleared(tmp_path):
+def test_leftovers_of_a_killed_process_are_removed(tmp_path):
     leave(tmp_path, OLD)
     (tmp_path / STAGED).mkdir()
     (tmp_path / STAGED / "results.json").write_text("half")

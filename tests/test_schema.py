@@ -104,7 +104,7 @@ def mapping(**changes):
         (Scenario, {"backlash": 1}, "is missing; a file needs it."),
     ],
 )
-def test_a_mistake_ends_in_our_words(schema, tree, sentence):
+def test_schema_errors_end_in_our_sentences(schema, tree, sentence):
     with pytest.raises(InputError) as refused:
         validate_table(schema, tree, of="a file")
     assert sentence in str(refused.value)

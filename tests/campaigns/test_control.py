@@ -50,7 +50,7 @@ def hold_log(x: np.ndarray) -> Log:
     return Log({"t": t, "x": x, "y": 0.0 * t})
 
 
-def test_a_cycle_is_told_apart_from_drift():
+def test_limit_cycle_is_distinguished_from_drift():
     t = np.arange(8000) * 0.005
     drift = 0.02 * np.sin(0.1 * t) + 0.0005 * t
     # a steady tone through a Hann window, off a bin by up to half of one: 15 % too small at the most

@@ -76,7 +76,7 @@ def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: floa
 # --- one wheel -------------------------------------------------------------------------------------
 
 
-def test_mujoco_s_friction_creeps_as_its_constraint_s_compliance_says_and_ours_does_not() -> None:
+def test_mujoco_friction_creeps_by_its_compliance_and_ours_does_not() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     from campaigns.sticking import BREAK_AWAY, ENGINES, inertia, mujoco_creep, our_creep
 

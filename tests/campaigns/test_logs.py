@@ -55,7 +55,7 @@ def test_damaged_command_lines_are_accepted_or_refused():
     assert tally.refused > COMMANDS // 4
 
 
-def test_an_input_is_the_same_for_the_same_seed(tmp_path):
+def test_same_seed_gives_the_same_fuzzed_input(tmp_path):
     contents = []
     for seed in (1, 1, 2):
         folder = tmp_path / str(len(contents))

@@ -16,7 +16,7 @@ from campaigns.predictive import Predictive, heading_error
 STIFF = stiff()
 
 
-def test_within_the_limits_it_is_the_lqr_to_the_bit():
+def test_predictive_controller_equals_lqr_within_the_limits():
     law = Controller(ROBOT, STIFF.gain)
     correcting = Predictive(law, STIFF, torque_weight=PRECISE_TORQUE_WEIGHT)
     random = np.random.default_rng(0)
@@ -29,7 +29,7 @@ def test_within_the_limits_it_is_the_lqr_to_the_bit():
     assert not correcting.times
 
 
-def test_beyond_them_its_correction_is_the_programs(monkeypatch):
+def test_correction_beyond_the_limits_equals_the_quadratic_program(monkeypatch):
     # few nodes and looks, so that SciPy's quasi-Newton method can solve the same program as smooth and unconstrained
     monkeypatch.setattr(predictive, "NODES", (0, 10, 30))
     monkeypatch.setattr(predictive, "LOOKS", (0, 5, 15))
@@ -51,6 +51,6 @@ def test_beyond_them_its_correction_is_the_programs(monkeypatch):
     np.testing.assert_allclose(found, correcting._first @ expected, atol=1e-4)  # BFGS on finite differences
 
 
-def test_no_torques_do_more_than_in_proportion_to_their_limit():
+def test_correction_scales_at_most_with_the_torque_limit():
     lean, blow = bound_of_any(2.0)
     assert bound_of_any(6.0) == pytest.approx((3.0 * lean, 3.0 * blow))

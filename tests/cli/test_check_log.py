@@ -28,7 +28,7 @@ def test_a_clean_log_shows_its_columns_and_writes_results(tmp_path, capsys):
     assert by_name["theta"]["greatest"] == pytest.approx(0.02, rel=1e-3)  # the sine's amplitude
 
 
-def test_a_warning_is_shown_and_is_no_failure(tmp_path, capsys):
+def test_warning_is_shown_and_exit_code_is_zero(tmp_path, capsys):
     log = smooth_log()
     log.with_columns({"u1": np.zeros(len(log))}).write(tmp_path / "log.csv")
     check_log(tmp_path / "log.csv")
@@ -87,7 +87,7 @@ def test_a_log_of_one_row_is_an_error(tmp_path, capsys):
     assert "The log has one row" in capsys.readouterr().err
 
 
-def test_a_lean_that_is_infinite_is_not_taken_for_degrees(tmp_path, capsys):
+def test_infinite_lean_is_not_reported_as_degrees(tmp_path, capsys):
     rows = "".join(f"{0.01 * k:g},{'inf' if k == 5 else 0.001 * k},0\n" for k in range(20))
     (tmp_path / "log.csv").write_text(f"t,theta,phi\n{rows}")
     assert main(["check-log", str(tmp_path / "log.csv")]) == 0

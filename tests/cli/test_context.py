@@ -78,7 +78,7 @@ def test_what_was_computed_outlives_results_that_cannot_be_written(tmp_path):
     assert (tmp_path / CHECKPOINT).exists()
 
 
-def test_a_checkpoint_that_does_not_fit_is_its_owners_to_delete(interrupted):
+def test_checkpoint_that_does_not_match_is_not_deleted(interrupted):
     kept = (interrupted / CHECKPOINT).read_bytes()
     with pytest.raises(InputError, match="the run differs"):
         begin(interrupted, resume=True, after=ask_something_else)
@@ -96,7 +96,7 @@ def test_quick_work_prints_nothing(piped, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_long_work_says_its_stages_on_standard_error(piped, capsys, monkeypatch):
+def test_long_work_prints_its_stages_on_standard_error(piped, capsys, monkeypatch):
     monkeypatch.setattr(output, "_BEFORE_LINES", 0.05)
     with progress_bar(piped, "reading") as bar:
         time.sleep(0.2)  # the first line comes without any step

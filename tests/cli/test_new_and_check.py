@@ -51,13 +51,11 @@ def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureF
     assert Robot.load(path).name == "mine"
 
 
-def test_new_refuses_a_name_that_is_no_file_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_new_refuses_invalid_file_names(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--out" in refused(capsys, "new", "no/where")
 
 
-def test_check_refuses_a_robot_whose_numbers_do_not_go_together(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_refuses_inconsistent_robots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, out = tmp_path / "light.toml", tmp_path / "out"
     assert main(["new", "light", "--out", str(path)]) == 0
     text = path.read_text(encoding="utf-8")
@@ -74,7 +72,7 @@ def test_check_refuses_a_robot_whose_numbers_do_not_go_together(
 
 
 @pytest.mark.parametrize("command", ["simulate", "record", "design"])
-def test_other_commands_stop_on_such_a_robot_too(
+def test_every_command_stops_on_inconsistent_robots(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out = tmp_path / "light.toml", tmp_path / "out"
@@ -89,7 +87,9 @@ def test_other_commands_stop_on_such_a_robot_too(
     assert not out.exists()
 
 
-def test_check_says_what_record_would_refuse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_reports_robots_that_record_would_refuse(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "rows.toml"
     assert main(["new", "rows", "--out", str(path)]) == 0
     text = path.read_text(encoding="utf-8")
@@ -98,7 +98,9 @@ def test_check_says_what_record_would_refuse(tmp_path: Path, capsys: pytest.Capt
     assert "`ballbot record` refuses it" in " ".join(capsys.readouterr().out.split())
 
 
-def test_check_prints_and_writes_what_follows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_prints_and_writes_derived_quantities(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     figure = tmp_path / "alten.svg"
     assert main(["check", "alten", "--out", str(tmp_path), "--figure", str(figure)]) == 0
     printed = capsys.readouterr().out
@@ -160,7 +162,7 @@ def test_linear_model_is_written_exactly_and_the_thesis_s_is_marked(
         ("[ball]", "[ball", "is not valid TOML"),
     ],
 )
-def test_check_refuses_nonsense(
+def test_check_refuses_impossible_values(
     old: str, new: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "mine.toml"

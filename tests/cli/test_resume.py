@@ -58,9 +58,7 @@ def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
     return capsys.readouterr().err
 
 
-def test_the_sentence_is_a_command_that_ends_in_the_same_bytes(
-    inputs, interrupted, tmp_path, monkeypatch, capsys
-):
+def test_printed_resume_command_ends_in_the_same_bytes(inputs, interrupted, tmp_path, monkeypatch, capsys):
     assert interrupted.count("\n") == 1
     told, command = interrupted.rstrip().split(": ballbot identify ")
     assert told == "ballbot: interrupted; continue with"
@@ -81,7 +79,7 @@ def test_the_sentence_is_a_command_that_ends_in_the_same_bytes(
         (("--resume", "--seed", "1"), "belongs to another run, which differs in: seed;"),
     ],
 )
-def test_what_was_interrupted_is_neither_overwritten_nor_mixed(inputs, interrupted, capsys, more, sentence):
+def test_interrupted_run_is_neither_overwritten_nor_mixed(inputs, interrupted, capsys, more, sentence):
     assert interrupted
     kept = outputs()
     assert main(words(inputs, *more)) == 2
@@ -114,7 +112,7 @@ def run(folder: Path, *, resume: bool) -> Identification:
 
 
 @pytest.mark.slow
-def test_killed_at_three_moments_it_ends_in_the_same_bytes(tmp_path):
+def test_run_killed_at_three_moments_ends_in_the_same_bytes(tmp_path):
     undisturbed = run(folder_with_log(tmp_path / "undisturbed"), resume=False).finish()
     killed = folder_with_log(tmp_path / "killed")
     random = np.random.default_rng()  # the moment within a step is left to chance

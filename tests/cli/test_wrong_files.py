@@ -49,7 +49,7 @@ def replaced(path: Path, old: str, new: str) -> Path:
         ("\x00\x01", ""),
     ],
 )
-def test_a_file_that_is_no_robot(tmp_path, capsys, content, words):
+def test_file_that_is_not_a_robot_is_refused(tmp_path, capsys, content, words):
     path = tmp_path / "robot.toml"
     path.write_text(content)
     said = sentence_of(capsys, "check", str(path))
@@ -64,7 +64,7 @@ def test_a_file_that_is_no_robot(tmp_path, capsys, content, words):
         ("center_of_mass", "39.3", "body.center_of_mass"),
     ],
 )
-def test_a_robot_of_nonsense(robot_file, capsys, key, value, words):
+def test_robot_of_impossible_values_is_refused(robot_file, capsys, key, value, words):
     lines = robot_file.read_text().splitlines()
     start = lines.index("[body]")
     place = next(i for i in range(start, len(lines)) if lines[i].startswith(f"{key} "))
@@ -75,7 +75,7 @@ def test_a_robot_of_nonsense(robot_file, capsys, key, value, words):
     assert words in sentence_of(capsys, "check", str(robot_file))
 
 
-def test_a_robot_that_is_not_there(capsys):
+def test_missing_robot_is_reported(capsys):
     assert "nowhere.toml" in sentence_of(capsys, "check", "nowhere.toml")
 
 
@@ -92,7 +92,7 @@ def test_a_robot_that_is_not_there(capsys):
 @pytest.mark.parametrize(
     "command", ["check-log", "study", "identify", "identify-driveline", "identify-upside-down", "validate"]
 )
-def test_a_file_that_is_no_log(tmp_path, capsys, command, content, words):
+def test_file_that_is_not_a_log_is_refused(tmp_path, capsys, command, content, words):
     path = tmp_path / "log.csv"
     path.write_text(content)
     before = {"check-log": [], "validate": ["rezero"]}.get(command, ["alten"])
@@ -103,14 +103,14 @@ def test_a_file_that_is_no_log(tmp_path, capsys, command, content, words):
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 
-def test_a_log_without_what_a_study_needs(tmp_path, capsys):
+def test_log_without_columns_needed_by_study_is_refused(tmp_path, capsys):
     path = tmp_path / "log.csv"
     path.write_text(GOOD_LOG)
     assert "phi" in sentence_of(capsys, "study", "alten", str(path), "--out", str(tmp_path / "out"))
 
 
 @pytest.mark.parametrize("content", ["", "[columns", 'columns = "u1"\n', "[colums]\nt = 'time'\n"])
-def test_a_file_that_is_no_mapping(tmp_path, capsys, content):
+def test_file_that_is_not_a_mapping_is_refused(tmp_path, capsys, content):
     log, mapping = tmp_path / "log.csv", tmp_path / "mapping.toml"
     log.write_text(GOOD_LOG)
     mapping.write_text(content)
@@ -118,7 +118,7 @@ def test_a_file_that_is_no_mapping(tmp_path, capsys, content):
 
 
 @pytest.mark.parametrize("content", ["", "gain = [", "gain = [[1, 2], [3]]\n", 'gain = "soft"\n'])
-def test_a_file_that_is_no_controller(tmp_path, capsys, content):
+def test_file_that_is_not_a_controller_is_refused(tmp_path, capsys, content):
     path = tmp_path / "controller.toml"
     path.write_text(content)
     out = ["--out", str(tmp_path / "out")]
@@ -128,7 +128,7 @@ def test_a_file_that_is_no_controller(tmp_path, capsys, content):
     assert "controller.toml" in sentence_of(capsys, "compare", "alten", str(path), *out)
 
 
-def test_a_folder_that_is_a_file(tmp_path, capsys):
+def test_output_folder_that_is_a_file_is_refused(tmp_path, capsys):
     path = tmp_path / "out"
     path.write_text("in the way")
     log = tmp_path / "log.csv"
@@ -145,7 +145,7 @@ def test_a_folder_that_is_a_file(tmp_path, capsys):
         ["design", "alten", "--robust", "--robots", "10", "--fresh", "10"],
     ],
 )
-def test_a_seed_that_is_none(tmp_path, monkeypatch, capsys, command):
+def test_invalid_seed_is_refused(tmp_path, monkeypatch, capsys, command):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "log.csv").write_text(GOOD_LOG)
     assert "The seed is -1" in sentence_of(capsys, *command, "--seed", "-1", "--out", "out")
@@ -154,7 +154,7 @@ def test_a_seed_that_is_none(tmp_path, monkeypatch, capsys, command):
 
 @given(st.binary(max_size=400))
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_bytes_at_all(tmp_path, capsys, content):
+def test_any_bytes_are_read_or_refused(tmp_path, capsys, content):
     """No content of a file makes a traceback, as robot, as log or as mapping."""
     log = tmp_path / "good.csv"
     log.write_text(GOOD_LOG)

@@ -71,7 +71,7 @@ def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys)
     assert compensated.coulomb[2] < 0.7 * FRICTION.coulomb[2]
 
 
-def test_wrong_input_is_told():
+def test_invalid_input_is_refused():
     with pytest.raises(InputError, match="3 wheels have 12 parameters"):
         cautious_friction(FRICTION, np.zeros((11, 11)))
     with pytest.raises(InputError, match="confidence is 1;"):

@@ -71,7 +71,7 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     np.testing.assert_array_equal(read.parts.feed_forward.by_second, FeedForward.of(heavy).by_second)
 
 
-def test_adaptations_and_a_prediction_are_added_to_a_file_as_the_documents_say(tmp_path):
+def test_documented_adaptation_and_prediction_tables_are_accepted(tmp_path):
     path, robot = tmp_path / "controller.toml", alten(FRICTION)
     write_controller(precise_controller(robot), path)
     added = "\n[driveline_adaptation]\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
@@ -123,7 +123,7 @@ ALL = controller_text(everything(alten(FRICTION)))
         ("highest = 1.5", "highest = 0.5", "1 must lie between"),
     ],
 )
-def test_a_wrong_file_is_told_in_one_sentence(tmp_path, good, bad, sentence):
+def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):
     text = GOOD if good in GOOD else ALL
     assert good in text
     path = tmp_path / "controller.toml"
@@ -135,7 +135,7 @@ def test_a_wrong_file_is_told_in_one_sentence(tmp_path, good, bad, sentence):
     assert "\n" not in text
 
 
-def test_a_file_that_is_none_is_told(tmp_path):
+def test_unreadable_controller_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"cannot be read"):
         read_controller(tmp_path / "nowhere.toml", alten())
     (tmp_path / "picture").write_bytes(b"\xff\xd8\xff")
@@ -143,7 +143,7 @@ def test_a_file_that_is_none_is_told(tmp_path):
         read_controller(tmp_path / "picture", alten())
 
 
-def test_a_controller_of_another_number_of_wheels_is_told(tmp_path):
+def test_controller_for_another_wheel_count_is_refused(tmp_path):
     path = tmp_path / "controller.toml"
     path.write_text(GOOD)
     with pytest.raises(InputError, match="4 wheels"):

@@ -30,7 +30,7 @@ def errors(robot: Robot, controller: Controller, reference: Reference, *, durati
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
-def test_most_of_what_carpet_costs_on_a_circle_is_taken_away(robot: Robot):
+def test_floor_adaptation_removes_most_of_the_error_on_carpet(robot: Robot):
     reference, cost = circle(period=32.0), {}
     for name, made in (("fixed", precise_controller), ("adaptive", adaptive)):
         smooth, rough = (
@@ -67,7 +67,7 @@ def test_its_drag_stays_within_its_bound():
     assert controller.drag == 0.0
 
 
-def test_a_slope_is_told_from_the_floor():
+def test_slope_is_separated_from_floor_friction():
     """A lean that is misjudged asks for what a slope asks for, which does not turn with the motion."""
     robot = alten(FRICTION)
     carpet, found = on_carpet(robot), {}
@@ -80,7 +80,7 @@ def test_a_slope_is_told_from_the_floor():
     assert abs(found["tilted"] - found["smooth"]) < 0.1 * (found["rough"] - found["smooth"])
 
 
-def test_what_is_given_does_not_jump_as_it_is_carried_over():
+def test_compensation_is_continuous_when_the_estimate_is_carried_over():
     robot = alten(FRICTION)
     quick, whole = adaptive(robot, FloorAdaptation(time=0.05)), precise_controller(robot)
     state, reference = np.zeros(10), np.zeros(10)
@@ -110,12 +110,12 @@ def test_what_is_given_does_not_jump_as_it_is_carried_over():
         ),
     ],
 )
-def test_a_wrong_floor_adaptation_is_told(make, sentence):
+def test_invalid_floor_adaptation_is_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
 
 
-def test_without_it_nothing_is_given():
+def test_without_floor_adaptation_no_torque_is_added():
     robot = alten(FRICTION)
     controller = Controller(robot, design_gain(robot).gain)
     simulate(Model(robot), controller, circle(period=32.0), duration=4.0)

@@ -60,7 +60,7 @@ def rolling_force(robot: Robot, state: np.ndarray, band: float) -> np.ndarray:
     compensation=st.sampled_from(["none", "full"]),
     limit=st.sampled_from([2.0, 1e3]),
 )
-def test_law_in_numpys_words(design, state, pose, compensation, limit):
+def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit):
     robot, gain = design
     controller = Controller(robot, gain, compensation=compensation, torque_limit=limit)
     u = controller.gain @ turned_back(pose - state, state[4])
@@ -85,7 +85,7 @@ def test_law_in_numpys_words(design, state, pose, compensation, limit):
 
 @settings(max_examples=100, deadline=None)
 @given(state=states, pose=poses, turn=st.floats(-4.0, 4.0))
-def test_feedback_does_not_know_where_north_is(state, pose, turn):
+def test_feedback_does_not_depend_on_the_heading(state, pose, turn):
     controller = SOFT
 
     def turned(vector: np.ndarray) -> np.ndarray:
@@ -251,18 +251,18 @@ def test_defaults_are_the_robots_own():
         ({"compensation": "most"}, "'none', 'full' or 'partial'"),
     ],
 )
-def test_wrong_controllers_are_told(values, sentence):
+def test_invalid_controllers_are_refused(values, sentence):
     with pytest.raises(InputError, match=sentence):
         Controller(alten(), **{"gain": np.zeros((3, 10)), **values})
 
 
 @pytest.mark.parametrize(("state", "reference"), [(np.zeros(9), np.zeros(11)), (np.zeros(10), np.zeros(3))])
-def test_wrong_shapes_are_told(state, reference):
+def test_wrong_shapes_are_refused(state, reference):
     with pytest.raises(InputError, match="ten numbers"):
         nominal_controller(alten()).update(0.0, state, reference)
 
 
-def test_a_copy_is_a_controller_of_its_own():
+def test_copied_controller_has_its_own_state():
     controller = nominal_controller(alten(FRICTION), compensation="full")
     state = np.linspace(-0.1, 0.1, 10)
     twin = copy.deepcopy(controller)
@@ -286,7 +286,7 @@ def test_an_update_is_fast():
     assert np.median(times) < 50e-6  # 4 us on an idle core; the rest is for a busy machine
 
 
-def test_a_whole_design_in_place_of_its_gain_is_told_apart() -> None:
+def test_design_passed_instead_of_gain_is_refused_with_a_hint() -> None:
     robot = Robot.load("alten")
     with pytest.raises(InputError, match=r"The gain is a LqrDesign; it must be 3 rows of 10 numbers"):
         Controller(robot, design_gain(robot))

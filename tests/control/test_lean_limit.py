@@ -39,7 +39,7 @@ def asked(gain: np.ndarray, state: np.ndarray, by: list[int], of: slice) -> floa
 
 @settings(max_examples=200, deadline=None)
 @given(design=designed, state=states, size=st.sampled_from([0.01, 0.1, 1.0]))
-def test_the_bound_in_numpys_words(design, state, size):
+def test_lean_limit_equals_its_numpy_reference(design, state, size):
     robot, gain = design
     state = size * state
     state[4] = 0.0  # as it stands the frames agree
@@ -56,7 +56,7 @@ def test_the_bound_in_numpys_words(design, state, size):
 
 @settings(max_examples=100, deadline=None)
 @given(design=designed, state=states)
-def test_within_the_limits_it_changes_nothing(design, state):
+def test_lean_limit_changes_nothing_within_the_limits(design, state):
     robot, gain = design
     wide = LeanLimit(lean=100.0, turn=100.0)
     np.testing.assert_array_equal(torques(robot, gain, state, wide), torques(robot, gain, state, None))
@@ -102,12 +102,12 @@ def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray)
 
 
 @pytest.mark.parametrize("wrong", [{"lean": 0.0}, {"lean": np.inf}, {"turn": -1.0}])
-def test_bounds_that_are_none_are_refused(wrong):
+def test_invalid_lean_limits_are_refused(wrong):
     with pytest.raises(InputError, match=r"of the lean limit is .* must be positive"):
         LeanLimit(**wrong)
 
 
-def test_the_precise_controller_stands_up_where_its_wheels_would_else_spin():
+def test_lean_limit_recovers_where_wheels_would_otherwise_spin():
     robot = Robot.load("alten")
     known = robot.replace(friction=Scenario.nominal(robot).friction)
     bounded = precise_controller(known)

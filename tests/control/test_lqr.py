@@ -109,13 +109,13 @@ def test_a_matrix_and_its_diagonal_are_one_weight(model):
     ],
 )
 @pytest.mark.parametrize("sample_time", [None, 0.005])
-def test_wrong_weights_are_told(model, q, r, n, sentence, sample_time):
+def test_invalid_weights_are_refused(model, q, r, n, sentence, sample_time):
     with pytest.raises(InputError, match=sentence):
         lqr(model, q, r, sample_time=sample_time, N=n)
 
 
 @pytest.mark.parametrize("sample_time", [0.0, -0.005, np.nan])
-def test_wrong_sample_times_are_told(model, sample_time):
+def test_invalid_sample_times_are_refused(model, sample_time):
     with pytest.raises(InputError, match="sample time"):
         lqr(model, Q, R, sample_time=sample_time)
 
@@ -125,7 +125,7 @@ def test_python_controls_state_space_is_taken(model):
     np.testing.assert_array_equal(lqr(space, Q, R).gain, lqr(model, Q, R).gain)
 
 
-def test_what_cannot_be_stabilised_is_told(model):
+def test_unstabilisable_systems_are_refused(model):
     space = model.linearize()
     unreached = Matrices(block_diag(space.A, [[2.5]]), np.vstack([space.B, np.zeros(3)]))
     with pytest.raises(InputError, match=r"2\.5 rad/s"):

@@ -61,12 +61,12 @@ def moving(k: int) -> NDArray[np.float64]:
     return np.array([0.1 * np.sin(0.02 * k), 0.002 * k, 0, 0, 0.001 * k, 0, 0, 0, 0, 0])
 
 
-def test_every_part_is_tried():
+def test_every_part_is_covered_by_the_missing_sample_tests():
     assert set(PARTS) == {*Parts.__dataclass_fields__, "none", "all"}
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_an_invalid_sample_gives_no_torque_and_is_not_remembered(name):
+def test_invalid_sample_gives_zero_torque_and_leaves_the_state_unchanged(name):
     """Each of the ten numbers, invalid in each way: later torques are those of a law that never saw it."""
     seeing, clean = with_parts(name), with_parts(name)
     for k in range(60):
@@ -80,7 +80,7 @@ def test_an_invalid_sample_gives_no_torque_and_is_not_remembered(name):
         assert (after != 0.0).any()
 
 
-def test_a_refused_reference_is_not_remembered():
+def test_refused_reference_leaves_the_state_unchanged():
     controller = with_parts("all")
     controller.update(0.0, swaying(0), moving(0))
     before = controller._memory.copy()
@@ -186,7 +186,7 @@ def test_there_is_no_state_before_the_first_whole_reading(kind):
     np.testing.assert_array_equal(estimator.update(reading(0)), fresh.update(reading(0)))
 
 
-def test_missing_encoders_lose_no_way():
+def test_missing_encoder_samples_lose_no_distance():
     """The way rolled during the gap is seen when the encoders are back: a constant speed is not misjudged."""
     estimator, whole = started("kalman"), started("kalman")
     for k in range(50, 60):

@@ -56,7 +56,7 @@ def test_response_is_scipys_and_leaves_its_depth(notch):
     assert notch.response(notch.frequency, SAMPLE) == pytest.approx(notch.depth, abs=1e-9)
 
 
-def test_a_measurement_that_is_none_is_not_remembered():
+def test_nan_measurement_leaves_filter_state_unchanged():
     controller = Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=33.0)))
     state = np.full(10, 0.01)
     before = controller.update(0.0, state, np.zeros(10))
@@ -73,17 +73,17 @@ def test_a_measurement_that_is_none_is_not_remembered():
         ({"frequency": 20.0, "depth": 1.0}, "depth of the notch is 1"),
     ],
 )
-def test_what_is_no_notch_is_refused(wrong, told):
+def test_invalid_notch_is_refused(wrong, told):
     with pytest.raises(InputError, match=told):
         Notch(**wrong)
 
 
-def test_a_notch_beyond_what_samples_can_tell_is_refused():
+def test_notch_above_the_nyquist_frequency_is_refused():
     with pytest.raises(InputError, match=r"A notch at 95 Hz needs a sample time below 0.0047 s"):
         Controller(ROBOT, GAIN, parts=Parts(notch=Notch(frequency=95.0)))
 
 
-def test_design_writes_the_notch_that_is_asked_for(tmp_path, capsys):
+def test_design_writes_the_requested_notch(tmp_path, capsys):
     words = ["design", "alten", "--notch", "27", "--out", str(tmp_path)]
     assert main(words) == 0
     written = read_controller(tmp_path / "controller.toml", Robot.load("alten"))

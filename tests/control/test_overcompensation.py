@@ -45,7 +45,7 @@ def spin_after(controller: Controller, spin: float) -> float:
 
 
 @pytest.mark.parametrize(("share", "pumps"), [(0.8, False), (1.0, False), (1.1, True), (1.3, True)])
-def test_what_is_refused_drives_a_turning_robot_on_and_what_is_not_lets_it_come_to_rest(share, pumps):
+def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(share, pumps):
     controller = compensating(share)
     assert compensation_margin(controller, FRICTION).pumps is pumps
     # 1 rad/s of the body is 1.2 rad/s of the wheels, far above the band in which the sign is a ramp
@@ -59,7 +59,7 @@ def test_what_is_refused_drives_a_turning_robot_on_and_what_is_not_lets_it_come_
         refuse_overcompensation(controller, FRICTION)
 
 
-def test_an_excess_of_the_rolling_friction_alone_and_of_one_wheel_is_found():
+def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     rolling = ROBOT.replace(friction=replace(FRICTION, rolling=1.5 * FRICTION.rolling))
     margin = compensation_margin(Controller(rolling, GAIN, compensation="partial"), FRICTION)
     assert margin.rolling == pytest.approx(1.5)
@@ -82,7 +82,7 @@ def test_a_break_away_torque_at_rest_counts_where_friction_falls_faster_than_the
     assert not compensation_margin(precise_controller(ROBOT), FRICTION).pumps
 
 
-def test_a_swing_costs_and_brings_what_the_closed_forms_say():
+def test_energy_of_a_swing_equals_the_closed_forms():
     viscous = (0.014, 0.016, 0.013)
     dry = replace(FRICTION, viscous=viscous, stribeck=(0.0,) * 3)
     robot = alten(dry)
@@ -103,7 +103,7 @@ def test_a_swing_costs_and_brings_what_the_closed_forms_say():
     assert shares[-1] > 0.95
 
 
-def test_an_adaptation_at_its_bounds_is_told():
+def test_compensation_margin_includes_adaptation_at_its_bounds():
     adaptation = DrivelineAdaptation(balance=TorqueBalance.of(ROBOT), highest=1.4)
     controller = compensating(0.5, Parts(driveline_adaptation=adaptation))
     assert compensation_margin(controller, FRICTION).adapted == pytest.approx(0.7)
@@ -113,7 +113,7 @@ def test_an_adaptation_at_its_bounds_is_told():
     assert compensation_margin(compensating(0.5, both), FRICTION).adapted == pytest.approx(1.4)
 
 
-def test_design_refuses_what_pumps_without_a_flag_and_says_how_near_it_is(tmp_path, capsys):
+def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):
     robot = tmp_path / "robot.toml"
     write_robot(ROBOT, robot)
     words = ["design", str(robot), "--compensation", "full", "--out", str(tmp_path / "out")]
@@ -134,7 +134,7 @@ def test_design_refuses_what_pumps_without_a_flag_and_says_how_near_it_is(tmp_pa
     assert main([*words, "--compensation-gain=-1"]) != 0
 
 
-def test_a_controllers_file_is_held_against_the_robot_it_is_read_with(tmp_path):
+def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
     path = tmp_path / "controller.toml"
     write_controller(nominal_controller(ROBOT, compensation="full"), path)
     assert overcompensation_warning(read_controller(path, ROBOT), ROBOT) is None
@@ -147,7 +147,7 @@ def test_a_controllers_file_is_held_against_the_robot_it_is_read_with(tmp_path):
     assert "certain" in (overcompensation_warning(read_controller(path, unsure), unsure) or "")
 
 
-def test_a_run_with_a_controllers_file_says_where_it_may_feed_the_motion(tmp_path, capsys):
+def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
     write_robot(ROBOT, tmp_path / "robot.toml")
     words = []
     for share in (0.8, 1.3):

@@ -194,7 +194,7 @@ def test_a_wheel_at_rest_is_given_its_break_away_torque_in_the_direction_of_the_
     np.testing.assert_allclose(added, wanted, atol=1e-12)
 
 
-def test_ahead_compensates_the_speed_that_is_asked_for():
+def test_reference_blend_compensates_the_reference_speed():
     robot = alten(FRICTION)
     gain = np.zeros((3, 10))
     parts = Parts(shaping=ReferenceShaping(speed_limit=1e3), feed_forward=FeedForward.of(robot))
@@ -227,7 +227,7 @@ def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
     assert peak_error(robot, Controller(robot, gain, parts=Parts(observer=observer))) < 0.5 * bare
 
 
-def test_the_observer_finds_a_torque_that_is_lost():
+def test_observer_compensates_a_torque_loss():
     robot = alten(replace(friction_of(0.0), viscous=(0.05, 0.05, 0.05)))
     balance = TorqueBalance.of(robot)
     design = design_gain(robot).gain
@@ -267,7 +267,7 @@ def test_adaptation_finds_friction_that_has_changed_and_rests_without_motion():
     np.testing.assert_array_equal(limited.friction_scales, np.ones(4))
 
 
-def test_adaptation_tells_the_floor_from_the_drivelines():
+def test_adaptation_separates_floor_and_driveline_friction():
     known = alten(FRICTION)
     adaptation = DrivelineAdaptation(balance=TorqueBalance.of(known), time=10.0, spread=0.15)
     for wheels, floor in ((1.0, 2.5), (1.3, 1.0), (0.8, 0.4)):
@@ -323,7 +323,7 @@ def test_compensation_follows_the_load_on_each_wheel(robot, lean):
         np.testing.assert_allclose(scaled[update] / plain[update], wanted, rtol=1e-9)
 
 
-def test_lanes_remember_each_its_own():
+def test_each_lane_keeps_its_own_controller_state():
     robot = alten(FRICTION)
     controllers = [
         everything(robot),
@@ -340,7 +340,7 @@ def test_lanes_remember_each_its_own():
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
-def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
+def test_precise_controller_stands_at_its_reference(robot: Robot):
     nominal = peak_error(robot, Controller(robot, design_gain(robot).gain))
     assert peak_error(robot, precise_controller(robot)) < 0.05 * nominal
 
@@ -383,6 +383,6 @@ def test_the_precise_controller_stands_where_it_is_asked_to(robot: Robot):
         ),
     ],
 )  # fmt: skip
-def test_wrong_parts_are_told(make, sentence):
+def test_invalid_parts_are_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()

@@ -95,7 +95,7 @@ def test_a_late_linear_robot_moves_as_a_punctual_one_from_where_it_is_when_the_f
         punctual = (F - G @ K) @ punctual
 
 
-def test_turned_by_psi_it_is_the_same():
+def test_prediction_does_not_depend_on_the_heading():
     robot = alten()
     controller, psi = predicting(robot, 0.012), 2.3
     random = np.random.default_rng(4)
@@ -154,7 +154,7 @@ def test_a_moving_reference_is_followed_without_the_delays_lag():
 
 
 @pytest.mark.parametrize("delay", [1, 4])
-def test_the_observer_judges_the_torque_that_acted_and_not_the_last_one(delay):
+def test_observer_uses_the_torque_that_acted(delay):
     """Without friction nothing is lost, however late the torques are."""
     robot = alten()
     parts = Parts(
@@ -172,7 +172,7 @@ def test_the_observer_judges_the_torque_that_acted_and_not_the_last_one(delay):
     assert back < 0.01
 
 
-def test_one_measurement_that_is_no_number_is_forgotten():
+def test_one_nan_measurement_has_no_lasting_effect():
     robot = alten(FRICTION)
     prediction = DelayPrediction.of(robot, delay=0.012)
     controller = Controller(
@@ -215,19 +215,19 @@ def test_one_measurement_that_is_no_number_is_forgotten():
         ),
     ],
 )
-def test_a_wrong_prediction_is_told(make, sentence):
+def test_invalid_prediction_is_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
 
 
-def test_a_delay_of_next_to_nothing_is_none():
+def test_negligible_delay_equals_no_delay():
     robot, state = alten(), leaning(0.02, 0.01)
     plain = Controller(robot, design_gain(robot).gain, torque_limit=1e3)
     wanted = plain.update(0.0, state, np.zeros(10))
     np.testing.assert_allclose(predicting(robot, 1e-12).update(0.0, state, np.zeros(10)), wanted, atol=1e-9)
 
 
-def test_design_writes_what_it_is_asked_for(tmp_path, capsys):
+def test_design_writes_the_requested_prediction(tmp_path, capsys):
     path = tmp_path / "robot.toml"
     write_robot(alten(FRICTION), path)
     options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]

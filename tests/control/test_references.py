@@ -16,7 +16,7 @@ REST = [2, 3, 5, 6, 7, 8, 9]  # lean and all rates
 
 
 @given(st.sampled_from(sorted(EVERY)), st.floats(0.0, 1e4))
-def test_only_position_and_heading_are_ever_asked_for(name, t):
+def test_references_contain_only_position_and_heading(name, t):
     reference = EVERY[name](t)
     assert reference.shape == (10,)
     np.testing.assert_array_equal(reference[REST], 0.0)
@@ -28,7 +28,7 @@ def test_every_named_reference_starts_where_the_robot_starts(name):
     np.testing.assert_array_equal(EVERY[name](0.0), np.zeros(10))
 
 
-def test_hold_holds_whatever_is_tried_with_its_array():
+def test_hold_reference_array_is_read_only():
     reference = references.hold(x=1.0, y=2.0, psi=3.0)
     with pytest.raises(ValueError, match="read-only"):
         reference(0.0)[:] = 9.0
@@ -69,7 +69,7 @@ def test_a_change_without_ramp_is_a_step():
 
 
 @given(st.floats(0.0, 100.0))
-def test_the_circle_is_one(t):
+def test_circle_reference_is_a_circle(t):
     x, y = references.circle(radius=0.7, period=12.0)(t)[:2]
     assert np.hypot(x, y - 0.7) == pytest.approx(0.7, rel=1e-12)
 
@@ -116,7 +116,7 @@ def test_a_text_reads_back_to_the_same_bits(tmp_path):
     assert (np.column_stack([again[f"ref_{name}"] for name in ("x", "y", "psi")]) == poses).all()
 
 
-def test_names_and_files_are_told_apart(tmp_path):
+def test_reference_names_and_files_are_distinguished(tmp_path):
     written(tmp_path / "square.csv")
     assert (reference_from("square")(9.0) == square()(9.0)).all()
     assert reference_from(str(tmp_path / "square.csv"))(0.0)[0] != 0.0

@@ -71,7 +71,7 @@ samples = st.tuples(
 
 @settings(max_examples=200)
 @given(st.integers(0, 3), st.lists(samples, max_size=20))
-def test_a_stop_comes_when_its_rule_says_and_stays(max_missing, run):
+def test_safety_stop_follows_its_rule_and_stays(max_missing, run):
     """The layer against its three rules written out over the whole history."""
     safety = Safety(SafetyLimits(max_missing=max_missing, lean=0.3))
     missing, stopped = 0, None
@@ -116,7 +116,7 @@ def test_the_reason_is_one_sentence_with_the_time():
     assert "torque nan on wheel 2 is not a finite number" in controller.stop.text
 
 
-def test_a_prediction_is_acted_on_and_nothing_is_asked_without_a_state():
+def test_controller_is_not_called_without_a_state():
     controller = guarded()
     asked = controller.controller
     assert (controller.update(0.0, np.zeros(10), np.zeros(10), measured=False) == asked.torques).all()
@@ -178,7 +178,7 @@ def test_a_run_ends_where_the_motors_are_stopped(predicted):
         simulate(Model(ROBOT), strict, hold(), duration=1.0, initial_state=start)
 
 
-def test_a_controller_that_loses_its_numbers_ends_the_run():
+def test_controller_returning_nan_ends_the_run():
     class Broken(Constant):
         def update(self, t, _state, _reference):
             return np.full(3, np.nan if t > 0.1 else 0.0)
@@ -230,7 +230,7 @@ def test_the_default_lean_is_the_model_s_own_end():
     assert SafetyLimits().lean == LARGEST_LEAN
 
 
-def test_a_user_s_program_that_loses_its_numbers_is_an_error(tmp_path):
+def test_nan_torque_of_a_user_controller_is_an_error(tmp_path):
     """In a comparison a mistake in the user's file is no fall."""
     from ballbot.workflows.candidates import UserController
 
@@ -274,7 +274,7 @@ def findings_of(plant) -> list[str]:
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
-def test_a_robot_that_is_wired_right_passes(robot):
+def test_correctly_wired_robot_passes_the_self_test(robot):
     n = robot.wheel_count
     assert findings_of(Miswired(robot, order=tuple(range(n)), signs=(1,) * n)) == []
 
@@ -323,7 +323,7 @@ def test_the_example_in_the_documents_runs(capsys):
     assert capsys.readouterr().out == "True\n"
 
 
-def test_wrong_input_is_told():
+def test_invalid_input_is_refused():
     with pytest.raises(InputError, match=r"above the largest break-away torque, 0\.18 N m"):
         SelfTest(alten(FRICTION), torque=0.1)
     strong = alten(replace(FRICTION, coulomb=(7.0, 7.0, 7.0)))

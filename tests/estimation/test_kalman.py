@@ -67,7 +67,7 @@ def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta,
     np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
 
 
-def test_momentum_of_weightless_wheels_is_the_planar_two_body_formula() -> None:
+def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> None:
     body, ball = LIGHT.body, LIGHT.ball
     mass = ball.mass + ball.inertia / ball.radius**2 + body.mass
     whole = mass + body.mass * body.center_of_mass / ball.radius
@@ -179,7 +179,7 @@ def test_covariance_survives_what_the_short_form_does_not() -> None:
     assert np.linalg.eigvalsh(short)[0] < -0.1
 
 
-def test_linear_filter_is_as_wrong_as_it_says() -> None:
+def test_linear_filter_errors_match_its_covariance() -> None:
     """Constant velocity, seen by its place: errors and surprises are chi-squared with 2 and 1 degrees of freedom."""
     random = np.random.default_rng(3)
     F, Q = np.array([[1, 0.1], [0, 1.0]]), np.diag([0.0, 0.02])
@@ -212,7 +212,7 @@ def normalized(run: Run, kalman: KalmanFilter, state: NDArray[np.float64]) -> tu
     )
 
 
-def test_filter_is_as_wrong_as_it_says() -> None:
+def test_filter_errors_match_its_covariance() -> None:
     """60 robots that sway, turn and slip with noise of the filter's sizes: errors are chi-squared."""
     found = []
     for seed in range(60):
@@ -224,7 +224,7 @@ def test_filter_is_as_wrong_as_it_says() -> None:
         assert low < total < high
 
 
-def test_no_heading_is_drawn_out_of_nothing() -> None:
+def test_heading_uncertainty_walks_by_pivoting_without_references() -> None:
     """A gyro of any bias and an AHRS of any drift leave the wheels: the heading walks by `pivoting` a root second.
 
     An unsure lean adds to that, for the ball's turning is then not known to be level; a sure one, seen to turn in the
@@ -266,7 +266,7 @@ def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
     assert np.degrees(kalman.heading_error) == pytest.approx(3.55, abs=1.2)
 
 
-def test_a_fix_takes_the_drift_away_and_a_lost_one_does_nothing() -> None:
+def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:
     run = swaying(samples=1000, seed=4, noise=NOISE)
     kalman, _ = ran(run)
     before, drifted = kalman.covariance, kalman._x.copy()
@@ -298,7 +298,7 @@ def test_a_pivoting_ball_does_not_take_the_heading_along() -> None:
     assert not any(seen[3800:])
 
 
-def test_reset_forgets() -> None:
+def test_reset_restores_the_initial_state() -> None:
     run = swaying(samples=50, seed=1, noise=NOISE)
     kalman, fresh = ran(run)[0], KalmanFilter(LIGHT, sample_time=H)
     for one in (kalman, fresh):
@@ -308,7 +308,7 @@ def test_reset_forgets() -> None:
     np.testing.assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
 
 
-def test_four_wheels_are_as_good() -> None:
+def test_four_wheels_reach_the_same_accuracy() -> None:
     azimuths = tuple(np.pi / 4 + np.pi / 2 * np.arange(4))
     robot = ALTEN.replace(wheels=replace(ALTEN.wheels, azimuths=azimuths), friction=Friction.none(4))
     kalman = KalmanFilter(robot, sample_time=H)
@@ -334,7 +334,7 @@ def test_takes_less_than_50_microseconds() -> None:
     assert fastest < 50e-6
 
 
-def test_refuses_what_is_no_filter() -> None:
+def test_invalid_filter_parameters_are_refused() -> None:
     with pytest.raises(InputError, match="above 0 s"):
         KalmanFilter(ALTEN, sample_time=0.0)
     with pytest.raises(InputError, match="push"):

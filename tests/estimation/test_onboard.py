@@ -61,7 +61,7 @@ def test_position_of_a_circle_driven_while_turning() -> None:
         np.testing.assert_allclose(found[:2], place, atol=1e-5)
 
 
-def test_reset_forgets() -> None:
+def test_reset_restores_the_initial_state() -> None:
     onboard = OnboardState(ALTEN, sample_time=0.005)
     fresh = OnboardState(ALTEN, sample_time=0.005)
     fresh.reset()
@@ -80,14 +80,14 @@ def test_refuses_a_sample_time_of_zero() -> None:
         OnboardState(ALTEN, sample_time=0.0)
 
 
-def test_estimators_by_their_names() -> None:
+def test_estimators_are_found_by_name() -> None:
     assert isinstance(named_estimator("onboard", ALTEN, sample_time=0.005), OnboardState)
     assert isinstance(named_estimator("kalman", ALTEN, sample_time=0.005), KalmanFilter)
     with pytest.raises(InputError, match="the estimators are onboard, kalman"):
         named_estimator("kalmann", ALTEN, sample_time=0.005)  # type: ignore[arg-type]
 
 
-def test_errors_of_a_run_are_what_was_put_upon_the_truth() -> None:
+def test_run_errors_equal_those_added_to_the_truth() -> None:
     t = np.linspace(0.0, 180.0, 1801)
     truth = np.random.default_rng(1).normal(size=(len(t), 10))
     states = truth.copy()

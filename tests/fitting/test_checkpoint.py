@@ -68,7 +68,7 @@ def test_a_search_stopped_anywhere_and_resumed_ends_in_the_same_bits(tmp_path_fa
     assert resumed.history == never_stopped.history
 
 
-def test_what_is_on_file_is_not_computed_again(tmp_path):
+def test_stored_results_are_not_recomputed(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     with pytest.raises(StoppedError):
         search(begin(path), answers=10)
@@ -103,7 +103,7 @@ def test_nothing_is_written_before_there_is_an_answer(tmp_path):
     assert not path.exists()
 
 
-def test_a_run_without_its_file_begins(tmp_path):
+def test_run_without_a_checkpoint_starts_from_the_beginning(tmp_path):
     assert search(begin(tmp_path / "checkpoint.jsonl", resume=True)).history == search(None).history
 
 
@@ -114,7 +114,7 @@ def test_an_unfinished_run_is_not_overwritten(tmp_path):
         begin(path)
 
 
-def test_another_runs_file_is_refused_and_the_difference_named(tmp_path):
+def test_checkpoint_of_another_run_is_refused_with_the_difference(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     begin(path).memoize("stage", np.ones(3), list)
     with pytest.raises(InputError, match="another run, which differs in: seed;"):
@@ -171,7 +171,7 @@ def other_seed(text: str) -> str:
         (changed_digit, "was edited at line 16;"),
     ],
 )
-def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path, spoil: Callable[[str], str], sentence: str):
+def test_damaged_checkpoint_is_refused_in_one_sentence(tmp_path, spoil: Callable[[str], str], sentence: str):
     path = tmp_path / "checkpoint.jsonl"
     search(begin(path))
     path.write_text(spoil(path.read_text()))
@@ -181,7 +181,7 @@ def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path, spoil: Callable[[str
 
 @given(data=st.data())
 @settings(deadline=None, max_examples=50)
-def test_no_changed_byte_is_taken_for_what_was_written(tmp_path_factory, data):
+def test_any_changed_byte_is_detected(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("run") / "checkpoint.jsonl"
     with suppress(StoppedError):
         search(begin(path), answers=2)
@@ -193,7 +193,7 @@ def test_no_changed_byte_is_taken_for_what_was_written(tmp_path_factory, data):
         begin(path, resume=True)
 
 
-def test_another_question_is_refused(tmp_path):
+def test_checkpoint_of_other_inputs_is_refused(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     begin(path).memoize("evolution", np.ones(3), list)
     with pytest.raises(InputError, match="the run differs"):
@@ -201,14 +201,14 @@ def test_another_question_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe"])
-def test_only_a_file_is_resumed(tmp_path, kind):
+def test_only_an_existing_checkpoint_is_resumed(tmp_path, kind):
     path = tmp_path / "checkpoint.jsonl"
     path.mkdir() if kind == "folder" else os.mkfifo(path)
     with pytest.raises(InputError, match=f"is a {kind}; a file is needed"):
         begin(path, resume=True)
 
 
-def test_a_question_that_differs_by_one_bit_is_refused(tmp_path):
+def test_inputs_differing_by_one_bit_are_refused(tmp_path):
     path = tmp_path / "checkpoint.jsonl"
     begin(path).memoize("stage", np.ones(3), lambda: [np.zeros(1)])
     with pytest.raises(InputError, match="from line 2 on the run differs"):
@@ -234,7 +234,7 @@ def test_removing_takes_what_a_killed_write_left_behind(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+def test_unwritable_folder_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         begin(tmp_path / "file" / "checkpoint.jsonl")("stage", np.ones(3), list)

@@ -101,7 +101,7 @@ def test_workers_of_another_kind_are_refused(cluster, monkeypatch):
         cluster(scaled_sine, np.ones(1), [1])
 
 
-def test_no_cluster_is_one_sentence(monkeypatch):
+def test_missing_cluster_ends_in_one_sentence(monkeypatch):
     monkeypatch.setattr(module, "_PATIENCE", 0.5)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound and not listened to: no one answers

@@ -36,7 +36,7 @@ def watched(steps: list[tuple[float, float]]) -> tuple[EtaEstimator, Clock, list
 
 
 @given(step=st.floats(1.0, 1e4), count=st.integers(2, 50), first=st.floats(0.0, 1e5))
-def test_an_even_pace_is_foretold_exactly_whatever_the_first_step_took(step, count, first):
+def test_steady_progress_is_predicted_exactly_despite_a_slow_first_step(step, count, first):
     """The first step compiles: of 54 s for 1/3000 of the work, 45 hours were foretold."""
     _, _, left = watched([(first, 1 / count), *((step, done / count) for done in range(2, count + 1))])
     assert left[0] is None
@@ -45,14 +45,14 @@ def test_an_even_pace_is_foretold_exactly_whatever_the_first_step_took(step, cou
     assert left[1:] == [pytest.approx(one, rel=1e-9, abs=1e-9 * (first + step)) for one in expected]
 
 
-def test_steps_read_from_a_checkpoint_say_nothing_of_those_that_are_computed():
+def test_checkpointed_steps_do_not_affect_the_time_left():
     read = [(1e-3, done / 100) for done in range(1, 51)]
     _, _, left = watched([*read, (60.0, 0.51)])
     assert left[:-1] == [None] * 50
     assert left[-1] == pytest.approx(49 * 60.0, rel=1e-6)
 
 
-def test_steps_that_end_together_are_no_fast_pace():
+def test_simultaneous_steps_do_not_count_as_fast_progress():
     waits = [60.0, *[1e-3] * 15] * 10  # sixteen threads, each step takes a minute
     _, _, left = watched([(wait, (i + 1) / 320) for i, wait in enumerate(waits)])
     foretold = [one for one in left[33:] if one is not None]
@@ -61,19 +61,19 @@ def test_steps_that_end_together_are_no_fast_pace():
     assert max(foretold) < 2.0 * 19 * 60.0
 
 
-def test_the_estimate_grows_while_nothing_ends():
+def test_time_left_grows_while_no_step_finishes():
     pace, clock, left = watched([(1.0, 0.1), (1.0, 0.2), (1.0, 0.3), (1.0, 0.4)])
     assert left[-1] == pytest.approx(6.0)
     clock.now += 60.0
     assert pace.seconds_left(0.4) == pytest.approx(63.0 / 0.3 * 0.6)
 
 
-def test_nothing_is_said_before_anything_is_done():
+def test_no_time_left_before_the_first_step():
     assert watched([(1.0, 0.0)])[2] == [None]
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=20), st.floats(0.0, 10.0))
-def test_it_is_never_negative(shares, seconds):
+def test_time_left_is_never_negative(shares, seconds):
     left = watched([(seconds, share) for share in shares])[2]
     assert all(one is None or one >= 0.0 for one in left)
 

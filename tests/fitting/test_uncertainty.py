@@ -80,7 +80,7 @@ def test_errors_are_those_of_many_repeats_where_neighbouring_windows_depend_on_e
     assert np.median(resampled) / true == pytest.approx(0.83, abs=0.08)
 
 
-def test_what_is_not_estimated_has_no_error():
+def test_fixed_parameters_have_no_standard_error():
     random = np.random.default_rng(0)
     J, residual = random.standard_normal((20, 4, 3)), random.standard_normal((20, 4))
     errors = bootstrap(equations_of(J, residual), np.array([True, False, True]), seed=0, repeats=50).errors

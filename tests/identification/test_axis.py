@@ -83,7 +83,7 @@ def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
     assert "law coulomb" in capsys.readouterr().out
 
 
-def test_a_mat_file_that_is_not_there(tmp_path, capsys):
+def test_missing_mat_file_is_reported(tmp_path, capsys):
     assert main(["identify-axis", str(tmp_path / "none.mat"), "--out", str(tmp_path)]) == 2
     assert capsys.readouterr().err.endswith("none.mat cannot be read: No such file or directory.\n")
 
@@ -109,7 +109,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, w
     assert told.count("\n") == 1
 
 
-def test_a_force_of_the_wrong_sign_is_told(noisy_record):
+def test_force_of_the_wrong_sign_is_reported(noisy_record):
     record = AxisRecord(
         name="wrong", sample_time=1e-3, force=-noisy_record.force, position=noisy_record.position
     )

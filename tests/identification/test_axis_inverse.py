@@ -50,7 +50,7 @@ def test_published_asymmetric_parameters_to_every_digit(emps):
     assert round(100.0 * found.relative_force_error, 4) == 3.1117
 
 
-def test_errors_that_take_neighbours_for_dependent_are_larger_here(emps):
+def test_clustered_standard_errors_are_larger(emps):
     found = inverse_fit(emps)
     assert np.all(found.clustered_errors > 1.5 * found.standard_deviations)
 

@@ -116,7 +116,7 @@ def test_the_speed_at_the_start_is_that_of_the_motion():
 
 
 @pytest.mark.parametrize("name", list(AXIS_LAWS))
-def test_scaling_goes_there_and_back(name):
+def test_scaling_round_trips(name):
     rung = AXIS_LAWS[name]
     values = {one: 0.5 + i for i, one in enumerate(rung.names)}
     scaling = Scaling(names=rung.names, sizes=np.full(len(rung.names), 3.0))
@@ -128,7 +128,7 @@ def test_scaling_goes_there_and_back(name):
         assert (ahead - values[one]) / step == pytest.approx(scaling.slopes(z)[i], rel=1e-4)
 
 
-def test_the_rungs_are_nested():
+def test_axis_laws_are_nested():
     for rung in AXIS_LAWS.values():
         if rung.below and rung.symmetric:
             assert set(AXIS_LAWS[rung.below].names) < set(rung.names)

@@ -55,7 +55,7 @@ def test_the_other_log_is_predicted_from_causal_starts(results):
     assert np.degrees(by_horizon[0.1]["lean_rmse"]["with_friction"]) <= 1.1
 
 
-def test_friction_is_dry_and_sure(results):
+def test_identified_friction_is_dry_and_significant(results):
     c = np.array(results["parameters"]["c"])
     assert np.all(c > 4.0 * np.array(results["standard_errors"]["c"]))
 

@@ -58,14 +58,14 @@ def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
         fit_driveline(replace(sweep, limit=1e-3), bounds=DrivelineBounds())
 
 
-def test_a_sweep_that_tells_nothing_is_refused(sweep):
+def test_uninformative_sweep_is_refused(sweep):
     # far above what such a wheel has, so that every parameter ends at its least
     bounds = DrivelineBounds(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
     with pytest.raises(InputError, match="wheel 1 identifies none of b, c, s, v_s, delta"):
         fit_driveline(sweep, bounds=bounds, generations=5)
 
 
-def test_bounds_that_fall_are_refused():
+def test_descending_bounds_are_refused():
     with pytest.raises(InputError, match="bounds of c"):
         DrivelineBounds(lower=(0.0, 0.6, 0.0, 0.05, 0.3))
 
@@ -152,7 +152,7 @@ def test_a_motor_driven_by_voltage_is_braked_by_the_speed_predicted():
 
 
 @pytest.mark.parametrize("limit", [-1.0, 0.0, math.nan])
-def test_a_speed_limit_that_is_none_is_refused(limit):
+def test_invalid_speed_limit_is_refused(limit):
     t = np.arange(10) * SAMPLE_TIME
     log = Log(
         {"t": t} | {f"{name}{i}{end}": t for i in (1, 2, 3) for name, end in (("u", ""), ("wheel", "_dot"))}

@@ -124,7 +124,7 @@ def test_the_command_stops_before_it_works(tmp_path, capsys) -> None:
     assert not out.exists()
 
 
-def test_what_a_sweep_cannot_tell_is_unknown_and_has_no_number() -> None:
+def test_undetermined_sweep_parameter_has_no_number() -> None:
     """A wheel that never slows down to where s, v_s and delta act."""
     t = np.arange(4000) * SAMPLE_TIME
     torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)

@@ -54,7 +54,7 @@ def test_a_ratio_has_an_interval_of_ratios():
         ("delta", (None, None), (-math.inf, math.inf)),
     ],
 )
-def test_a_bound_is_no_limit_but_for_an_amounts_zero(label, limits, expected):
+def test_bounds_are_not_interval_limits_except_zero_of_an_amount(label, limits, expected):
     found = between(COORDINATES, place(label), *limits, method="profile")
     assert (found.lower, found.upper) == pytest.approx(expected)
 
@@ -100,7 +100,7 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
 # --- words ---
 
 
-def test_open_intervals_are_told():
+def test_open_intervals_are_reported():
     two = Interval(lower=0.1, upper=0.2, method="clustered")
     told = interval_findings(
         {
@@ -131,13 +131,13 @@ def test_open_intervals_are_told():
         (("offset2", "lean_x"), "half a turn apart"),
     ],
 )
-def test_what_the_logs_cannot_tell_apart_is_named_with_an_experiment_that_can(pair, experiment):
+def test_unidentifiable_pairs_are_named_with_an_experiment(pair, experiment):
     told = correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]]))
     assert f"{pair[0]} and {pair[1]} (-0.97)" in told[0]
     assert experiment in told[1]
 
 
-def test_pairs_that_can_be_told_apart_are_not_named():
+def test_identifiable_pairs_are_not_named():
     assert correlation_findings(("c1", "s1"), np.array([[1.0, -0.6], [-0.6, 1.0]])) == []
 
 

@@ -67,7 +67,7 @@ def test_error_is_the_thesiss_4_1_beside_the_rmse(found):
     assert by_4_1 == pytest.approx(judged.rmse_with[STATE_NAMES.index("theta")], rel=1e-12)
 
 
-def test_correlation_is_one_and_warns_of_what_cannot_be_told_apart(found):
+def test_correlation_near_one_warns_of_unidentifiable_parameters(found):
     assert found.labels == ("b1", "b2", "b3", "c1", "c2", "c3", "s1", "s2", "s3", "v_s", "delta", "C_rr")
     np.testing.assert_allclose(found.correlation, found.correlation.T, atol=1e-12)
     np.testing.assert_allclose(found.correlation.diagonal(), 1.0, rtol=1e-12)
@@ -118,7 +118,7 @@ def test_a_parameter_without_influence_gets_no_number():
     assert np.isfinite(flat(found.parameters)[:9]).all()
 
 
-def test_bounds_are_kept_and_told_where_they_bind():
+def test_active_bounds_are_kept_and_reported():
     log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
     bounds = Bounds(rolling=(0.012, 0.05), viscous=(0.0, 0.03))  # the truth is 0.007
     found = quick(log, bounds=bounds)
@@ -167,7 +167,7 @@ def test_motion_without_torque_is_refused():
         ({"window": 10.0}, "The logs have 2 windows of 10 s"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(change, sentence):
+def test_contradictory_options_are_refused(change, sentence):
     with pytest.raises(InputError, match=sentence):
         identify(alten(), balancing_log(), **change)
 
@@ -205,7 +205,7 @@ def test_motors_and_sensors_are_found_with_the_friction():
 
 
 @pytest.mark.slow
-def test_delays_of_commands_and_of_sensors_are_told_apart():
+def test_command_and_sensor_delays_are_separated():
     """Truth: friction of `TRUTH`, commands two rows late, an IMU 16 ms late, velocities 6 ms."""
     seen = noisy(late(balancing_log(), imu=0.016, velocity=0.006), seed=1)
     torques = np.roll(seen.torques, -2, axis=0)
@@ -224,7 +224,7 @@ def test_delays_of_commands_and_of_sensors_are_told_apart():
     assert max(found.standard_errors[name] for name in ("delay", "late_imu", "late_v")) < 1e-3
 
 
-def test_what_logs_cannot_give_gets_no_number():
+def test_unidentifiable_quantities_get_no_number():
     log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
     coordinates = estimated_parameters(alten(), free=("friction", "delay"), law="stribeck", bounds=Bounds())
     windows = cut_windows([log], wheel_count=3, duration=0.1)
@@ -274,7 +274,7 @@ def errors(factor: float):
     return horizon_errors(PREDICTOR, values, LOG)
 
 
-def test_a_log_asks_for_all_of_its_own_friction():
+def test_friction_share_of_the_identified_log_is_one():
     for one in errors(1.0):
         for part in (one.wheel_speed, one.lean):
             # starts are noisy: four standard errors
@@ -283,7 +283,7 @@ def test_a_log_asks_for_all_of_its_own_friction():
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.6])
-def test_a_friction_of_another_size_is_asked_for_in_proportion(factor):
+def test_friction_share_scales_with_the_friction(factor):
     first = errors(factor)[0]
     # not quite one over the factor, as wheels that stand still do not feel it in proportion
     for part in (first.wheel_speed, first.lean):
@@ -291,7 +291,7 @@ def test_a_friction_of_another_size_is_asked_for_in_proportion(factor):
         assert abs(part.share - 1.0) > 3.0 * part.share_error
 
 
-def test_without_friction_there_is_no_share_and_no_nan_in_the_file():
+def test_without_friction_no_share_and_no_nan_in_results():
     first = errors(0.0)[0]
     assert np.isnan(first.wheel_speed.share)
     json.dumps(first.to_dict(), allow_nan=False)

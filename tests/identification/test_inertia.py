@@ -56,7 +56,9 @@ def robot() -> Robot:
     dry=st.floats(0.0, 0.3),
     h=st.floats(0.005, 0.05),
 )
-def test_pendulum_moves_as_scipy_says(amplitude: float, viscous: float, dry: float, h: float) -> None:
+def test_pendulum_motion_equals_scipys_integration(
+    amplitude: float, viscous: float, dry: float, h: float
+) -> None:
     t = np.arange(0.0, 6.0, h)
     angle, rate = pendulum(t, stiffness=STIFFNESS, viscous=viscous, dry=dry, amplitude=amplitude)
     angles, rates = np.empty_like(t), np.empty_like(t)
@@ -92,7 +94,7 @@ def test_large_swings_give_the_small_ones_frequency(amplitude: float) -> None:
 @pytest.mark.parametrize(
     ("viscous", "dry"), [(0.09, 0.0), (0.0, 0.035), (0.03, 0.02)], ids=["viscous", "dry", "both"]
 )
-def test_frictions_are_told_apart(viscous: float, dry: float) -> None:
+def test_viscous_and_dry_pivot_friction_are_separated(viscous: float, dry: float) -> None:
     truth = swung(duration=40.0, h=0.01, viscous=viscous, dry=dry)
     noisy = truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=3)
     fit = fit_swing(swing_of(truth.t, noisy, kind="angle", source="angle"))
@@ -151,7 +153,7 @@ def test_recording_before_and_after_the_swing_is_left_out() -> None:
     assert fit.swing.t[-1] < t[-1] - 10.0
 
 
-def test_film_gives_the_angle(tmp_path: Path) -> None:
+def test_swing_angle_is_measured_in_video(tmp_path: Path) -> None:
     pytest.importorskip("cv2")
     from ballbot.vision.swing import swing_in_video
 
@@ -201,12 +203,12 @@ def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.Captur
     ],
     ids=["still", "in degrees", "too short", "noise"],
 )
-def test_what_is_no_swing_is_refused(values: NDArray[np.float64], words: str) -> None:
+def test_records_without_a_swing_are_refused(values: NDArray[np.float64], words: str) -> None:
     with pytest.raises(InputError, match=words):
         fit_swing(swing_of(np.linspace(0.0, 9.98, 500), values, kind="angle", source="theta"))
 
 
-def test_distance_that_no_body_has_is_refused(robot: Robot) -> None:
+def test_impossible_pivot_distance_is_refused(robot: Robot) -> None:
     truth = swung(duration=10.0, h=0.02)
     fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
     with pytest.raises(InputError, match=r"the distance must be below 0\.651"):
@@ -277,7 +279,7 @@ def test_correct_swings_have_no_findings(robot: Robot, amplitude: float) -> None
     assert swing_findings(fit, found, robot, pivot) == ()
 
 
-def test_another_bodys_swing_is_warned_of(robot: Robot) -> None:
+def test_swing_of_another_body_gets_a_warning(robot: Robot) -> None:
     """A body with twice the file's inertia: the file, the mass or the clock is wrong."""
     t = np.linspace(0.0, 25.0, 1251)
     angle, _ = pendulum(t, stiffness=0.5 * STIFFNESS, viscous=0.02, amplitude=0.2)

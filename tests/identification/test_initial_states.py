@@ -60,7 +60,7 @@ def finished(problem):
     return fit_with_initial_states(problem, begin, free=problem.coordinates.free, most_steps=40)
 
 
-def test_freed_starts_come_near_the_true_ones(problem, finished):
+def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
     truth = cut_windows([balancing_log(duration=DURATION)], wheel_count=3, duration=0.25).initial
     measured = np.sqrt(((problem.windows.initial - truth) ** 2).mean(axis=0))
     freed = np.sqrt(((finished.starts - truth) ** 2).mean(axis=0))

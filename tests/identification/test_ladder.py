@@ -100,7 +100,7 @@ def ladder() -> ModelSelection:
     return select_model(fit)
 
 
-def test_rungs_that_the_robot_does_not_have_are_not_taken(ladder):
+def test_laws_without_a_significant_gain_are_not_selected(ladder):
     taken = {rung.law.name: rung.taken for rung in ladder.rungs}
     assert taken == {
         "viscous": True,
@@ -122,7 +122,7 @@ def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
         assert cost[law.name] <= cost[law.within] + LARGEST_LOSS
 
 
-def test_results_and_figure_tell_every_rung(ladder):
+def test_results_and_figure_contain_every_law(ladder):
     told = ladder.to_dict()
     assert told["best"] == "coulomb"
     assert [rung["law"] for rung in told["rungs"]] == [law.name for law in LAWS]

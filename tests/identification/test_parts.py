@@ -105,7 +105,7 @@ def test_split_is_a_partition():
 # --- search ---
 
 
-def test_coordinates_come_back_and_have_the_slopes_they_say():
+def test_scaled_coordinates_round_trip_with_the_stated_slopes():
     coordinates = scale_between(alten())
     scaled = np.random.default_rng(0).uniform(0.05, 0.95, 12)
     step = 1e-6

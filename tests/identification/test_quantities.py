@@ -65,20 +65,20 @@ def test_every_quantity_can_be_given_bounds():
     assert [field.name for field in fields(Bounds)] == [quantity.name for quantity in QUANTITIES]
 
 
-def test_what_is_not_sought_is_held_where_it_was():
+def test_fixed_quantities_keep_their_values():
     coordinates = scale_between(alten(FRICTION), free=("delay",), bounds=Bounds(rolling=(0.001, 0.01)))
     free = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
     assert free == ["C_rr", "delay"]
     np.testing.assert_array_equal(coordinates.lower[:11], TRUTH[:11])
 
 
-def test_a_group_stands_for_its_quantities_and_a_misspelling_is_told():
+def test_group_names_expand_and_misspellings_are_reported():
     assert names_in(["torque", "coulomb"]) == ("coulomb", "torque_gain", "torque_offset", "delay")
     with pytest.raises(InputError, match=r"'torqe_gain' is not a quantity .* did you mean 'torque_gain'\?"):
         names_in(["torqe_gain"])
 
 
-def test_a_scale_that_the_robot_does_not_give_is_asked_for():
+def test_missing_parameter_scale_is_requested():
     robot = alten()
     without = robot.replace(wheels=replace(robot.wheels, inertia=0.0))
     with pytest.raises(InputError, match="wheel_inertia is zero in the robot's description"):
@@ -95,7 +95,7 @@ def test_a_scale_that_the_robot_does_not_give_is_asked_for():
         ("load", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr mu1 mu2 mu3"),
     ],
 )
-def test_a_law_frees_what_it_has(law, free):
+def test_friction_law_estimates_only_its_own_parameters(law, free):
     coordinates = estimated_parameters(alten(), free=("friction",), law=law, bounds=Bounds())
     found = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
     assert found == free.split()
@@ -223,7 +223,7 @@ gear_ratio = 30.0
 # --- sensors ---
 
 
-def test_a_tilted_imu_is_seen_through():
+def test_tilted_imu_is_corrected():
     # the robot stands turned by 0.8 rad: the tilt's axes turn with the body (to x, y and lean the model is indifferent)
     log, (a, b) = short_log(), (0.004, -0.006)
     tilt = rotation(a, b, 0.0)
@@ -238,7 +238,7 @@ def test_a_tilted_imu_is_seen_through():
     assert np.abs(found).max() < 0.05 * np.abs(blind).max()
 
 
-def test_a_gyro_s_bias_is_seen_through():
+def test_gyro_bias_is_corrected():
     log, (x, y, z) = short_log(), (0.02, -0.01, 0.03)
     c, s = np.cos(log["psi"]), np.sin(log["psi"])
     seen = {
@@ -255,7 +255,7 @@ def test_a_gyro_s_bias_is_seen_through():
 
 
 @pytest.mark.parametrize(("imu", "velocity"), [(0.016, 0.0), (0.0, 0.006), (0.012, 0.0025), (-0.004, -0.002)])
-def test_late_sensors_are_seen_through(imu, velocity):
+def test_sensor_delay_is_corrected(imu, velocity):
     log = moving_log()
     seen = late(log, imu=imu, velocity=velocity)
     # from the second window on: before the first row nothing is known
@@ -278,12 +278,12 @@ def test_late_sensors_are_seen_through(imu, velocity):
     assert np.sqrt(left / all_of_it).max() < 0.25
 
 
-def test_sensors_that_are_not_late_change_nothing():
+def test_zero_sensor_delay_changes_nothing():
     log = moving_log()
     assert np.abs(residuals(log, {"imu_delay": [0.0], "velocity_delay": [0.0]})).max() < ROUNDING
 
 
-def test_a_row_seen_late_is_the_one_before():
+def test_delayed_row_is_the_previous_row():
     layout = Layout(wheel_count=3, extra=("imu_delay",))
     delays = state_delays(layout, np.array([[*TRUTH, 0.005], [*TRUTH, 0.0125]]))
     states = np.arange(6.0)[None, None, :, None] ** 2 * np.ones((2, 1, 1, 10))
@@ -353,7 +353,7 @@ def showing(log: Log, share: float) -> Log:
     return log.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
 
 
-def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
+def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
     share = share_shown(showing(moving_log(), 0.4), alten())
     # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
     assert share == pytest.approx(0.4, abs=0.01)
@@ -367,7 +367,7 @@ def test_a_heading_that_the_wheels_do_not_show_is_said_with_what_to_do():
         assert words in told
 
 
-def test_a_heading_that_the_wheels_show_is_not_spoken_of():
+def test_heading_consistent_with_the_wheels_gets_no_finding():
     log = moving_log()
     assert share_shown(showing(log, 1.0), alten()) == pytest.approx(1.0, abs=1e-9)
     assert heading_findings([1.0, 0.85, None], left_out=(), sought=()) == []

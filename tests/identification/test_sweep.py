@@ -78,7 +78,7 @@ def test_without_a_gain_it_is_the_joint_least_squares_of_both(seed):
     assert combined.values[9] == values[9]
 
 
-def test_with_gains_sought_errors_are_smaller_and_what_they_say():
+def test_estimated_gains_give_smaller_errors_of_the_stated_size():
     random = np.random.default_rng(3)
     C, P = of_logs(random), of_sweep(random)
     draws, found = 400, []
@@ -101,7 +101,7 @@ def test_with_gains_sought_errors_are_smaller_and_what_they_say():
     assert (errors.mean(axis=0)[:6] < 0.5 * logs[:6]).all()  # b and c, which the sweep is about
 
 
-def test_what_contradicts_the_logs_is_left_out_and_said():
+def test_contradicting_sweep_is_excluded_and_reported():
     random = np.random.default_rng(5)
     C, P = of_logs(random)[:12, :12], of_sweep(random)
     told = np.stack([TRUE[:3], TRUE[3:6]], axis=1)

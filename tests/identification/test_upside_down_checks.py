@@ -79,7 +79,7 @@ def test_correct_logs_pass(columns: Columns, kept: tuple[str, ...]) -> None:
     assert upside_down_findings(ALTEN, log) == ()
 
 
-def test_faults_that_a_log_cannot_tell_apart_are_named_together(columns: Columns) -> None:
+def test_indistinguishable_faults_are_named_together(columns: Columns) -> None:
     """Wheels 2 and 3 are mirror images about x: without encoders, exchanging them is negating the ball's y."""
     log = Log({name: columns[name] for name in ("t", *TORQUES, *BALL)} | times(-1.0, BALL[1])(columns))
     (found,) = upside_down_findings(ALTEN, log)
@@ -88,7 +88,7 @@ def test_faults_that_a_log_cannot_tell_apart_are_named_together(columns: Columns
     assert "-ball_omega_y were ball_omega_y" in found.text
 
 
-def test_encoders_need_not_agree_closely_with_radii_that_are_sought(columns: Columns) -> None:
+def test_estimated_radii_relax_the_encoder_check(columns: Columns) -> None:
     log = Log(columns | times(1.3, *SPEEDS)(columns))
     assert encoder_findings(ALTEN, log) != ()
     assert encoder_findings(ALTEN, log, like=(0.4, 2.5)) == ()

@@ -128,6 +128,6 @@ def test_odometry_is_the_states_own_motion():
         ),
     ],
 )
-def test_what_makes_no_sense_is_said(tmp_path, mapping, sentence):
+def test_invalid_mappings_are_refused_with_the_reason(tmp_path, mapping, sentence):
     with pytest.raises(InputError, match=sentence):
         read(tmp_path, "time,a\n0,1\n1,2\n2,3\n", mapping)

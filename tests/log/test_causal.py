@@ -40,7 +40,7 @@ def moments(file, mapping) -> np.ndarray:
     return Log.read(file, mapping=mapping).t[500:2000:50]
 
 
-def test_what_comes_after_a_moment_does_not_matter(file, mapping, moments, tmp_path):
+def test_causal_states_do_not_depend_on_later_rows(file, mapping, moments, tmp_path):
     robot = small_robot()
     header, *lines = file.read_text().strip().splitlines()
     rows = np.array([line.split() for line in lines], dtype=float)
@@ -60,7 +60,7 @@ def test_what_comes_after_a_moment_does_not_matter(file, mapping, moments, tmp_p
     np.testing.assert_array_equal(states(changed), states(file))
 
 
-def test_it_is_near_the_truth(file, mapping, moments):
+def test_causal_states_are_near_the_truth(file, mapping, moments):
     truth = swaying_log()
     states = causal_states(file, mapping=mapping, robot=small_robot(), moments=moments)
     errors = {

@@ -75,7 +75,7 @@ def test_validate_goes_on_and_shows_what_was_accepted(tmp_path, bad_file, capsys
     assert "error (accepted): " in capsys.readouterr().out
 
 
-def test_python_functions_check_too(good, bad):
+def test_python_functions_check_their_logs(good, bad):
     with pytest.raises(InputError, match=r"accept=\['sign'\]"):
         ballbot.identify(alten(), bad)
     with pytest.raises(InputError, match=r"^log 2: .*accept=\['sign'\]"):
@@ -107,7 +107,7 @@ def test_a_log_without_a_robot_is_checked_for_what_needs_none(good):
         checked_logs(None, swapped)
 
 
-def test_compensation_of_a_robot_without_friction_is_said_to_do_nothing(tmp_path, capsys):
+def test_compensation_without_friction_is_reported_as_ineffective(tmp_path, capsys):
     words = ["simulate", "alten", "--reference", "hold", "--duration", "1", "--out", str(tmp_path / "out")]
     assert main([*words, "--compensation", "full"]) == 0
     assert (

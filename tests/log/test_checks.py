@@ -56,7 +56,7 @@ def test_a_gap_is_found_where_it_is(row, lost):
 
 @given(st.floats(0.08, 0.3), st.integers(0, 1000))
 @settings(deadline=None, max_examples=30)
-def test_jitter_is_told_and_is_no_gap(size, seed):
+def test_jitter_is_reported_and_is_not_a_gap(size, seed):
     # a uniform scatter of +-a has the deviation a / sqrt(3); the check speaks from 5 % on, so a = 0.087
     intervals = 0.005 * (1.0 + size * np.random.default_rng(seed).uniform(-1.0, 1.0, len(CLEAN) - 1))
     found = kinds(CLEAN.with_columns({"t": np.concatenate(([0.0], np.cumsum(intervals)))}))
@@ -64,7 +64,7 @@ def test_jitter_is_told_and_is_no_gap(size, seed):
     assert ("jitter" in found) == (size / np.sqrt(3.0) > 0.05) or size == pytest.approx(0.0866, abs=0.004)
 
 
-def test_two_alternating_intervals_are_jitter_and_no_gap():
+def test_two_alternating_intervals_are_jitter_and_not_a_gap():
     intervals = np.tile([0.010, 0.010, 0.015], 1000)[: len(CLEAN) - 1]
     found = kinds(CLEAN.with_columns({"t": np.concatenate(([0.0], np.cumsum(intervals)))}))
     assert "jitter" in found
@@ -118,7 +118,7 @@ def test_a_flipped_sign_is_found(name):
     assert name in finding.where.columns
 
 
-def test_a_wrong_scale_is_told():
+def test_a_wrong_scale_is_reported():
     assert only(CLEAN.with_columns({"y": 3.0 * CLEAN["y"]}), "scale").where.columns == ("y", "y_dot")
 
 
@@ -164,25 +164,25 @@ def test_saturation_is_found(limit):
     assert only(log, "saturation").where.columns == ("u1",)
 
 
-def test_torques_past_the_robots_limit_are_told():
+def test_torques_beyond_the_robots_limit_are_reported():
     log = CLEAN.with_columns({"u1": 100.0 * CLEAN["u1"]})
     assert "torque-limit" in kinds(log, robot=ALTEN)
 
 
-def test_wheels_past_the_supplys_limit_are_told():
+def test_wheel_speeds_beyond_the_supply_limit_are_reported():
     # 27.7 rad/s is the limit that the thesis reads off its sweep; ours comes from Appendix I's data
     log = ROLLING.with_columns({"wheel2_dot": ROLLING["wheel2_dot"] * 20.0})
     assert "speed-limit" in kinds(log, robot=ALTEN)
 
 
-def test_a_name_nearly_right_is_noted():
+def test_misspelt_column_gets_a_note_with_the_nearest_name():
     log = CLEAN.with_columns({"thetadot": CLEAN["theta_dot"], "battery": CLEAN.t})
     sentence = only(log, "unknown").text
     assert "thetadot (did you mean theta_dot?)" in sentence
     assert "battery" in sentence
 
 
-def test_each_use_says_what_it_lacks():
+def test_each_use_lists_its_missing_columns():
     uses = [
         f for f in check(Log({"t": CLEAN.t, "u1": CLEAN["u1"], "wheel1_dot": CLEAN["u1"]})) if f.code == "use"
     ]
@@ -225,7 +225,7 @@ def test_a_wrong_radius_shows_in_the_gains():
     assert kinds(log, robot=ALTEN) == ["wheels"]
 
 
-def test_wheels_that_stand_still_say_nothing():
+def test_wheels_at_rest_give_no_finding():
     still = {name: 0.0 * CLEAN[name] for name in CLEAN if name != "t"}
     log = CLEAN.with_columns(still).with_columns({f"wheel{i}_dot": 0.0 * CLEAN.t for i in (1, 2, 3)})
     assert wheel_agreement(log, ALTEN) is None
@@ -243,7 +243,7 @@ def test_degrees_are_found_in_a_shared_log(shared_data, name):
     assert f"{name} is in degrees" in errors[0].text
 
 
-def test_the_shared_log_that_falls_is_told_saturated(shared_data):
+def test_falling_shared_log_is_reported_as_saturated(shared_data):
     found = kinds(Log.read(shared_data / "bbr" / "square_stiff.csv"), robot=ALTEN)
     assert found.count("saturation") == 3
     assert "speed-limit" in found
@@ -253,7 +253,7 @@ def test_a_simulated_run_supports_a_verdict():
     assert check_disturbance(swaying_log(), small_robot()) == []
 
 
-def test_hands_that_push_all_the_time_are_told():
+def test_continuous_pushes_are_reported():
     log = swaying_log()
     # hands that tilt the body by a degree or two at 1.5 Hz, while the wheels do what they did
     push = 0.03 * np.sin(2.0 * np.pi * 1.5 * log.t)
@@ -263,6 +263,6 @@ def test_hands_that_push_all_the_time_are_told():
 
 
 @pytest.mark.parametrize("name", ["square_soft", "hold_soft"])
-def test_the_stand_ins_logs_support_one(shared_data, name):
+def test_stand_in_logs_support_a_closed_loop_verdict(shared_data, name):
     """The course robots' logs do not: see test_rob311."""
     assert check_disturbance(Log.read(shared_data / "bbr" / f"{name}.csv"), Robot.load("alten")) == []

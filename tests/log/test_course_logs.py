@@ -72,7 +72,7 @@ def test_the_controllers_own_mixing_agrees(shared_data, robot, name):
     assert abs(np.angle(gain)) < np.radians(20.0)
 
 
-def test_the_free_wheel_sweep_is_known_for_one(shared_data, robot):
+def test_free_wheel_sweep_is_recognised(shared_data, robot):
     proposal = propose(shared_data / "rob311" / "Test-Results_test_motors_1.txt", robot)
     assert proposal.lean_test is None
     assert proposal.wheel.unit == "counts"
@@ -83,7 +83,7 @@ def test_the_free_wheel_sweep_is_known_for_one(shared_data, robot):
     assert "Commands are logged 5 ms after the response of the motors; torque constant" in told
 
 
-def test_the_glitches_of_logged_speeds_are_seen(shared_data, robot):
+def test_glitches_in_logged_speeds_are_found(shared_data, robot):
     found = findings_of(propose(shared_data / "rob311" / "main_control_autotune_1.txt", robot))
     assert [f for f in found if isinstance(f, Finding) and f.code == "glitch"]
 

@@ -100,7 +100,7 @@ def test_the_fast_and_the_patient_parser_agree(tmp_path):
         np.testing.assert_array_equal(fast[name], patient[name])
 
 
-def test_files_that_are_no_logs(tmp_path):
+def test_files_of_other_kinds_are_refused(tmp_path):
     (tmp_path / "log.csv").write_bytes(b"\xff\xfe\x00\x80")
     (tmp_path / "log.parquet").write_text("t,x\n0,1\n")
     (tmp_path / "log.mat").write_text("")
@@ -119,7 +119,7 @@ def test_files_that_are_no_logs(tmp_path):
         Log({"t": [0.0], "a,b": [1.0]}).write(tmp_path / "log.csv")
 
 
-def test_a_parquet_column_of_words_is_refused_and_a_null_is_nan(tmp_path):
+def test_parquet_text_column_is_refused_and_null_becomes_nan(tmp_path):
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
@@ -130,7 +130,7 @@ def test_a_parquet_column_of_words_is_refused_and_a_null_is_nan(tmp_path):
         Log.read(tmp_path / "log.parquet")
 
 
-def test_csv_works_and_parquet_says_so_without_pyarrow(tmp_path, monkeypatch):
+def test_without_pyarrow_csv_works_and_parquet_names_the_extra(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     log = smooth_log(rows=3)
     log.write(tmp_path / "log.csv")

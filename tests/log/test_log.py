@@ -51,7 +51,7 @@ def test_between_splits_without_loss_or_overlap(rows, first, second):
     np.testing.assert_array_equal(np.concatenate(kept), log["x"])
 
 
-def test_between_nothing_is_refused_with_the_range():
+def test_between_without_rows_is_refused_with_the_logs_range():
     with pytest.raises(InputError, match=r"no row from 5 to 6 s; it runs from 0 to 2 s"):
         Log({"t": np.arange(3.0)}).between(5.0, 6.0)
 
@@ -68,13 +68,13 @@ def test_between_nothing_is_refused_with_the_range():
         ({"t": [0.0, 1.0, 1.0]}, "stands still at row 3"),
     ],
 )
-def test_what_is_no_log_is_refused(columns, sentence):
+def test_invalid_logs_are_refused(columns, sentence):
     with pytest.raises(InputError, match=sentence):
         Log(columns)
 
 
 @given(st.integers(0, 99), st.sampled_from(STATE_NAMES), st.sampled_from([np.nan, np.inf]))
-def test_a_missing_value_is_kept_and_then_refused_by_who_needs_it(row, name, value):
+def test_missing_value_is_kept_and_refused_where_it_is_needed(row, name, value):
     log = smooth_log(rows=100)
     spoiled = log[name].copy()
     spoiled[row] = value
@@ -106,7 +106,7 @@ def test_truth_takes_the_sensors_place():
         log.truth()
 
 
-def test_a_log_goes_to_another_process():
+def test_log_can_be_pickled():
     log = smooth_log(rows=5)
     again = pickle.loads(pickle.dumps(log))
     assert again.names == log.names

@@ -147,7 +147,7 @@ theta = "lean"
     assert log.names == ("t", "theta")
 
 
-def test_the_files_column_that_is_not_there_is_told_with_the_nearest(tmp_path):
+def test_missing_file_column_is_reported_with_the_nearest_name(tmp_path):
     with pytest.raises(InputError, match=r"log\.csv: .* theta from the column 'rol', .* did you mean 'roll'"):
         read(tmp_path, "t,roll\n0,1\n", '[columns]\nt="t"\ntheta="rol"\n', name="log.csv")
 

@@ -98,14 +98,14 @@ def test_delays_and_torques_are_found(tmp_path, name):
         assert np.std(means[0]) == pytest.approx(np.std(means[1]), rel=0.1)
 
 
-def test_a_mirror_image_by_the_imu_is_seen_and_told(tmp_path):
+def test_mirrored_frame_is_found_by_the_imu_and_reported(tmp_path):
     proposal = proposed(tmp_path, Habits(pitch_sign=-1))
     assert proposal.lean_test is not None
     assert proposal.lean_test.placements[0].mirrored
     assert any("mirror image" in finding.text for finding in findings_of(proposal))
 
 
-def test_without_heading_a_pulse_is_asked_for(tmp_path):
+def test_without_heading_a_heading_pulse_is_requested(tmp_path):
     habits = Habits(yaw=False)
     columns = columns_of(swaying_log(heading=0.0), habits)
     proposal = propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot())
@@ -127,7 +127,7 @@ def test_resets_restarts_and_garbage_are_seen(tmp_path):
     assert np.abs(np.diff(log["wheel2"])).max() < 0.5  # a jump of 50 rad is gone
 
 
-def test_files_that_are_no_logs_end_in_a_sentence(tmp_path):
+def test_invalid_files_end_in_one_sentence(tmp_path):
     (tmp_path / "words.txt").write_text("this is\nnot a table\n")
     with pytest.raises(InputError, match="no table of numbers"):
         propose(tmp_path / "words.txt", small_robot())

@@ -54,7 +54,7 @@ def test_gains_of_a_correct_log_are_one():
 
 
 @pytest.mark.parametrize("name", ["theta", "x_dot", "psi"])
-def test_log_without_a_column_is_left_alone(name):
+def test_log_without_a_needed_column_gets_no_physics_finding(name):
     log, robot = balancing()
     assert examine(Log({n: log[n] for n in log if n != name}), robot).findings == ()
 
@@ -74,7 +74,7 @@ def test_short_or_still_log_is_no_error():
 
 
 @pytest.mark.parametrize("reading", READINGS, ids=[str(k) for k in range(len(READINGS))])
-def test_every_reading_has_words_of_its_own(reading):
+def test_every_reading_has_its_own_sentence(reading):
     words = [one.words(("theta", "phi")) for one in READINGS]
     assert len(set(words)) == len(READINGS)
     assert (reading.words(("theta", "phi")) == "") == (reading == AS_LOGGED)

@@ -45,14 +45,14 @@ def test_times_of_messages_are_found(period, poll):
     assert repaired_noise(host, angles) < 0.5 * speed_noise(host, angles)
 
 
-def test_times_that_are_right_are_left_alone():
+def test_correct_times_are_left_unchanged():
     t = 0.01 * np.arange(3000)
     angles = COUNT * np.round(wheels(t) / COUNT)
     # a count at 3 rad/s lasts 0.5 ms; the repair must not add more than that
     assert (sampling_times(t, angles) - t).std() < 3e-4
 
 
-def test_wheels_at_rest_say_nothing():
+def test_wheels_at_rest_give_no_times():
     t = 0.01 * np.arange(500)
     np.testing.assert_array_equal(sampling_times(t, np.zeros((500, 3))), t)
     assert speed_noise(t, np.zeros((500, 3))) is None

@@ -15,7 +15,7 @@ T = 0.005 * np.arange(N)
 
 
 @pytest.mark.parametrize("value", [9999.0, -5.0, 1e300])
-def test_a_marker_is_found_and_nothing_else(value):
+def test_only_the_marker_value_is_found(value):
     signal = 0.2 * np.sin(T)
     signal[[700, 4000]] = value
     np.testing.assert_array_equal(np.flatnonzero(spikes(signal)), [700, 4000])
@@ -33,7 +33,7 @@ def test_a_marker_is_found_and_nothing_else(value):
         np.zeros(N),
     ],
 )
-def test_what_moves_is_no_spike(signal):
+def test_motion_is_not_a_spike(signal):
     assert not spikes(signal).any()
 
 
@@ -59,7 +59,7 @@ def spoilt(name: str, value: float) -> Log:
     return log.with_columns({name: column})
 
 
-def test_check_log_tells_of_it():
+def test_check_log_reports_spikes():
     told = [found for found in check(spoilt("x", 9999.0)) if found.code == "spike"]
     assert [found.where.columns for found in told] == [("x",)]
     assert "at one row, to 9999 at row" in told[0].text

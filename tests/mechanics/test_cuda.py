@@ -48,7 +48,7 @@ def test_lanes_lie_side_by_side():
 
 
 @pytest.mark.skipif(cuda.is_available(), reason="there is a GPU")
-def test_without_a_gpu_it_says_so():
+def test_missing_gpu_raises_a_clear_error():
     model = Model(Robot.load("alten"))
     with pytest.raises(InputError, match="No CUDA device"):
         simulate_on_gpu(

@@ -185,7 +185,7 @@ NONSENSE = [
 
 
 @pytest.mark.parametrize(("law", "values", "named"), NONSENSE)
-def test_nonsense_is_refused_by_name(law, values, named):
+def test_impossible_values_are_refused_by_name(law, values, named):
     with pytest.raises(InputError, match=named):
         law(**values)
 
@@ -229,7 +229,7 @@ class TestDahl:
         assert np.abs(friction).max() <= 1.5 * (1.0 + 1e-15)
 
 
-def test_follow_refuses_what_is_no_history():
+def test_follow_refuses_invalid_histories():
     with pytest.raises(InputError, match="speeds"):
         follow(LAWS["dahl"], np.zeros((2, 2)), sample_time=0.1)
     with pytest.raises(InputError, match="sample time"):

@@ -124,7 +124,7 @@ def test_a_robot_s_motion_does_not_depend_on_its_neighbours(kind: str) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_robot_without_numbers_is_seen_and_leaves_its_neighbour_alone(bad: float) -> None:
+def test_nan_in_one_lane_is_flagged_and_leaves_other_lanes_unchanged(bad: float) -> None:
     """Torques that are no numbers, once, on a robot at rest: that one is lost, and the other keeps standing."""
     model = kind_of_model("exact")
     torques = np.zeros((2, 4, 3))

@@ -33,7 +33,7 @@ GOOD_LUGRE = {
         ("damping_speed", 0.0),
     ],
 )
-def test_lugre_refuses_what_other_tools_take_in_silence(name, value):
+def test_lugre_refuses_parameters_without_physical_meaning(name, value):
     """The list of mujoco#3487: values that disable the law or make it an engine, and say nothing."""
     LuGre(**GOOD_LUGRE)
     with pytest.raises(InputError, match=name):

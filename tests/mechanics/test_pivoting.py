@@ -107,7 +107,7 @@ def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64
 
 
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
-def test_held_hard_enough_the_five_dof_model_comes_back(robot: Robot) -> None:
+def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
     rng = np.random.default_rng(33)
     start = np.array([0.1, -0.2, 0.03, -0.02, 0.4, 0.2, -0.1, 0.1, 0.05, 0.5])
@@ -355,7 +355,7 @@ def test_a_run_ends_where_a_spinning_robot_would_lift_off() -> None:
         assert force == pytest.approx(model.normal_force(q, q_dot, u), rel=1e-10, abs=1e-9)
 
 
-def test_what_a_pivoting_model_refuses() -> None:
+def test_pivoting_model_refuses_unsupported_options() -> None:
     with pytest.raises(InputError, match=r"pivoting friction is -1.*torque in N m"):
         Model(alten(), pivoting=-1.0)
     with pytest.raises(InputError, match="thesis's equations have no pivoting ball"):

@@ -61,7 +61,7 @@ def test_names_of_states_become_symbols_and_other_words_stay():
     assert state_mark("phi") == "φ"
 
 
-def test_what_is_not_finite_becomes_null():
+def test_nonfinite_values_become_null():
     text = as_json({"a": np.array([1.0, np.nan]), "b": (np.inf, np.int64(2))})
     assert json.loads(text) == {"a": [1.0, None], "b": [None, 2]}
 
@@ -151,7 +151,7 @@ def test_a_parameter_without_a_standard_error_counts_as_known():
         ((0.0, 0.1, 0.05, 0.2, 1.0), (np.nan,) * 5, "no parameter has a standard error"),
     ],
 )
-def test_what_a_sweep_leaves_at_a_bound_is_not_told_as_a_number(values, errors, words):
+def test_parameter_at_a_bound_is_not_printed_as_a_number(values, errors, words):
     fit = DrivelineFit(
         wheel=1,
         values=np.array(values),

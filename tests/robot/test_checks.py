@@ -40,7 +40,7 @@ def test_ball_numbers_are_positive_and_finite(name: str, wrong: float) -> None:
     )
 
 
-def test_numbers_are_numbers() -> None:
+def test_non_numeric_values_are_refused() -> None:
     refused("ball.mass is '3'; it must be a number", ball=ball(mass="3"))  # type: ignore[arg-type]
     refused("ball.mass is True; it must be a number", ball=ball(mass=True))
     sensors = dataclasses.replace(ALTEN.sensors, encoder_counts=2000.0)  # type: ignore[arg-type]
@@ -65,7 +65,7 @@ def test_a_ball_lies_between_solid_and_thin_shell() -> None:
         (19.6, 0.22, 0.38),
     ],
 )
-def test_published_balls_are_believed(mass: float, radius: float, inertia: float) -> None:
+def test_published_balls_pass_the_checks(mass: float, radius: float, inertia: float) -> None:
     assert ALTEN.replace(ball=Ball(mass=mass, radius=radius, inertia=inertia)).ball.mass == mass
 
 
@@ -78,7 +78,7 @@ def test_published_balls_are_believed(mass: float, radius: float, inertia: float
         (17.076, 0.393, (4.37, 4.37, 0.193), "ball_center"),
     ],
 )
-def test_published_bodies_are_believed(
+def test_published_bodies_pass_the_checks(
     mass: float, height: float, moments: tuple[float, float, float], about: str
 ) -> None:
     made = body(mass=mass, center_of_mass=height, inertia=(*moments, 0.0, 0.0, 0.0), inertia_about=about)
@@ -109,7 +109,7 @@ def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
             refused("larger than the sum", body=made)
 
 
-def test_an_inertia_about_the_wrong_point_is_found_out() -> None:
+def test_inertia_about_the_wrong_point_is_refused_with_the_cause() -> None:
     central = (1.7326, 1.7326, 0.193, 0.0, 0.0, 0.0)
     refused("less m l\\^2 = 2.64 .* may be about the centre of mass", body=body(inertia=central))
     ALTEN.replace(body=body(inertia=central, inertia_about="center_of_mass"))
@@ -135,13 +135,13 @@ def test_other_units_are_recognised(says: str, parts: dict[str, object]) -> None
     refused(says, **parts)
 
 
-def test_motor_constants_tell_a_wrong_unit() -> None:
+def test_motor_constants_reveal_a_wrong_unit() -> None:
     drive = dataclasses.replace(ALTEN.drive, speed_constant=303.0)
     refused(r"is 9\.54; for every motor it is near 1; did you mean 303 rpm/V\?", drive=drive)
 
 
 @pytest.mark.parametrize("azimuths", [(0.0, 0.0, 120.0), (0.0, 120.0, 360.0), (90.0, 180.0, 180.5)])
-def test_wheels_need_places_of_their_own(azimuths: tuple[float, ...]) -> None:
+def test_two_wheels_at_the_same_azimuth_are_refused(azimuths: tuple[float, ...]) -> None:
     refused("three independent torques", wheels=wheels(*azimuths))
 
 

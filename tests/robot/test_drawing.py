@@ -115,6 +115,6 @@ def test_figures_are_saved(ending: str, begins: bytes, tmp_path: Path) -> None:
     assert path.read_bytes().startswith(begins)
 
 
-def test_other_endings_are_refused(tmp_path: Path) -> None:
+def test_unknown_figure_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"use \.svg, \.pdf or \.png"):
         save_robot_figure(ALTEN, tmp_path / "robot.bmp")

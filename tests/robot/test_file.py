@@ -151,7 +151,7 @@ def test_units_convert(value: float, unit: str, si_unit: str, expected: float) -
 
 
 @given(value=st.floats(allow_nan=False, allow_infinity=False), si_unit=st.sampled_from(sorted(UNITS)))
-def test_from_si_reads_back_exactly_or_says_that_it_cannot(value: float, si_unit: str) -> None:
+def test_from_si_round_trips_exactly_or_raises(value: float, si_unit: str) -> None:
     for unit in UNITS[si_unit]:
         written = from_si(value, unit, si_unit)
         assert written is None or to_si(written, unit, si_unit) == value
@@ -172,7 +172,7 @@ def read(text: str, folder: Path) -> Robot:
     return read_robot(path)
 
 
-def test_other_units_are_read(tmp_path: Path) -> None:
+def test_values_in_other_units_are_converted(tmp_path: Path) -> None:
     changed = TEXT.replace('value = 0.393, unit = "m"', 'value = 39.3, unit = "cm"')
     assert read(changed, tmp_path) == Robot.load("alten")
 
@@ -218,7 +218,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("old", "new", "says"), MISTAKES)
-def test_a_mistake_ends_in_one_sentence_that_names_the_file(
+def test_each_mistake_raises_one_sentence_naming_the_file(
     old: str, new: str, says: str, tmp_path: Path
 ) -> None:
     assert old in TEXT
@@ -240,14 +240,14 @@ def test_a_mistake_ends_in_one_sentence_that_names_the_file(
         (b"[ball]\nqqq = 3", r"\[ball\] has radius, mass, inertia"),
     ],
 )
-def test_a_file_that_is_no_robot_file_is_told_so(content: bytes, says: str, tmp_path: Path) -> None:
+def test_file_of_another_kind_is_refused_as_no_robot_file(content: bytes, says: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
     path.write_bytes(content)
     with pytest.raises(InputError, match=says):
         read_robot(path)
 
 
-def test_a_file_that_cannot_be_read_is_told_so(tmp_path: Path) -> None:
+def test_unreadable_file_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_robot(tmp_path / "none.toml")
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
@@ -271,7 +271,7 @@ GARBAGE = st.one_of(
 
 @settings(max_examples=300, deadline=None)
 @given(place=st.integers(0, len(LINES) - 1), line=GARBAGE)
-def test_no_line_whatever_ends_in_anything_but_a_robot_or_one_sentence(
+def test_any_changed_line_gives_a_robot_or_one_sentence(
     place: int, line: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     changed = "\n".join([*LINES[:place], line, *LINES[place + 1 :]])

@@ -128,13 +128,13 @@ def test_unusual_robots_get_a_warning(changes: dict[str, object], says: str) -> 
     )
 
 
-def test_a_standard_deviation_as_large_as_its_value_is_found() -> None:
+def test_standard_deviation_as_large_as_its_value_gets_a_warning() -> None:
     open_mass = ALTEN.replace(standard_deviations={"body.mass": 20.0, "friction.viscous": (1.0, 1.0, 1.0)})
     assert ["body.mass" in one.text for one in robot_findings(open_mass)] == [True]
 
 
 @given(size=st.floats(0.4, 2.5), density=st.floats(0.6, 1.6))
-def test_a_robot_that_is_built_larger_or_smaller_is_believed(size: float, density: float) -> None:
+def test_scaled_robot_passes_the_plausibility_checks(size: float, density: float) -> None:
     """Lengths by a factor, masses by its cube and the density's: such a robot can be built."""
     mass, inertia = density * size**3, density * size**5
     scaled: dict[str, Callable[[Robot], object]] = {

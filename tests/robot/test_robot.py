@@ -94,7 +94,7 @@ def test_replace_changes_only_what_is_given(alten: Robot) -> None:
     assert other.replace(friction=alten.friction) == alten
 
 
-def test_a_changed_value_loses_its_source(alten: Robot) -> None:
+def test_changing_a_value_removes_its_source(alten: Robot) -> None:
     other = alten.replace(ball=dataclasses.replace(alten.ball, mass=3.1, inertia=0.0250))
     assert "ball.mass" not in other.sources
     assert other.sources["ball.radius"] == alten.sources["ball.radius"]
@@ -102,7 +102,7 @@ def test_a_changed_value_loses_its_source(alten: Robot) -> None:
     assert found.sources["ball.mass"] == "identified"
 
 
-def test_replace_refuses_what_is_no_robot(alten: Robot) -> None:
+def test_replace_refuses_impossible_values(alten: Robot) -> None:
     with pytest.raises(InputError, match=r"ball\.mass is -3 kg; it cannot be negative"):
         alten.replace(ball=Ball(radius=0.11, mass=-3.0, inertia=0.0242))
 
@@ -114,7 +114,7 @@ def test_robots_can_be_sent_to_other_processes_and_used_as_keys(alten: Robot) ->
     assert {alten: "found"}[sent] == "found"
 
 
-def test_load_names_the_presets_where_there_is_nothing() -> None:
+def test_loading_an_unknown_preset_lists_the_presets() -> None:
     with pytest.raises(InputError, match="did you mean the preset 'alten'"):
         Robot.load("altne")
     with pytest.raises(InputError, match="the presets are alten"):

@@ -94,7 +94,7 @@ def test_lanes_end_as_runs_do():
         np.testing.assert_array_equal(frozen, np.broadcast_to(batch.finals[lane], frozen.shape))
 
 
-def test_what_does_not_fit_together_is_told():
+def test_inconsistent_batches_are_refused():
     model = Model(alten())
     controller = nominal_controller(model.robot)
     with pytest.raises(InputError, match="3 initial states, 2 robots, 1 controllers"):

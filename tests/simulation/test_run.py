@@ -69,7 +69,7 @@ def test_a_run_is_the_same_bit_for_bit(model, log):
         np.testing.assert_array_equal(again[name], log[name])
 
 
-def test_a_fall_ends_the_log_and_says_so():
+def test_fall_ends_the_log_and_is_reported():
     model = Model(alten())
     log = simulate(model, Answering(lambda _: np.zeros(3)), hold(), duration=5.0, initial_state=leaning(0.01))
     assert log.ended is not None
@@ -119,13 +119,13 @@ def test_a_robot_thrown_over_lifts_off():
         (lambda _: 0.0, r"shape \(\)"),
     ],
 )
-def test_wrong_torques_are_told(model, answer, sentence):
+def test_invalid_torques_are_refused(model, answer, sentence):
     with pytest.raises(InputError, match=sentence):
         simulate(model, Answering(answer), hold(), duration=1.0)
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
-def test_wrong_durations_are_told(model, duration):
+def test_invalid_durations_are_refused(model, duration):
     with pytest.raises(InputError, match="at least one sample"):
         simulate(model, nominal_controller(model.robot), hold(), duration=duration)
 
@@ -138,12 +138,12 @@ def test_a_run_whose_log_fills_the_memory_is_refused(model):
 
 
 @pytest.mark.parametrize("state", [np.zeros(9), np.full(10, np.nan), leaning(1.3)])
-def test_wrong_starts_are_told(model, state):
+def test_invalid_initial_states_are_refused(model, state):
     with pytest.raises(InputError, match="initial"):
         simulate(model, nominal_controller(model.robot), hold(), duration=1.0, initial_state=state)
 
 
-def test_progress_is_told(model):
+def test_progress_is_reported(model):
     shares: list[float] = []
     controller = nominal_controller(model.robot)
     simulate(model, controller, hold(), duration=2.0, progress=lambda now: shares.append(now.share))

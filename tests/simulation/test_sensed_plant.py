@@ -64,7 +64,7 @@ def test_without_imperfections_it_is_the_model_bit_for_bit():
     np.testing.assert_array_equal([one.state[2:5] for one in sensed], truths(model)[:, 2:5])
 
 
-def test_all_that_is_random_follows_from_the_seed():
+def test_same_seed_gives_the_same_run():
     imperfections = replace(
         NOMINAL,
         sensor_faults=SensorFaults(gyro_bias=0.01, lean_error=0.01),
@@ -297,7 +297,7 @@ def test_the_twins_floor_tilt_is_the_slope():
     np.testing.assert_allclose(leans[0], leans[1], atol=0.03 * np.abs(leans[0]).max())
 
 
-def test_the_estimator_knows_another_robot_than_the_true_one():
+def test_estimator_may_use_another_robot_than_the_plant():
     robot = alten()
     known = robot.replace(wheels=replace(robot.wheels, radius=1.1 * robot.wheels.radius))
     moving = np.zeros(10)
@@ -338,7 +338,7 @@ def test_a_run_ends_at_the_scenarios_lean():
         ({"sensors": replace(PERFECT.sensors, gyro_noise=-1.0)}, "gyro_noise"),
     ],
 )
-def test_imperfections_that_cannot_be_are_refused(change, words):
+def test_impossible_imperfections_are_refused(change, words):
     with pytest.raises(InputError, match=words):
         replace(PERFECT, **change)
 

@@ -60,7 +60,7 @@ def test_heading_drifts_by_sixteen_degrees_in_three_minutes() -> None:
     assert (attitude == 1.0).all()
 
 
-def test_faults_of_size_zero_change_no_bit() -> None:
+def test_zero_size_faults_change_nothing() -> None:
     one = AttitudeSensor(ALTEN.sensors, np.random.default_rng(3))
     two = AttitudeSensor(ALTEN.sensors, np.random.default_rng(3), SensorFaults())
     random = np.random.default_rng(4)
@@ -199,6 +199,6 @@ def test_cameras_lose_the_robot_for_their_share_of_the_time() -> None:
         (lambda: replace(MotionCapture.drawn(1), gap_duration=0.0), "gap_duration"),
     ],
 )
-def test_refuses_sizes_that_no_sensor_has(make, sentence: str) -> None:
+def test_impossible_sensor_sizes_are_refused(make, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         make()

@@ -112,7 +112,7 @@ def test_missing_counter_torque_is_the_ratio_of_radii() -> None:
     assert thesis_model.B[9] / counter.B[9] == pytest.approx(1.0 + 0.063 / 0.11)
 
 
-def test_shares_of_a_known_game() -> None:
+def test_shapley_shares_of_a_known_game() -> None:
     """Two that only act together share it equally; one that acts alone has its own; one that does not has none."""
     names = alten.AT_REST
 
@@ -151,7 +151,7 @@ def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
 
 
-def test_a_page_that_cannot_be_written_is_told_in_a_sentence(tmp_path, capsys, monkeypatch) -> None:
+def test_unwritable_page_ends_in_one_sentence(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr("ballbot.thesis.published.page.published_page", lambda **_: "a page")
     (tmp_path / "file").touch()
     assert main(out=tmp_path / "file" / "page.md") == 2

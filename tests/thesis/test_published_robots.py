@@ -28,7 +28,7 @@ def entries() -> dict[str, Entry]:
 
 
 @pytest.mark.parametrize("wheel", [1, 2, 3])
-def test_heading_comes_out_to_its_last_digit_with_the_absolute_wheel_rotation(
+def test_heading_column_matches_to_the_last_digit_with_absolute_wheel_rotation(
     entries: dict[str, Entry], wheel: int
 ) -> None:
     entry = entries[f"theta_z dd/T{wheel}"]
@@ -36,7 +36,7 @@ def test_heading_comes_out_to_its_last_digit_with_the_absolute_wheel_rotation(
     assert entry.right == pytest.approx(-12.47, abs=5e-3)
 
 
-def test_heading_comes_out_with_nothing_less_than_the_whole_convention() -> None:
+def test_heading_column_needs_the_whole_convention() -> None:
     printed = -10.76
     right = Model(REZERO).linearize()
     rotors_apart = mixture_model(REZERO, replace(corrections_of("exact"), locked_wheels_once=False))

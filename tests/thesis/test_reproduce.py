@@ -74,7 +74,7 @@ def item_of(*checks: Check) -> Item:
     return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
 
 
-def test_all_that_the_issue_names_is_remade_in_the_thesis_order() -> None:
+def test_all_items_are_reproduced_in_the_thesis_order() -> None:
     named = [
         *("figure_2_1", "figure_3_1", "figure_3_2", "figure_3_4", "figure_3_5"),
         *("figure_4_1", "table_4_1", "figure_4_2", "table_4_2", "figure_4_3"),
@@ -99,13 +99,13 @@ def test_verdict_counts_what_agrees(agreeing: list[bool]) -> None:
     assert item.sentence.count("asked is at least 0 m") == agreeing.count(False)
 
 
-def test_what_is_no_number_never_agrees() -> None:
+def test_nan_never_agrees() -> None:
     assert not check(value=math.nan).agrees
     assert item_of().verdict == "drawn"
     assert check(value=2.0, lowest=2.0, highest=2.0).agrees
 
 
-def test_only_a_whole_interval_decides() -> None:
+def test_verdict_requires_the_whole_interval() -> None:
     def over(*values: float) -> Check:
         return Check.over(values, claim="it is so", quantity="a number", lowest=1.0)
 
@@ -121,7 +121,7 @@ def test_only_a_whole_interval_decides() -> None:
 
 
 @given(st.integers(6, 30))
-def test_interval_of_the_median_covers_it_as_coins_say(count: int) -> None:
+def test_median_interval_covers_by_the_binomial(count: int) -> None:
     lower, upper = median_interval(range(count))
     below = int(lower)
     assert upper == count - 1 - below
@@ -136,7 +136,7 @@ def test_rounding_is_printed_as_zero() -> None:
     assert check(value=5e-17, highest=1e-12).criterion == "at most 1e-12 m"
 
 
-def test_what_is_above_a_frequency_is_the_fast_part() -> None:
+def test_fast_part_is_above_its_frequency() -> None:
     """Of 1 Hz and 25 Hz together the latter is left: 5 Hz, order 2 run both ways, takes 1 Hz down by 25^2."""
     t = np.arange(4000) / 200.0
     slow, fast = np.sin(2.0 * np.pi * t), 0.01 * np.sin(2.0 * np.pi * 25.0 * t)

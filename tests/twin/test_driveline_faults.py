@@ -18,7 +18,7 @@ from tests.support.twin_examples import ALTEN, INERTIA, ROTOR, ideal, turn, whee
 
 
 @pytest.mark.parametrize("frequency", [12.0, 25.0])
-def test_resonance_is_where_the_user_says(frequency: float) -> None:
+def test_resonance_is_at_the_given_frequency(frequency: float) -> None:
     """Rotors and wheels plucked apart on the standing robot, without friction or play."""
     zeta = 0.03
     compliance = Compliance(frequency=frequency, damping_ratio=zeta)

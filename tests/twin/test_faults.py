@@ -23,7 +23,7 @@ from tests.support.twin_examples import ALTEN, IDEAL, ideal
 # Contacts
 
 
-def test_soft_ball_sinks_and_swings_as_its_stiffness_says() -> None:
+def test_soft_ball_sinks_and_oscillates_by_its_stiffness() -> None:
     """Upside down, 3 kg on three springs at 45 degrees: 3 K cos^2 carries it."""
     K, C = 1e4, 10.0
     scenario = ideal(
@@ -118,7 +118,7 @@ def test_wheels_with_one_point_turn_as_kinematics_says() -> None:
 # From outside
 
 
-def test_push_accelerates_as_the_equations_say() -> None:
+def test_push_accelerates_as_the_equations_predict() -> None:
     """M q_dd = J^T F for a force on the body at height h, seen over the first 10 ms."""
     force, height = np.array([30.0, -20.0]), 0.5
     push = Push(time=0.005, duration=0.01, force=(30.0, -20.0, 0.0), height=height)
@@ -175,7 +175,7 @@ def test_floor_s_slope_is_the_gradient_of_its_height(
     np.testing.assert_allclose(floor.slope(place), numeric, atol=1e-5 * 0.05 / wavelength)
 
 
-def test_floor_is_as_rough_as_it_says() -> None:
+def test_floor_has_the_given_roughness() -> None:
     floor = UnevenFloor(Roughness(height=0.002, wavelength=0.1, seed=3))
     places = np.random.default_rng(1).uniform(-20, 20, (4000, 2))
     heights = [floor.height(place) for place in places]
@@ -229,7 +229,7 @@ def test_jitter_keeps_the_mean_rate() -> None:
 # Off
 
 
-def test_what_is_off_is_not_built() -> None:
+def test_disabled_faults_are_not_built() -> None:
     document = twin_mjcf(ALTEN, Scenario.nominal(ALTEN))
     assert "tendon" not in document
     assert "payload" not in document
@@ -257,6 +257,6 @@ DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
         ({"backlash": float("inf")}, "finite"),
     ],
 )
-def test_refuses_faults_that_cannot_be(faults: dict[str, Any], sentence: str) -> None:
+def test_impossible_faults_are_refused(faults: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         Twin(ALTEN, ideal(**faults))

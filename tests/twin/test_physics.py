@@ -69,7 +69,7 @@ def test_record_takes_every_preset(preset: str) -> None:
     assert twin_findings(Robot.load(preset)) == ()
 
 
-def test_what_record_would_refuse_is_found(alten: Robot) -> None:
+def test_robots_that_record_would_refuse_are_found(alten: Robot) -> None:
     wheels = replace(alten.wheels, rollers=replace(alten.wheels.rollers, rows=3))
     (found,) = twin_findings(alten.replace(wheels=wheels))
     assert (found.code, found.severity) == ("robot-twin", "warning")

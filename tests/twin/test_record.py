@@ -137,7 +137,9 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     assert np.std(seen - omega) == pytest.approx(0.03, rel=0.05)  # 6000 draws: 1 %
 
 
-def test_many_seeds_go_on_where_they_were(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_interrupted_recording_of_many_seeds_resumes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from ballbot.cli.main import main
 
     command = ["record", "nominal", "--duration", "0.2", "--out"]
@@ -163,7 +165,7 @@ def test_many_seeds_go_on_where_they_were(tmp_path: Path, capsys: pytest.Capture
     assert "holds runs of several seeds" in capsys.readouterr().err
 
 
-def test_a_run_that_counts_as_done_is_held_against_its_checksums(
+def test_finished_run_is_verified_by_its_checksums(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from ballbot.cli.main import main
@@ -220,7 +222,7 @@ def test_lists_of_seeds(text: str, seeds: list[int]) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "a", "3-1", "1-", "-1", "1;2", "1-999999999"])
-def test_refuses_what_is_no_list_of_seeds(text: str) -> None:
+def test_invalid_seed_lists_are_refused(text: str) -> None:
     with pytest.raises(InputError, match="1-200"):
         parse_seeds(text)
 
@@ -322,7 +324,7 @@ def test_record_refuses_in_one_sentence(
     assert not (tmp_path / "out").exists()
 
 
-def test_film_needs_a_pose() -> None:
+def test_motion_capture_needs_a_pose() -> None:
     with pytest.raises(InputError, match="theta"):
         MotionCapture.drawn(1).film(
             Log({"t": np.arange(3.0), "x": np.zeros(3), "y": np.zeros(3)}), ball_radius=0.1

@@ -37,7 +37,7 @@ def read(text: str, folder: Path) -> Scenario:
 
 
 @pytest.mark.parametrize("name", Scenario.names())
-def test_named_scenarios_come_back(name: str, tmp_path: Path) -> None:
+def test_named_scenarios_round_trip(name: str, tmp_path: Path) -> None:
     scenario = Scenario.named(name, ALTEN)
     write_scenario(scenario, tmp_path / "one.toml")
     assert read_scenario(tmp_path / "one.toml", ALTEN) == scenario
@@ -74,12 +74,12 @@ number = st.floats(-30.0, 30.0)
     asymmetry=st.floats(-0.99, 0.99),
     name=st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), max_size=20),
 )
-def test_every_fault_comes_back(tmp_path_factory: pytest.TempPathFactory, **parts: object) -> None:
+def test_every_fault_round_trips(tmp_path_factory: pytest.TempPathFactory, **parts: object) -> None:
     scenario = replace(NOMINAL, **parts)  # type: ignore[arg-type]
     assert read(scenario_text(scenario), tmp_path_factory.getbasetemp()) == scenario
 
 
-def test_other_friction_laws_come_back(tmp_path: Path) -> None:
+def test_other_friction_laws_round_trip(tmp_path: Path) -> None:
     curve = {"viscous": 0.01, "coulomb": 0.1, "stribeck": 0.01, "stribeck_speed": 0.5}
     laws = (
         LuGre(**curve, stiffness=50.0, micro_damping=0.05),
@@ -91,7 +91,7 @@ def test_other_friction_laws_come_back(tmp_path: Path) -> None:
     assert "smoothed" in str(Smoothed).lower()  # the fourth law has its own numbers
 
 
-def test_a_file_says_only_what_differs(tmp_path: Path) -> None:
+def test_scenario_file_contains_only_differences(tmp_path: Path) -> None:
     found = read(
         'base = "wide_rows"\nbacklash = 0\n[compliance]\nfrequency = 9\ndamping_ratio = 0.1\n', tmp_path
     )
@@ -164,7 +164,7 @@ def test_refuses_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> No
     assert "\n" not in said
 
 
-def test_says_what_scenarios_there_are(tmp_path: Path) -> None:
+def test_unknown_scenario_lists_the_known_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did you mean 'nominal'"):
         Scenario.load("nominl", ALTEN)
     path = tmp_path / "bytes.toml"

@@ -126,7 +126,7 @@ def test_falls_at_the_exact_model_s_rate(angle: int) -> None:
     assert rate == pytest.approx(5.20, rel=0.03)  # rollers' own inertia and softness: 1 to 2 %
 
 
-def test_says_that_it_has_fallen() -> None:
+def test_fall_is_reported() -> None:
     twin = Twin(ALTEN)
     start = np.zeros(10)
     start[2] = 0.5
@@ -140,7 +140,7 @@ def test_says_that_it_has_fallen() -> None:
     assert abs(measurement.truth[2]) > 0.6
 
 
-def test_says_that_the_numbers_ran_away(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diverging_numbers_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo leaves a MUJOCO_LOG.TXT where it warns
     twin = Twin(ALTEN)
     twin.reset(None, seed=1)
@@ -150,7 +150,7 @@ def test_says_that_the_numbers_ran_away(tmp_path: Path, monkeypatch: pytest.Monk
     assert twin.reset(None, seed=1).ended is None
 
 
-def test_starts_where_it_is_told() -> None:
+def test_starts_at_the_given_state() -> None:
     state = np.array([0.3, -0.2, 0.05, -0.04, 2.0, 0.1, 0.05, -0.02, 0.03, 0.2])
     measurement = Twin(ALTEN).reset(state, seed=1)
     np.testing.assert_allclose(measurement.truth, state, atol=1e-12)
@@ -175,7 +175,7 @@ def test_nominal_scenario_is_the_frozen_one() -> None:
     assert nominal.sensors.heading_drift == pytest.approx(np.radians(16) / 180)
 
 
-def test_robot_s_own_friction_is_not_looked_at() -> None:
+def test_robots_own_friction_is_not_used() -> None:
     """Else identification would be handed its own answer."""
     identified = ALTEN.replace(friction=replace(Scenario.nominal(ALTEN).friction, rolling=0.5))
     runs = []
@@ -240,7 +240,7 @@ def test_refuses_a_scenario_that_does_not_fit(change: dict[str, dict[str, object
         Twin(ALTEN, replace(nominal, **parts))
 
 
-def test_refuses_what_it_cannot_do() -> None:
+def test_unsupported_options_are_refused() -> None:
     twin = Twin(ALTEN)
     twin.reset(None, seed=1)
     with pytest.raises(InputError, match=r"sampled every 0\.005 s"):

@@ -53,7 +53,7 @@ def test_any_clock_and_any_frames_are_found(seed, offset, rate, world, marker):
     assert not found.flips
 
 
-def test_intervals_hold_the_truth_nineteen_times_in_twenty():
+def test_alignment_intervals_cover_the_truth_in_95_percent():
     inside = []
     for seed in range(20):
         setup = Setup(seed=seed, duration=30.0, offset=5.0, rate=1e-4)
@@ -137,7 +137,7 @@ def test_the_aligned_log_is_the_robots_truth():
     np.testing.assert_allclose(found["mocap_z"], 0.0, atol=3e-3)
 
 
-def test_the_thesis_finding_in_words():
+def test_findings_report_the_thesis_heading_drift():
     drift = np.radians(5.3) / 60.0
     found = align(*record(Setup(duration=60.0, heading_drift=drift, spin=0.1)))
     assert found.sensors is not None
@@ -164,7 +164,7 @@ def test_a_wheel_radius_that_is_wrong_is_no_drift():
     assert any("% too long" in sentence for sentence in sentences)
 
 
-def test_angles_that_come_late_are_told_from_the_clock():
+def test_delayed_angles_are_separated_from_the_clock_offset():
     found = align(*record(Setup(angle_delay=0.02)))
     assert found.sensors is not None
     assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
@@ -183,7 +183,7 @@ def test_the_lever_arm_is_found_and_taken_off():
     np.testing.assert_allclose(log["mocap_x"], log["x"], rtol=0.0, atol=4e-3)
 
 
-def test_without_a_gyro_the_angles_tell_and_without_angles_the_gyro_does():
+def test_clock_comes_from_angles_without_gyro_and_from_gyro_without_angles():
     setup = Setup(body_marker=Rotation.from_euler("Z", 90.0, degrees=True))
     log, film = record(setup)
     angles = Log({name: log[name] for name in ("t", "theta", "phi", "psi")})
@@ -218,7 +218,7 @@ def test_the_command_makes_a_page_of_whatever_there_is(tmp_path, capsys, told, s
     assert page.count("<svg") == figures
 
 
-def test_a_body_that_turns_about_one_axis_leaves_the_marker_frame_untold():
+def test_turning_about_one_axis_leaves_the_marker_frame_undetermined():
     log, film = record(Setup())
     random = np.random.default_rng(1)
     heading = 0.5 * np.sin(film.t + np.sin(0.3 * film.t))
@@ -251,14 +251,14 @@ def test_the_twins_motion_capture_is_undone(seed):
     np.testing.assert_allclose(found.frame.origin, np.array(setup.origin) + height, rtol=0.0, atol=2e-3)
 
 
-def test_another_runs_film_is_refused():
+def test_motion_capture_of_another_run_is_refused():
     log, _ = record(Setup(seed=1))
     _, film = record(Setup(seed=2))
     with pytest.raises(InputError, match="do not turn alike"):
         align(log, film)
 
 
-def test_what_is_missing_is_said():
+def test_missing_columns_are_reported():
     log, film = record(Setup(duration=10.0))
     with pytest.raises(InputError, match="no poses"):
         align(log, film.with_columns({"qw": np.full(len(film), np.nan)}))

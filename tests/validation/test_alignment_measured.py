@@ -78,7 +78,7 @@ def test_broads_own_lag_is_found(untouched: Alignment):
         (-71.9, -3e-3, (3.0, 0.4, -0.7), (1.5, -0.4, 2.9)),
     ],
 )
-def test_what_is_injected_into_broad_comes_back(trial, untouched, offset, rate, world, marker):
+def test_errors_injected_into_broad_are_recovered(trial, untouched, offset, rate, world, marker):
     log, wxyz, _ = trial
     injected = Clock(offset=offset, rate=rate)
     body_marker = Rotation.from_euler("XYZ", marker)
@@ -91,7 +91,7 @@ def test_what_is_injected_into_broad_comes_back(trial, untouched, offset, rate, 
     assert (found.motion.body_marker.inv() * true).magnitude() < TENTH_OF_A_DEGREE
 
 
-def test_the_world_injected_into_broad_comes_back(trial):
+def test_frame_injected_into_broad_is_recovered(trial):
     log, wxyz, moving = trial
     # the log's own attitude: the optical one while the body moves, as late as the gyro is
     seen = np.isfinite(wxyz).all(axis=1)

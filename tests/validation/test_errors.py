@@ -22,7 +22,7 @@ def _errors(
 
 
 @pytest.mark.parametrize(("runs", "memory", "least"), [(10, 0.0, 0.91), (25, 0.0, 0.91), (100, 0.4, 0.87)])
-def test_the_interval_holds_the_true_ratio_about_as_often_as_it_says(runs, memory, least):
+def test_ratio_interval_covers_the_truth_at_its_level(runs, memory, least):
     random = np.random.default_rng(2)
     held = []
     for _ in range(30):
@@ -69,7 +69,7 @@ def _pair(first: np.ndarray, second: np.ndarray) -> ErrorPair:
     )
 
 
-def test_better_is_said_only_where_the_whole_interval_is_above_one():
+def test_better_requires_the_whole_interval_above_one():
     random = np.random.default_rng(5)
     said = []
     for _ in range(40):

@@ -80,7 +80,7 @@ def test_models_that_cannot_be_compared_are_refused():
         ModelPair.of_two(model, Model(Robot.load("cmu")))
 
 
-def test_a_log_that_is_pushed_about_has_no_verdict_on_runs_to_a_fall():
+def test_pushed_log_gets_no_open_loop_verdict():
     log = swaying_log()
     push = 0.03 * np.sin(2.0 * np.pi * 1.5 * log.t)
     pushed = log.with_columns({"theta": log["theta"] + push})

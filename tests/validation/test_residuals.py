@@ -129,7 +129,7 @@ def test_a_true_correlation_is_marked_and_no_other():
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-def test_white_noise_is_called_coloured_as_often_as_the_level_says(uneven):
+def test_white_noise_is_called_coloured_at_the_test_level(uneven):
     random = np.random.default_rng(5)
     swell = np.exp(np.sin(np.arange(1000) / 50.0))[:, None] if uneven else 1.0
     p_values = []
@@ -142,7 +142,7 @@ def test_white_noise_is_called_coloured_as_often_as_the_level_says(uneven):
     assert 0.025 < share < _at_most(600, 0.06)
 
 
-def test_kinds_of_memory_are_told_apart():
+def test_kinds_of_autocorrelation_are_distinguished():
     random = np.random.default_rng(6)
     white = random.normal(size=(20_001, 4))
     columns = np.column_stack(
@@ -277,7 +277,7 @@ def test_turning_points_are_where_the_angle_turns_back_far_enough():
     assert turning_points(angle, 0.2) == [0, 4, 8, 9]
 
 
-def test_a_robot_without_faults_shows_none():
+def test_fault_free_robot_gets_no_residual_finding():
     found = _wheels("none")
     assert found.by_travel is not None
     assert found.by_position is not None
@@ -292,7 +292,7 @@ def test_a_robot_without_faults_shows_none():
         assert nothing in said
 
 
-def test_noise_alone_is_taken_for_play_or_friction_as_seldom_as_the_level_says():
+def test_false_play_and_friction_findings_keep_to_the_level():
     log, model, random = wheel_log("none"), Model(true_robot()), np.random.default_rng(11)
     prediction = _predicted(true_robot(), log)
     p_values = []
@@ -307,7 +307,7 @@ def test_noise_alone_is_taken_for_play_or_friction_as_seldom_as_the_level_says()
     assert np.mean(np.array(p_values) < 0.05) <= _at_most(len(p_values), 0.05)
 
 
-def test_preferred_spots_are_found_with_their_number_and_torque():
+def test_torque_ripple_is_found_with_its_order_and_amplitude():
     found = _wheels("spots")
     assert found.by_position is not None
     assert found.by_position.found == (SPOTS_PER_TURN,)
@@ -331,7 +331,7 @@ def test_play_is_found_after_reversals():
     assert "no torque ripple" in said
 
 
-def test_friction_that_is_off_shows_against_speed():
+def test_wrong_friction_shows_as_a_speed_effect():
     robot = true_robot()
     less = replace(robot.friction, coulomb=tuple(c - 0.03 for c in robot.friction.coulomb))
     found = _analysed(robot.replace(friction=less), wheel_log("none"))
@@ -348,7 +348,7 @@ def test_friction_that_is_off_shows_against_speed():
 # --- refusals ---
 
 
-def test_a_log_without_encoders_says_so():
+def test_log_without_encoders_is_reported():
     log = noisy_log()
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
     found = _analysed(true_robot(), bare)
@@ -356,7 +356,7 @@ def test_a_log_without_encoders_says_so():
     assert any("lacks the encoder angles" in sentence for sentence in residual_findings(found))
 
 
-def test_wheels_that_stand_still_show_nothing():
+def test_wheels_at_rest_give_no_effects():
     log = noisy_log()
     still = {f"wheel{i}{end}": np.zeros(len(log)) for i in (1, 2, 3) for end in ("", "_dot")}
     found = _analysed(true_robot(), log.with_columns(still))
@@ -367,7 +367,7 @@ def test_wheels_that_stand_still_show_nothing():
 
 
 @pytest.mark.parametrize("rows", [12, 60, 450, 1500])
-def test_short_logs_are_refused_in_words(rows):
+def test_short_logs_give_the_reason_instead_of_an_effect(rows):
     found = _analysed(true_robot(), wheel_log("none").select(slice(0, rows)))
     said = " ".join(residual_findings(found))
     assert "too short" in said

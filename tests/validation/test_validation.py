@@ -72,7 +72,7 @@ def test_errors_of_runs_of_unequal_length():
     held=st.lists(st.tuples(st.floats(0.0, 3.0), st.floats(0.05, 2.0)), min_size=1, max_size=4),
     samples=st.integers(1, 30),
 )
-def test_windows_stay_within_what_is_held_out_and_cross_no_gap(gaps, held, samples):
+def test_windows_stay_within_holdout_intervals_and_cross_no_gap(gaps, held, samples):
     step = np.full(200, 0.01)
     step[gaps] = 0.05
     log = Log({"t": np.cumsum(step)})
@@ -209,7 +209,7 @@ def test_on_a_perfect_log_closed_loop_repeats_the_log():
     assert np.all(validation.closed_loop.whole.second.rmse[:2] > 0.02)
 
 
-def test_only_what_is_held_out_counts():
+def test_only_holdout_intervals_count():
     log = perfect_log()
     spoiled = np.where((log.t > 6.0) & (log.t < 12.0), log["theta"], log["theta"] + 0.3)
     held = [(6.5, 11.5)]
@@ -248,7 +248,7 @@ def test_wrong_friction_is_named_with_the_states_it_spoils():
     assert any("eason" in finding for finding in findings(validation))
 
 
-def test_several_logs_are_judged_together():
+def test_several_logs_are_validated_together():
     one = validate(true_robot(), noisy_log())
     both = join_validations([one, one])
     np.testing.assert_allclose(_open_loop(both).errors.ratio, _open_loop(one).errors.ratio)
@@ -271,7 +271,7 @@ def test_the_same_seed_gives_the_same_noise_floor():
     assert not np.array_equal(first, other)
 
 
-def test_dither_is_told_from_motion():
+def test_dither_is_separated_from_motion():
     t = 0.005 * np.arange(4000)
     slow, fast = np.sin(2.0 * np.pi * 0.3 * t), 0.2 * np.sin(2.0 * np.pi * 20.0 * t)
     columns = {f"wheel{i}_dot": slow + fast for i in (1, 2, 3)}
@@ -314,7 +314,7 @@ def test_a_log_without_a_reference_has_no_closed_loop_and_says_why():
     assert any(finding.startswith("No closed-loop validation") for finding in findings(validation))
 
 
-def test_what_cannot_be_validated_is_refused():
+def test_invalid_validations_are_refused():
     log = perfect_log()
     with pytest.raises(InputError, match="held-out intervals"):
         validate(true_robot(), log, held_out=[(100.0, 120.0)])

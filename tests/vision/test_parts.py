@@ -78,7 +78,7 @@ def test_a_point_is_seen_where_it_projects_to(view, direction):
 
 @settings(max_examples=50)
 @given(view=VIEWS)
-def test_the_outline_is_where_rays_graze_the_ball_and_tells_the_view(view):
+def test_outline_is_where_rays_graze_the_ball_and_determines_the_view(view):
     outline = view.outline(100)
     rays = view.rays(outline)
     # the distance of the ball's centre from each ray is the ball's radius
@@ -195,7 +195,7 @@ def made_track(*, seed: int, noise: float, blind: bool) -> tuple[np.ndarray, Tra
 
 
 @pytest.mark.parametrize("blind", [False, True])
-def test_the_smoothers_errors_are_as_it_says(blind):
+def test_smoother_errors_match_its_covariance(blind):
     inside, errors = [], []
     for seed in range(3):
         t, track, true = made_track(seed=seed, noise=2e-3, blind=blind)

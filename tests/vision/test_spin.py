@@ -42,7 +42,7 @@ def measured(plain):
     return measure_spin(open_video(plain.path))
 
 
-def test_the_plain_video_is_right_and_its_errors_are_as_it_says(plain, measured):
+def test_plain_video_is_accurate_and_its_errors_match_the_covariance(plain, measured):
     assert measured.track.tracked.all()
     assert plain.error(measured) < PLAIN
     off = np.abs(measured.omega - plain.motion.omega_at(measured.t))
@@ -60,7 +60,7 @@ def off_view(spin: Spin, scene: Scene) -> float:
     return float(np.abs(off / spin.calibration.errors).max())
 
 
-def test_a_ball_at_the_side_of_a_near_cameras_picture_is_right(tmp_path):
+def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
     """Its outline is no circle, and what it says of the ball's place and size depends on the camera's distance."""
     camera = replace(SMALL, size=(300, 240), centre=(70.0, 70.0), distance=4.0)
     made = ball_video(tmp_path / "aside.avi", Scene(camera=camera), duration=2.0)
@@ -75,7 +75,7 @@ def test_a_ball_at_the_side_of_a_near_cameras_picture_is_right(tmp_path):
     [(WORST, "mp4", "mp4v"), (BASKETBALL, "avi", "MJPG")],
     ids=["worst", "basketball"],
 )
-def test_hard_videos_are_right(tmp_path, scene, suffix, codec):
+def test_difficult_videos_are_accurate(tmp_path, scene, suffix, codec):
     made = ball_video(tmp_path / f"hard.{suffix}", scene, duration=2.0, codec=codec)
     spin = measure_spin(open_video(made.path), Setup(seam=scene.seam))
     assert spin.track.tracked.all()
@@ -135,7 +135,7 @@ def test_a_log_of_another_run_is_refused(plain, measured):
 
 
 @pytest.mark.parametrize("size", [0.0, 1.0])
-def test_wheels_that_turn_otherwise_or_not_at_all_are_refused(measured, size):
+def test_wheels_that_turn_differently_or_not_at_all_are_refused(measured, size):
     # with size 1 the fit runs off the log, and SciPy is asked for a rotation that is no number
     t = np.arange(0.0, 6.0, 0.005)
     speeds = {"wheel1_dot": np.sin(t), "wheel2_dot": np.cos(t), "wheel3_dot": np.sin(2.0 * t)}
@@ -144,7 +144,7 @@ def test_wheels_that_turn_otherwise_or_not_at_all_are_refused(measured, size):
         compare_with_wheels(measured, log, Robot.load("alten"))
 
 
-def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
+def test_command_writes_its_documented_files(plain, tmp_path, capsys):
     robot = Robot.load("alten")
     wheel_log(plain, robot, forward=0.5, offset=-4.0).write(tmp_path / "run.csv")
     out = tmp_path / "out"
@@ -196,7 +196,7 @@ def test_the_command_writes_what_it_says(plain, tmp_path, capsys):
         (["--log", "run.csv"], "needs --robot"),
     ],
 )
-def test_bad_options_are_told_in_a_sentence(plain, tmp_path, capsys, options, sentence):
+def test_invalid_options_end_in_one_sentence(plain, tmp_path, capsys, options, sentence):
     assert main(["spin", str(plain.path), *options, "--out", str(tmp_path)]) == 2
     told = capsys.readouterr().err
     assert sentence in told
@@ -213,7 +213,7 @@ def test_bad_options_are_told_in_a_sentence(plain, tmp_path, capsys, options, se
         ("empty.avi", "No ball was found"),
     ],
 )
-def test_bad_videos_are_told_in_a_sentence(tmp_path, capsys, name, sentence):
+def test_invalid_videos_end_in_one_sentence(tmp_path, capsys, name, sentence):
     rng = np.random.default_rng(0)
     grey = [rng.integers(120, 124, (120, 160, 3)).astype(np.uint8) for _ in range(10)]
     if name == "text.mp4":

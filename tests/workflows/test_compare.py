@@ -33,7 +33,7 @@ def test_comparing_on_the_model():
     assert found.scores["none"][0] != found.scores["none"][1]
 
 
-def test_nothing_to_compare_is_told():
+def test_empty_comparison_is_refused():
     with pytest.raises(InputError, match="nothing to compare"):
         compare(lambda: Model(alten()), {}, square(), duration=1.0, seeds=[1])
 

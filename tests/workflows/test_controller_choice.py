@@ -90,7 +90,7 @@ def test_ratios_are_taken_draw_by_draw():
 
 
 @given(st.integers(6, 60), st.integers(0, 2**32 - 1))
-def test_the_interval_of_a_median_holds_it_and_shrinks_no_further_than_the_binomial_says(count, seed):
+def test_median_interval_contains_the_median_and_respects_the_binomial_limit(count, seed):
     values = np.random.default_rng(seed).standard_normal(count)
     found = median_with_interval(values)
     assert found.low <= found.median <= found.high
@@ -100,7 +100,7 @@ def test_the_interval_of_a_median_holds_it_and_shrinks_no_further_than_the_binom
     assert 2.0 * stats.binom.cdf(below + 1, count, 0.5) > 0.05
 
 
-def test_the_interval_of_a_median_covers_it_as_often_as_it_says():
+def test_median_interval_covers_at_its_level():
     # 4,000 samples of 20 from a skewed distribution whose median is 1; 95.9 % by the binomial, +- 0.9 % (3 sigma)
     samples = np.random.default_rng(1).lognormal(size=(4000, 20))
     found = [median_with_interval(sample) for sample in samples]

@@ -228,7 +228,7 @@ def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: 
     assert not verdict.remarks
 
 
-def test_run_better_than_predicted_is_kept_and_said_so(
+def test_run_better_than_predicted_is_kept_and_reported(
     prediction: Prediction, log: Log, controller: Controller
 ):
     seen = performance_of(log, controller).peak_error
@@ -244,7 +244,7 @@ def displaced(log: Log, size: float) -> Log:
     return log.with_columns({"x": log["x"] + size})
 
 
-def test_larger_error_weakens_and_one_like_none_reverts(
+def test_larger_error_advises_weaken_and_uncompensated_error_advises_revert(
     prediction: Prediction, log: Log, controller: Controller
 ):
     low = prediction.none["peak_error"].low
@@ -252,9 +252,7 @@ def test_larger_error_weakens_and_one_like_none_reverts(
     assert evaluate_log(prediction, displaced(log, 1.1 * low), KNOWN, controller).recommendation == "revert"
 
 
-def test_nothing_is_said_of_a_comparison_that_is_not_made(
-    prediction: Prediction, log: Log, controller: Controller
-):
+def test_missing_comparison_gets_no_finding(prediction: Prediction, log: Log, controller: Controller):
     large = displaced(log, 0.7 * prediction.none["peak_error"].low)
     for alone in (replace(prediction, none={}), replace(prediction, controller="none")):
         verdict = evaluate_log(alone, large, KNOWN, controller)
@@ -328,7 +326,7 @@ def test_a_whole_course_is_preferred_to_a_few_rows_that_fit_better(prediction: P
     assert found.t[0] == 0.0
 
 
-def test_torques_are_the_controllers_own_or_not(log: Log, controller: Controller):
+def test_torques_of_another_controller_are_detected(log: Log, controller: Controller):
     # the same controller on the same numbers: rounding
     assert foreign_torque(log, controller) < 1e-6
     assert foreign_torque(log, nominal_controller(KNOWN)) > 0.5
@@ -342,7 +340,7 @@ def test_unchanged_signature_has_no_cause(prediction: Prediction):
 
 
 @pytest.mark.parametrize("symptom", SYMPTOMS, ids=lambda one: one.number)
-def test_each_number_is_evidence_for_its_cause(symptom, prediction: Prediction):
+def test_each_signature_quantity_points_to_its_cause(symptom, prediction: Prediction):
     size = 2.0 * POSSIBLE * symptom.usual * (-1.0 if symptom.moves == "down" else 1.0)
     before = prediction.signature[symptom.number]
     after = before * np.exp(size) if symptom.ratio else before + size
@@ -444,7 +442,7 @@ def test_command_writes_results_and_a_page(folder: Path, capsys):
         (["more.csv"], "--prediction judges one log"),
     ],
 )
-def test_command_refuses_what_does_not_go_together(more, sentence, folder: Path, capsys):
+def test_command_refuses_inconsistent_inputs(more, sentence, folder: Path, capsys):
     results, new = str(folder / "results.json"), str(folder.parent / "new.csv")
     assert main(["validate", "--prediction", results, new, *more]) == 2
     assert sentence in capsys.readouterr().err
@@ -465,7 +463,7 @@ def test_command_names_the_file_that_is_missing_beside_the_results(missing, sent
     assert sentence in capsys.readouterr().err
 
 
-def test_command_blames_the_controllers_file_and_not_the_log(folder: Path, controller: Controller, capsys):
+def test_invalid_controller_file_is_named_instead_of_the_log(folder: Path, controller: Controller, capsys):
     write_controller(controller.with_compensation("partial"), folder / "controller.toml")
     assert (
         main(["validate", "--prediction", str(folder / "results.json"), str(folder.parent / "new.csv")]) == 2
@@ -495,5 +493,5 @@ def test_advice_names_the_files(folder: Path, prediction: Prediction, log: Log, 
     assert "--compensation-gain 0.8" in " ".join(next_steps(weak, prediction, files))
 
 
-def test_value_that_is_not_a_number_is_above():
+def test_nan_counts_as_above_the_interval():
     assert PredictionInterval(median=1.0, low=0.5, high=2.0).place(float("nan")) == "above"

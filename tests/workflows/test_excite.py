@@ -67,7 +67,7 @@ def test_the_limits_hold_on_the_model_with_any_of_the_frictions(designed):
         assert max(LIMITS.used(peaks).values()) > 0.2  # and the robot does move
 
 
-def test_the_design_tells_more_than_a_square(designed):
+def test_designed_excitation_is_more_informative_than_a_square(designed):
     question = asked().question
     plain = expected_errors(question, [run_on_model(asked(), square(side=0.5, period=10.0)).log])
     assert designed.errors.max() < 0.8 * plain.max()
@@ -121,7 +121,7 @@ def test_a_sine_alone_brings_a_frictionless_robot_near_a_limit(axis, place):
     assert max(used) == pytest.approx(0.5, rel=0.05) or (turned and max(used) < 0.5)
 
 
-def test_information_adds_up_and_noise_takes_it_away():
+def test_information_adds_and_noise_reduces_it():
     question = asked().question
     log = run_on_model(asked(), square(side=0.5, period=10.0)).log
     errors = expected_errors(question, [log])
@@ -149,13 +149,13 @@ def test_errors_expected_are_those_that_identification_finds():
     assert 0.6 < np.exp(np.median(np.log(ratio))) < 1.6
 
 
-def test_a_robot_without_friction_known_is_believed_to_be_where_the_search_begins():
+def test_robot_without_friction_uses_the_search_start():
     believed = asked(robot=alten()).robot.friction
     assert believed.coulomb == pytest.approx((0.125,) * 3)  # a quarter of the bounds' 0.5
     assert asked(robot=alten(FRICTION)).robot.friction.coulomb == pytest.approx(FRICTION.coulomb)
 
 
-def test_only_what_the_law_has_is_asked_for():
+def test_only_parameters_of_the_law_are_designed_for():
     question = asked(law="coulomb").question
     assert question.labels == ("b1", "b2", "b3", "c1", "c2", "c3", "C_rr")
     assert np.isfinite(
@@ -163,7 +163,7 @@ def test_only_what_the_law_has_is_asked_for():
     ).all()
 
 
-def test_a_robot_at_rest_tells_nothing():
+def test_robot_at_rest_is_uninformative():
     log = run_on_model(asked(), square(side=1e-6)).log
     assert np.isinf(expected_errors(asked().question, [log])).all()
 
@@ -229,7 +229,7 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
     assert (log["ref_x"] == reference["ref_x"]).all()
 
 
-def test_a_design_that_a_square_beats_is_not_praised():
+def test_design_worse_than_a_square_is_reported():
     assert "4.0 times a square's, so the square is more informative" in gain_words(0.25)
     assert "4.0 times smaller than a square's" in gain_words(4.0)
     assert "some parameters cannot be identified" in gain_words(math.inf)

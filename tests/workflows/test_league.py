@@ -104,7 +104,7 @@ def test_compensation_helps_on_the_model(league):
     assert overall(league, "full").ratios["rms_position_error"].mean < 0.9
 
 
-def test_the_page_says_who_fell_and_who_is_better(league):
+def test_page_names_falls_and_the_better_controller(league):
     page = league_report(league, provenance(command="ballbot compare", files=[], seed="4,5"))
     assert page.count("<svg") == 3  # the overview, and a figure for each course
     assert "4 of 4 runs ended in a fall." in page
@@ -129,7 +129,7 @@ def test_a_league_in_which_all_fall_has_a_page(folder):
     assert "1 of 1 runs ended in a fall." in page
 
 
-def test_a_league_goes_on_where_it_was_killed(folder, tmp_path, monkeypatch, capsys):
+def test_killed_league_resumes(folder, tmp_path, monkeypatch, capsys):
     words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer"]
     options = ["--scenarios", str(folder / "courses.toml"), "--seeds", "4,5", "--processes", "1"]
 
@@ -185,7 +185,7 @@ def test_a_push_on_the_twin_is_a_course(tmp_path):
     assert pushed.to_dict()["settling_time_at_least"] == pushed.settling_time
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say():
+def test_league_intervals_cover_at_their_level():
     """2000 leagues of 10 seeds: 95 % of the intervals of the difference hold it, within 3.5 standard deviations."""
     draw = np.random.default_rng(7)
     of_seed = draw.normal(0.0, 1.0, (2000, 10))  # what a seed does to both
@@ -208,7 +208,7 @@ def test_intervals_of_skewed_numbers_are_nearly_right():
 
 
 @pytest.mark.parametrize("runs", [1, 7, 30])
-def test_the_interval_of_falls_holds_at_least_what_it_says(runs):
+def test_fall_interval_covers_at_least_its_level(runs):
     """Summed over all outcomes: no probability is left out more often than once in twenty."""
     low, high = np.array([fraction_with_interval(count, runs) for count in range(runs + 1)]).T
     p = np.linspace(0.0, 1.0, 201)[:, None]

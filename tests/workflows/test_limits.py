@@ -56,7 +56,7 @@ def controllable_lean(torque_limit: float):
     return (most[:, None] / xi).min(axis=0)
 
 
-def test_the_edge_is_within_what_any_controller_could_do_and_close_to_it():
+def test_recovery_region_is_close_below_the_theoretical_limit():
     limit = 0.3  # N m: leans of 2 degrees, where the robot is linear
     found, bound = leans(loop(limit), most=0.1), controllable_lean(limit)
     # sampling and the saturated gain cost a little; sin(lean) < lean gains 1e-4, the rays end on 1/12288 of 0.1 rad
@@ -184,7 +184,7 @@ def test_a_slope_moves_the_robot_as_it_moves_the_twin():
     np.testing.assert_allclose(batch.finals[0, :4], rest[:4], rtol=0.05, atol=1e-3)
 
 
-def test_conditions_that_are_none_are_told():
+def test_invalid_conditions_are_refused():
     with pytest.raises(InputError, match="delay is -1 samples"):
         Conditions(delay=-1)
     with pytest.raises(InputError, match=r"slope of the floor is 0\.3"):
@@ -215,7 +215,7 @@ def phasors(radius: float, period: float):
     return np.abs(solved[:2]), np.abs(solved[2:])
 
 
-def test_a_circle_takes_what_it_takes_by_hand():
+def test_circle_demands_equal_hand_calculation():
     radius, period = 0.1, 3.0  # a lean of 2 degrees: linear to 1e-3
     reference = circle(radius=radius, period=period)
     t = np.arange(0.0, 12.0, 0.005)
@@ -229,7 +229,7 @@ def test_a_circle_takes_what_it_takes_by_hand():
     np.testing.assert_allclose(np.hypot(*demand.states[middle, 5:7].T), speed, rtol=0.01)
 
 
-def test_margins_say_what_cannot_be_followed_and_why():
+def test_margins_name_infeasible_references_and_the_reason():
     robot = alten(FRICTION)
     controller = nominal_controller(robot)
     slow = check_reference(robot, controller, circle(), duration=30.0)
@@ -248,7 +248,7 @@ def test_margins_say_what_cannot_be_followed_and_why():
     assert "falls at t = " in " ".join(reference_verdict(far, "far"))
 
 
-def test_check_says_whether_a_reference_can_be_followed(tmp_path, capsys):
+def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):
     assert main(["check", "alten", "--reference", "circle", "--out", str(tmp_path)]) == 0
     assert "The robot can follow circle" in capsys.readouterr().out
     results = json.loads((tmp_path / "results.json").read_text())["reference"]
@@ -285,7 +285,7 @@ def test_limits_are_found_and_drawn(tmp_path, capsys):
         ([f"{letter}=none" for letter in "abcdefg"], "There are 7 controllers"),
     ],
 )
-def test_what_cannot_be_is_refused_before_any_work(tmp_path, capsys, monkeypatch, words, sentence):
+def test_impossible_requests_are_refused_before_any_work(tmp_path, capsys, monkeypatch, words, sentence):
     monkeypatch.setattr("ballbot.cli.limits.find_limits", lambda *_, **__: pytest.fail("work was begun"))
     assert main(["limits", "alten", *words, "--out", str(tmp_path / "out")]) == 2
     assert sentence in capsys.readouterr().err

@@ -102,7 +102,7 @@ def test_the_longest_settling_of_a_run_counts():
     assert settling_time(made_log(x=x), disturbed=[5.0, 12.0, 40.0]) == found
 
 
-def test_a_robot_that_never_arrives_is_told():
+def test_robot_that_never_settles_is_reported():
     longest, always = settling_time(made_log(x=lambda t: np.where(t < 8.0, 0.0, 0.1)), disturbed=[6.0])
     assert longest == pytest.approx(14.0, abs=2 * SAMPLE)
     assert not always
@@ -129,7 +129,7 @@ def test_high_frequency_torque_of_a_sine(frequency, size, offset):
     assert found == pytest.approx(expected, rel=0.03, abs=2e-3 * (size + abs(offset)))
 
 
-def test_what_cannot_hold_high_frequencies_is_told():
+def test_too_low_sample_rate_for_roughness_is_reported():
     with pytest.raises(InputError, match="sampled at 20 Hz"):
         high_frequency_torque(made_log(rate=20.0))
     assert np.isnan(score(made_log(rate=20.0)).high_frequency_torque)
@@ -156,7 +156,7 @@ def test_energy_that_swings_to_and_fro():
     assert given_ == pytest.approx(0.5 * (exchanged + net), rel=1e-3)
 
 
-def test_a_fall_is_a_fall():
+def test_fall_is_counted():
     log = made_log(duration=2.0, ended="fallen: lean past 0.6 rad at t = 2.000 s", u1=1.0)
     found = score(log)
     assert np.isnan([found.peak_position_error, found.rms_position_error, found.peak_heading_error]).all()
@@ -165,7 +165,7 @@ def test_a_fall_is_a_fall():
     assert found.rms_torque == pytest.approx(np.sqrt(1.0 / 3.0))
 
 
-def test_a_run_too_short_to_settle_is_told():
+def test_too_short_run_is_reported():
     with pytest.raises(InputError, match="30 s after the start"):
         score(made_log(), settle=30.0)
 

@@ -87,7 +87,7 @@ raise E
         "raise GeneratorExit",
     ],
 )
-def test_what_is_wrong_at_import_is_one_sentence(tmp_path, head):
+def test_error_at_import_of_a_controller_is_one_sentence(tmp_path, head):
     with pytest.raises(InputError, match=r"mine\.py cannot be run: "):
         controller(tmp_path, head)
 
@@ -146,7 +146,7 @@ def test_two_controllers_do_not_share_a_name_for_two_modules(tmp_path):
 COURSE = '[league.stand]\nabout = "Stand."\nreference = "hold"\nduration = 1.0\nsettle = 0.2\n'
 
 
-def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_path, monkeypatch, capsys):
+def test_comparison_is_not_resumed_after_an_imported_module_changed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("gain.py").write_text("value = 0.0")
     Path("courses.toml").write_text(COURSE)
@@ -169,7 +169,7 @@ def test_a_comparison_is_not_gone_on_with_after_an_imported_module_changed(tmp_p
     assert "belongs to another run, which differs in: gain.py;" in capsys.readouterr().err
 
 
-def test_games_that_were_played_outlive_a_killed_worker(tmp_path, monkeypatch, capsys):
+def test_finished_runs_survive_a_killed_worker(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("courses.toml").write_text(COURSE)
     whole = OrderedResults.result

@@ -101,7 +101,7 @@ def test_the_controller_file_says_how_it_was_found(robot_file, written):
     assert (written / "robust.svg").read_text().lstrip().startswith("<svg")
 
 
-def test_robots_are_drawn_as_asked():
+def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
     drawn = draw_perturbed(robot, 400, spread=spread, seed=4)
@@ -138,7 +138,7 @@ def test_a_tilted_floor_costs():
     assert errors[1] > 1.5 * errors[0]
 
 
-def test_costs_by_hand():
+def test_cost_equals_hand_calculation():
     marks = RunMeasures(
         error=np.array([[0.02, np.nan]]),
         roughness=np.array([[0.1, 0.5]]),
@@ -180,12 +180,12 @@ def test_the_middle_of_the_search_is_the_nominal_gain():
         ),
     ],
 )
-def test_bad_input_is_told_in_a_sentence(options, sentence, tmp_path, capsys):
+def test_invalid_input_ends_in_one_sentence(options, sentence, tmp_path, capsys):
     assert main(["design", "alten", "--robust", *options, "--out", str(tmp_path)]) == 2
     assert sentence in capsys.readouterr().err
 
 
-def test_a_measure_that_falls_itself_is_told():
+def test_falling_reference_controller_is_reported():
     fallen = RunMeasures(
         error=np.full((1, 3), np.nan), roughness=np.ones((1, 3)), ended=np.array([[1.0, 2.0, np.inf]])
     )
@@ -193,7 +193,7 @@ def test_a_measure_that_falls_itself_is_told():
         cost_units(fallen)
 
 
-def test_a_robot_that_cannot_be_perturbed_so_far_is_told():
+def test_invalid_perturbations_are_refused():
     with pytest.raises(InputError, match="number of perturbed robots is -1"):
         draw_perturbed(alten(), -1, spread=PerturbationRanges(), seed=0)
     with pytest.raises(InputError, match="whole number"):

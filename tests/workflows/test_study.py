@@ -77,7 +77,7 @@ def folder(small: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @given(st.floats(1.0, 400.0), st.floats(-50.0, 50.0))
-def test_about_a_quarter_of_a_log_is_held_out_in_pieces_that_do_not_touch(duration, first):
+def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
     log = Log({"t": first + np.linspace(0.0, duration, 500)})
     stretches = holdout_intervals(log)
     share = sum(end - start for start, end in stretches) / duration
@@ -89,7 +89,7 @@ def test_about_a_quarter_of_a_log_is_held_out_in_pieces_that_do_not_touch(durati
     assert all(end - start <= 8.0 + 1e-9 for start, end in stretches)
 
 
-def test_the_fit_cannot_see_what_is_held_out():
+def test_fit_does_not_use_holdout_intervals():
     log = noisy_log()
     hidden = without_intervals(log, [(3.0, 5.0)])
     inside = (log.t >= 3.0) & (log.t < 5.0)
@@ -174,7 +174,7 @@ def test_the_files_read_back(folder: Path, small: Study):
     }
 
 
-def test_choosing_no_compensation_is_not_said_to_beat_candidates_that_fall(small: Study):
+def test_choosing_no_compensation_claims_no_gain_over_falling_candidates(small: Study):
     trials = dict(small.choice.trials)
     fallen = tuple(replace(one, ended="fallen") for one in trials["precise"].scores)
     trials["precise"] = replace(trials["precise"], scores=fallen)
@@ -193,7 +193,7 @@ def test_a_gain_over_runs_that_all_fell_is_not_shown(small: Study):
     assert "times smaller" not in words
 
 
-def test_the_report_shows_what_is_predicted(small: Study):
+def test_report_shows_the_predicted_performance(small: Study):
     seen = small.choice.trials["precise"].performances
     intervals = performance_intervals(seen * 3, discrepancy=DISCREPANCY["precise"])
     controller = small.choice.controller
@@ -218,7 +218,7 @@ def test_the_report_shows_what_is_predicted(small: Study):
     assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction.to_dict()
 
 
-def test_the_report_needs_nothing_but_itself(folder: Path):
+def test_report_is_self_contained(folder: Path):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"""(?:src|href)\s*=\s*["'](?!#|data:)""", page)
     assert "@import" not in page
@@ -253,7 +253,7 @@ def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, chec
 
 
 @pytest.mark.slow
-def test_the_measured_logs_are_foretold_better_with_friction(
+def test_measured_logs_are_predicted_better_with_friction(
     shared_data: Path, tmp_path: Path, monkeypatch, capsys
 ):
     monkeypatch.setattr(study_command, "StudyOptions", Brief)
@@ -312,7 +312,7 @@ def test_bad_input_ends_in_one_sentence_and_exit_code_2(command, folder: Path, t
         assert "Traceback" not in said
 
 
-def test_validate_refuses_what_is_not_the_logs_controller(folder: Path, tmp_path: Path, capsys):
+def test_validate_refuses_another_controller_than_the_logs(folder: Path, tmp_path: Path, capsys):
     log = tmp_path / "walk.csv"
     noisy_log().write(log)
     broken = tmp_path / "controller.toml"
