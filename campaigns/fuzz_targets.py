@@ -29,7 +29,7 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
-from ballbot.log.formats.text import read_foreign_table
+from ballbot.log.formats import read_foreign_table
 from ballbot.log.log import LONGEST, summarize
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.pose import read_poses

@@ -29,13 +29,13 @@ from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.files import parse_toml, read_json, read_text
-from ballbot.identification.axis import record as mat_file
-from ballbot.identification.axis.record import parse_mat, read_mat
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import Log, sampling_times
 from ballbot.log.columns import LARGEST_CELL
+from ballbot.log.formats import mat as mat_file
 from ballbot.log.formats import text as text_tables
+from ballbot.log.formats.mat import parse_mat, read_mat
 from ballbot.log.log import LONGEST, SHORTEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.signals import local_fit

@@ -1,4 +1,9 @@
-"""The one error a user's input can raise: a sentence that says what was wrong, where, and what would be right."""
+"""The one error that a user's input can raise, and the nearest names to suggest in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 
 class InputError(ValueError):
@@ -7,3 +12,41 @@ class InputError(ValueError):
 
 class CompiledCodeNotKept(UserWarning):
     """Numba has no folder for compiled code."""
+
+
+def nearest(word: str, choices: Iterable[str], *, count: int = 1, likeness: float = 0.6) -> list[str]:
+    """Return the choices that are most like a misspelt word, the best first.
+
+    Parameters
+    ----------
+    word : str
+    choices : iterable of str
+    count : int
+        The most that are returned.
+    likeness : float
+        Least likeness of a choice, from 0 to 1 (the ratio of `difflib`).
+    """
+    return get_close_matches(word, list(choices), n=count, cutoff=likeness)
+
+
+def suggest(
+    word: str, choices: Iterable[str], *, otherwise: str, count: int = 1, likeness: float = 0.6
+) -> str:
+    """Return the end of a sentence on an unknown word: did you mean 'square'?
+
+    Parameters
+    ----------
+    word : str
+        What the user wrote.
+    choices : iterable of str
+        What it could be.
+    otherwise : str
+        What introduces the list of all choices if none is near, as "the names are".
+    count, likeness : int, float
+        As for `nearest`.
+    """
+    choices = list(choices)
+    near = nearest(word, choices, count=count, likeness=likeness)
+    if near:
+        return f"did you mean {' or '.join(map(repr, near))}?"
+    return f"{otherwise} {', '.join(choices)}."

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballbot.log.formats.text import read_foreign_table
+from ballbot.log.formats import read_foreign_table
 from ballbot.log.sampling_times import new_messages, repaired_noise, sampling_times, speed_noise
 from ballbot.log.signals import local_fit
 

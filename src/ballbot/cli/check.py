@@ -39,6 +39,7 @@ from ballbot.identification.inertia import (
 from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.time_and_rates import check_gaps, check_jitter
+from ballbot.log.formats import is_log_file
 from ballbot.report.design import MISTAKEN_MATRICES, state_order
 from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder
@@ -62,9 +63,6 @@ if TYPE_CHECKING:
     from ballbot.log.checks import CheckedLogs
     from ballbot.mechanics.model import LinearModel
     from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
-
-#: file names of logs; every other is a video's
-_LOG_SUFFIXES = (".csv", ".parquet")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +117,7 @@ def examine_swing(robot: Robot, options: SwingOptions) -> CheckedSwing:
     """
     pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
     of_log: list[Finding] = []
-    if options.file.suffix.lower() in _LOG_SUFFIXES:
+    if is_log_file(options.file):  # every other is a video
         log = Log.read(options.file)
         of_log = [*check_gaps(log), *check_jitter(log)]
         swing = swing_in_log(log, column=options.column)

@@ -17,12 +17,12 @@ from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
+from ballbot.log.formats import check_ending
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment
 from ballbot.workflows.record import (
-    LogFormat,
     RecordJob,
     RecordOutcome,
     finished_outcome,
@@ -44,7 +44,7 @@ def record(
     compensation: Literal["none", "full", "partial"] = "none",
     controller: Path | None = None,
     estimator: EstimatorName | None = None,
-    format: LogFormat = "csv",
+    format: str = "csv",
     resume: Annotated[bool, Parameter(negative="")] = False,
     accept: Accept = None,
     out: Path,
@@ -83,7 +83,7 @@ def record(
         wheel speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
     format
-        File format of the log, the truth and the motion capture.
+        File format of the log, the truth and the motion capture: csv or parquet.
     resume
         Keep a complete run in the folder: made with the same settings, and every file as it was written.
     out
@@ -107,7 +107,7 @@ def record(
         experiment=experiment,
         reference=reference,
         duration=DURATIONS[experiment] if duration is None else duration,
-        log_format=format,
+        log_format=check_ending(format),
     )
     console = standard_output()
     if controller:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Literal
 
 from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import progress_bar, standard_output
@@ -16,6 +15,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
 from ballbot.log import Log
+from ballbot.log.formats import WRITTEN_ENDINGS, check_ending
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.page import as_json
@@ -28,7 +28,7 @@ from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.metrics import SETTLE, score, settled
 
-_WRITTEN = ("log.csv", "log.parquet", "results.json")
+_WRITTEN = (*(f"log.{ending}" for ending in WRITTEN_ENDINGS), "results.json")
 
 
 def simulate(
@@ -42,7 +42,7 @@ def simulate(
     formulation: Formulation = "exact",
     scenario: str | None = None,
     seed: int = 1,
-    format: Literal["csv", "parquet"] = "csv",
+    format: str = "csv",
     accept: Accept = None,
     out: Path,
 ) -> None:
@@ -76,13 +76,14 @@ def simulate(
     seed
         Random seed of a scenario's noise. The same seed gives the same run.
     format
-        File format of the log.
+        File format of the log: csv or parquet.
     out
         The folder to write into.
     """
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     check_seed(seed)
+    check_ending(format)
     path = reference_from(reference)
     chosen = (
         read_controller(controller, described)

@@ -24,6 +24,7 @@ from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import check_seed
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.formats import is_log_file
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.printable import shell_line
@@ -47,8 +48,6 @@ from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import Verdict, check_controller, evaluate_log
 
 _WRITTEN = ("report.html", "results.json")
-#: endings of a log's name, by which a second log is known from a robot's file
-_LOG_SUFFIXES = (".csv", ".parquet", ".txt", ".tsv", ".dat", ".log")
 _PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
 
 
@@ -120,7 +119,7 @@ def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
                 f"{beside} is missing; keep a study's files in one folder, or give the robot before the log."
             )
         return str(beside), Path(inputs[0])
-    if len(inputs) == 2 and Path(inputs[0]).suffix.lower() not in _LOG_SUFFIXES:
+    if len(inputs) == 2 and not is_log_file(inputs[0]):
         return inputs[0], Path(inputs[1])
     raise InputError("--prediction judges one log: give the log, or the robot and the log.")
 

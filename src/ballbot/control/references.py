@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.formats import is_log_file
 
 #: where the robot is asked to be (10,) at a time [s]; its arrays are to be read only
 Reference = Callable[[float], NDArray[np.float64]]
@@ -258,7 +259,7 @@ def reference_from(source: str) -> Reference:
 
 def is_reference_file(source: str) -> bool:
     """Return whether a reference is meant to be in a file: its text ends as a table's name does."""
-    return Path(source).suffix in (".csv", ".parquet")
+    return is_log_file(source)
 
 
 def _read_poses(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

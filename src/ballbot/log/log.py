@@ -72,7 +72,8 @@ class Log:
         Parameters
         ----------
         path : str or Path
-            A CSV or Parquet file with Ballbot's column names; with a mapping, any table of text, or Parquet.
+            A file of one of the `ballbot.log.formats` (CSV, Parquet, MATLAB) with Ballbot's column names; with a
+            mapping, with any names, and tables of text in any layout.
         mapping : str, Path or LogMapping, optional
             How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or what was read
             from it.

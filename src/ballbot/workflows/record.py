@@ -18,7 +18,6 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
 
 import tomli_w
 
@@ -28,6 +27,7 @@ from ballbot.control.references import is_reference_file, reference_from, refere
 from ballbot.errors import InputError
 from ballbot.estimation.interface import named_estimator
 from ballbot.files import write_text
+from ballbot.log.formats import WRITTEN_ENDINGS
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
@@ -39,13 +39,11 @@ from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_text
 from ballbot.twin.twin import Twin
 
-LogFormat = Literal["csv", "parquet"]
-
 _LOGS = ("log", "truth", "motion_capture")
 _SETTINGS = ("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml")
 #: all that a run may leave
 _FILES = (
-    *(f"{name}.{ending}" for name in _LOGS for ending in ("csv", "parquet")),
+    *(f"{name}.{ending}" for name in _LOGS for ending in WRITTEN_ENDINGS),
     "results.json",
     *_SETTINGS,
 )
@@ -69,7 +67,7 @@ class RecordJob:
     experiment: Experiment = "balance"
     reference: str = "square"  #: a name of `ballbot.control.references`, or a file; nothing to the bench
     duration: float  #: [s]
-    log_format: LogFormat = "csv"
+    log_format: str = "csv"
 
 
 @dataclass(frozen=True, kw_only=True)

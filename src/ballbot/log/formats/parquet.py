@@ -1,4 +1,4 @@
-"""Tables of numbers as Parquet; needs pyarrow (the extra `formats`)."""
+"""Tables of numbers as Parquet, read and written by pyarrow."""
 
 import io
 from collections.abc import Mapping
@@ -12,8 +12,6 @@ from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_bytes, write_bytes
 from ballbot.log.columns import check_column_names, mark_missing
 
-_NO_PYARROW = "Parquet files need pyarrow: pip install 'ballbot[formats]'. Or use CSV."
-
 
 def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     """Read the columns (N,) of a Parquet file; a null, or a value beyond all measure, is NaN.
@@ -21,13 +19,11 @@ def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
     Raises
     ------
     InputError
-        Where pyarrow is missing, the file cannot be read, or a column is not one of numbers.
+        If the file cannot be read, or a column is not one of numbers.
     """
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise InputError(_NO_PYARROW) from None
+    import pyarrow
+    from pyarrow import parquet
+
     content = read_bytes(path)
     try:
         file = parquet.ParquetFile(io.BytesIO(content))
@@ -72,13 +68,11 @@ def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float
     Raises
     ------
     InputError
-        Where pyarrow is missing or the file cannot be written.
+        If the file cannot be written.
     """
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise InputError(_NO_PYARROW) from None
+    import pyarrow
+    from pyarrow import parquet
+
     stream = io.BytesIO()
     parquet.write_table(pyarrow.table(dict(columns)), stream)
     write_bytes(path, stream.getvalue())

@@ -1,7 +1,7 @@
 """Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
 
 A well-formed file is read by NumPy's compiled parser. Where that refuses, the rows are read one at a time, which
-allows missing values and finds the line that a sentence can point to. `read_foreign_table` finds separator, header,
+allows missing values and finds the line that a sentence can point to. `infer_text_table` finds separator, header,
 widths and damaged rows of a table by itself.
 """
 
@@ -21,7 +21,6 @@ from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import decode_text, read_bytes, read_text, write_text
 from ballbot.log.columns import check_column_names, mark_missing
-from ballbot.log.formats.parquet import read_parquet_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +37,30 @@ class TextLayout:
     )
 
 
-def read_text_table(path: str | Path, layout: TextLayout) -> dict[str, NDArray[np.float64]]:
+#: Ballbot's own CSV
+OWN_LAYOUT = TextLayout()
+#: bytes of a header that are looked at
+_LONGEST_HEADER = 100_000
+
+
+def read_text_header(path: str | Path) -> list[str]:
+    """Return the names in the first line of a file as Ballbot's own CSV has them; none if the line is empty.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not text.
+    """
+    try:
+        with open(path, "rb") as stream:
+            start = stream.readline(_LONGEST_HEADER)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    header = decode_text(start, source=str(path), errors="replace")
+    return [cell.strip().strip('"') for cell in header.split(",")] if header.strip() else []
+
+
+def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[str, NDArray[np.float64]]:
     """Read a table of numbers.
 
     Parameters
@@ -209,22 +231,14 @@ class ForeignTable:
     notes: tuple[str, ...]  #: sentences on what is odd about the file
 
 
-def read_foreign_table(path: str | Path) -> ForeignTable:
-    """Read a table of text, or Parquet, whatever its layout.
+def infer_text_table(path: str | Path) -> ForeignTable:
+    """Read a table of text, whatever its layout.
 
     Raises
     ------
     InputError
         Where the file cannot be read or holds no table of numbers.
     """
-    if Path(path).suffix.lower() == ".parquet":
-        return ForeignTable(
-            layout=TextLayout(),
-            separator="comma",
-            columns=read_parquet_table(path),
-            named=True,
-            notes=(),
-        )
     lines = _foreign_lines(path)
     separator = _likely_separator(lines)
     mark = _SEPARATORS[separator]

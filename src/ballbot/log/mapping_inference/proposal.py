@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.apply_mapping import without_resets
-from ballbot.log.formats.text import ForeignTable, read_foreign_table
+from ballbot.log.formats import read_foreign_table
+from ballbot.log.formats.text import ForeignTable
 from ballbot.log.mapping_inference.placement import (
     COMMAND_WIDTH,
     CommandTest,
