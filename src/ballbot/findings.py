@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Literal
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 
 Severity = Literal["error", "warning", "note"]
 
@@ -156,8 +155,7 @@ def check_codes(accept: Iterable[str]) -> tuple[str, ...]:
     codes = tuple(dict.fromkeys(accept))
     for code in codes:
         if code not in CODES:
-            near = get_close_matches(code, CODES, n=3, cutoff=0.5)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"the codes are {', '.join(CODES)}."
+            hint = suggest(code, CODES, otherwise="the codes are", count=3, likeness=0.5)
             raise InputError(f"There is no finding with the code {code!r} to accept; {hint}")
     return codes
 

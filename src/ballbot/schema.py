@@ -12,19 +12,17 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
-from difflib import get_close_matches
 from types import NoneType, UnionType
 from typing import Annotated, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest, suggest
 
 T = TypeVar("T")
 
 _LONGEST = 60  #: characters shown of a wrong value
-_NEAR = 0.6  #: likeness from which a name is suggested
 
 #: what a value must be, by the type of pydantic's error
 _WANTED = {
@@ -144,14 +142,13 @@ def _missing(mistake: _Mistake, of: str) -> str:
 
 def _unknown_key(mistake: _Mistake, of: str) -> str:
     known = list(dict.fromkeys(key for hint in mistake.hints for key in _keys(hint)))
-    near = get_close_matches(str(mistake.place[-1]) if mistake.place else "", known, n=1, cutoff=_NEAR)
-    hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(known)}."
+    hint = suggest(str(mistake.place[-1]) if mistake.place else "", known, otherwise="the keys there are")
     return f"{format_place(mistake.place)} is not a key of {of}; {hint}"
 
 
 def _choice(place: str, given: object, allowed: Sequence[str]) -> str:
     """Return that a value is none of those allowed, and the nearest of them."""
-    near = get_close_matches(repr(given), allowed, n=1, cutoff=_NEAR) if isinstance(given, str) else []
+    near = nearest(repr(given), allowed) if isinstance(given, str) else []
     hint = f"did you mean {near[0]}? It" if near else "it"
     return f"{place} is {format_value(given)}; {hint} must be {_either(allowed)}."
 

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -108,8 +109,14 @@ def test_files_of_other_kinds_are_refused(tmp_path):
         Log.read(tmp_path / "log.csv")
     with pytest.raises(InputError, match="not a complete Parquet file"):
         Log.read(tmp_path / "log.parquet")
-    with pytest.raises(InputError, match=r"ends in \.csv, \.parquet"):
+    with pytest.raises(InputError, match="not a complete MATLAB file"):
         Log.read(tmp_path / "log.mat")
+    (tmp_path / "log.xlsx").write_text("")
+    with pytest.raises(InputError, match=r"give a file that ends in \.csv, .* \.parquet or \.mat"):
+        Log.read(tmp_path / "log.xlsx")
+    (tmp_path / "log.parqet").write_text("")
+    with pytest.raises(InputError, match=r"did you mean \.parquet\?"):
+        Log.read(tmp_path / "log.parqet")
     for name in ("absent.csv", "absent.parquet"):
         with pytest.raises(InputError, match="cannot be read: No such file"):
             Log.read(tmp_path / name)
@@ -137,6 +144,15 @@ def test_without_pyarrow_csv_works_and_parquet_names_the_extra(tmp_path, monkeyp
     assert len(Log.read(tmp_path / "log.csv")) == 3
     with pytest.raises(InputError, match="need pyarrow"):
         log.write(tmp_path / "log.parquet")
+
+
+def test_matlab_variables_as_long_as_time_are_the_columns_of_a_log(tmp_path):
+    log = smooth_log(rows=5)
+    scipy.io.savemat(tmp_path / "log.mat", {**log.columns, "gain": 3.0, "gains": np.ones((2, 10))})
+    read = Log.read(tmp_path / "log.mat")
+    assert read.names == log.names
+    for name in log:
+        np.testing.assert_array_equal(read[name], log[name])
 
 
 @pytest.mark.parametrize(

@@ -170,7 +170,7 @@ def test_time_that_does_not_increase_is_refused_before_it_is_used(tmp_path):
         ),
         (
             '[columns]\nt = "t"\nthetadot = "a"\n',
-            "thetadot, which is not a column of a log; did you mean theta_dot?",
+            "thetadot, which is not a column of a log; did you mean 'theta_dot'?",
         ),
         ('[columns]\nt = "t"\nu1 = "a"\n', "map torques in [input]"),
         ('[columns]\nt = "t"\ntheta = { unit = "deg" }\n', "theta needs from"),

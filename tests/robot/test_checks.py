@@ -179,6 +179,6 @@ def test_friction_is_checked(says: str, changes: dict[str, object]) -> None:
 def test_sources_are_checked() -> None:
     refused("sources names 'ball.radios', .* did you mean 'ball.radius'", sources={"ball.radios": "measured"})
     refused(
-        'ball.radius has the unknown source .* did you mean "measured"', sources={"ball.radius": "measuerd"}
+        "ball.radius has the unknown source .* did you mean 'measured'", sources={"ball.radius": "measuerd"}
     )
     refused(r"name is '\\n'", name="\n")

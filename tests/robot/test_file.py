@@ -204,7 +204,7 @@ MISTAKES = [
         r"ball\.radius: the unit 'inch' .* write \"m\", \"cm\" or \"mm\"",
     ),
     (RADIUS, RADIUS.replace('unit = "m", ', ""), r'ball\.radius has no unit; write unit = "m"'),
-    (RADIUS, RADIUS.replace("measured:", "mesured:"), r'source .* did you mean "measured"'),
+    (RADIUS, RADIUS.replace("measured:", "mesured:"), r"source .* did you mean 'measured'"),
     (RADIUS, RADIUS.replace("0.11", "11"), r"is 11 m, .* did you mean 11 cm \(0\.11 m\)\?"),
     ("rows = { value = 2,", "rows = { value = 2.5,", r"rows has the value 2\.5; it must be one whole number"),
     (COULOMB, COULOMB.replace("0.0, ", "", 1), r"friction\.coulomb has 2 numbers, but .* lists 3 wheels"),

@@ -14,11 +14,10 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 from cyclopts import App, CycloptsError, UnknownCommandError
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.printable import printable_line
 
 _ABOUT = """Model, identify, validate and control ball-balancing robots.
@@ -222,9 +221,7 @@ def _unknown_command(tokens: list[str]) -> str:
     word, names = tokens[0], [command.name for command in COMMANDS]
     if word in names:  # a group
         return f"There is no command {' '.join(tokens[:2])!r}. Try: {_help_of(tokens)}"
-    near = get_close_matches(word, names, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"the commands are {', '.join(names)}."
-    return f"There is no command {word!r}; {hint}"
+    return f"There is no command {word!r}; {suggest(word, names, otherwise='the commands are')}"
 
 
 def _help_of(tokens: list[str]) -> str:

@@ -36,13 +36,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.identification.parameters import Bounds
 from ballbot.identification.quantities import FRICTION, Limits
 from ballbot.identification.result import Identification
@@ -122,8 +121,7 @@ def law_named(name: str) -> Law:
     names = [law.name for law in LAWS]
     if name in names:
         return LAWS[names.index(name)]
-    near = get_close_matches(name, names, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}."
+    hint = suggest(name, names, otherwise="there are")
     raise InputError(f"{name!r} is not a friction law; {hint}")
 
 

@@ -28,13 +28,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout, Limits, Quantity, names_in
 from ballbot.robot import Robot
@@ -110,8 +109,7 @@ def read_bounds(path: str | Path) -> Bounds:
     names = [field.name for field in fields(Bounds)]
     unknown = [key for key in entries if key not in names]
     if unknown:
-        near = get_close_matches(unknown[0], names, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"the keys are {', '.join(names)}."
+        hint = suggest(unknown[0], names, otherwise="the keys are")
         raise InputError(f"{path}: {unknown[0]!r} is not a quantity that can be identified; {hint}")
     try:
         return Bounds(**{key: _limits_in_file(key, value) for key, value in entries.items()})

@@ -17,14 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.robot import Body, Drive, Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia, thin_shell_inertia
 
@@ -370,8 +369,7 @@ def names_in(free: Sequence[str]) -> tuple[str, ...]:
     for word in free:
         if word not in BY_NAME and word not in GROUPS:
             choices = [*GROUPS, *BY_NAME]
-            near = get_close_matches(word, choices, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(choices)}."
+            hint = suggest(word, choices, otherwise="there are")
             raise InputError(f"{word!r} is not a quantity that can be identified; {hint}")
         named.update(GROUPS.get(word, (word,)))
     return tuple(name for name in BY_NAME if name in named)

@@ -20,7 +20,6 @@ mapping differentiates is the slope of a line through the last rows.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -30,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.log.columns import STATE_NAMES, mark_missing, numbered_names
 from ballbot.log.formats import read_columns
 from ballbot.log.log import Log
@@ -195,10 +194,9 @@ def _even_rows(
 
 def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     if source.column not in table:
-        near = difflib.get_close_matches(source.column, table, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; it has {', '.join(table)}."
+        hint = suggest(source.column, table, otherwise="it has")
         raise InputError(
-            f"The mapping takes {name} from the column {source.column!r}, which does not exist{hint}"
+            f"The mapping takes {name} from the column {source.column!r}, which does not exist; {hint}"
         )
     return mark_missing(source.factor * table[source.column] + source.offset)
 

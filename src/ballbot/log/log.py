@@ -11,7 +11,6 @@ gives the range, gaps and rate of change of each column.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import format_duration
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, mark_missing, numbered_names, unit_of
 
 if TYPE_CHECKING:
@@ -320,7 +319,7 @@ def _why_long(t: NDArray[np.float64]) -> str:
 
 
 def _missing_sentence(missing: list[str], present: tuple[str, ...]) -> str:
-    near = difflib.get_close_matches(missing[0], present, n=1)
+    near = nearest(missing[0], present)
     hint = f" (it has {near[0]})" if near else ""
     plural = "columns" if len(missing) > 1 else "column"
     columns = f"{plural} {', '.join(missing)}{hint}"

@@ -54,7 +54,6 @@ A current needs torque_constant, gear_ratio and, where it is not 1, efficiency.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -71,7 +70,7 @@ from pydantic import (
     PositiveInt,
 )
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.log.columns import KNOWN_NAMES, MAX_WHEELS, check_column_names, factor_to, unit_of
 from ballbot.log.formats.text import TextLayout
@@ -326,9 +325,8 @@ def _check_name(name: str) -> None:
         return
     if name in KNOWN_NAMES:
         raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
-    near = difflib.get_close_matches(name, KNOWN_NAMES, n=1)
-    hint = f"; did you mean {near[0]}?" if near else f"; the names are {', '.join(KNOWN_NAMES)}"
-    raise InputError(f"[columns] has {name}, which is not a column of a log{hint}")
+    hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
+    raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
 
 
 def _source(name: str, entry: ColumnTable) -> Source:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from difflib import get_close_matches
 from itertools import combinations
 from numbers import Integral, Real
 from typing import TYPE_CHECKING
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest, suggest
 from ballbot.robot.parameters import (
     DIMENSIONLESS,
     SOURCES,
@@ -65,8 +64,7 @@ def check_source(name: str, source: str) -> None:
     """Refuse a source that does not begin with one of `SOURCES` (detail may follow a colon)."""
     kind = source.partition(":")[0].strip()
     if kind not in SOURCES or not source.isprintable():
-        near = get_close_matches(kind, SOURCES, n=1)
-        hint = f'did you mean "{near[0]}"?' if near else f"write one of: {', '.join(SOURCES)}."
+        hint = suggest(kind, SOURCES, otherwise="write one of:")
         raise InputError(f"{name} has the unknown source {source!r}; {hint}")
 
 
@@ -108,7 +106,7 @@ def _check_texts(robot: Robot) -> None:
     names = [one.name for one in parameters_of(type(robot))]
     for name, source in robot.sources.items():
         if name not in names:
-            near = get_close_matches(name, names, n=1)
+            near = nearest(name, names)
             hint = f"; did you mean {near[0]!r}" if near else ""
             raise InputError(f"sources names {name!r}, which is not a parameter{hint}.")
         check_source(name, source)

@@ -12,12 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest, suggest
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
@@ -86,7 +85,7 @@ def _entry_sentence(parameter: Parameter, raw: Mapping[str, object], error: Vali
     if first["type"] == "missing":
         return f"{parameter.name} has no {key}; write {example(parameter)}."
     if first["type"] == "extra_forbidden":
-        near = get_close_matches(key, Entry.model_fields, n=1)
+        near = nearest(key, Entry.model_fields)
         hint = (
             f"did you mean {near[0]!r}?" if near else "it has value, unit and source, and standard_deviation."
         )
@@ -222,11 +221,7 @@ def _nearest(key: str, table: str) -> str:
     """Say which key of the table was meant, or which there are ("" is the top of the file)."""
     names = [*headings_of(Robot), *_TEXTS, *BY_NAME]
     siblings = [name.rpartition(".")[2] for name in names if name.rpartition(".")[0] == table]
-    near = get_close_matches(key, siblings, n=1)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    place = f"[{table}]" if table else "the top level"
-    return f"{place} has {', '.join(siblings)}."
+    return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")
 
 
 def _robot(leaves: Mapping[str, object]) -> Robot:

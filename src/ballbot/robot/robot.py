@@ -11,7 +11,6 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import SHORTEST_SAMPLE
-from ballbot.errors import InputError
+from ballbot.errors import InputError, nearest
 from ballbot.robot.checks import check_deviations, check_robot
 from ballbot.robot.parameters import Value, build, components, parameter, parameters_of, table, value_of
 
@@ -318,7 +317,7 @@ class Robot:
         if source in presets:
             return read_robot(_PRESETS / f"{source}.toml")
         if not Path(source).exists():
-            near = get_close_matches(str(source), presets, n=1)
+            near = nearest(str(source), presets)
             hint = (
                 f"did you mean the preset {near[0]!r}?" if near else f"the presets are {', '.join(presets)}."
             )

@@ -11,12 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
 from ballbot.arrays import SHORTEST_STEP
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import parameter, parameters_of, table
@@ -373,8 +372,7 @@ class Scenario:
         if source in _NAMED:
             return Scenario.named(str(source), robot)
         if not Path(source).exists():
-            near = get_close_matches(str(source), _NAMED, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"the named ones are {', '.join(_NAMED)}."
+            hint = suggest(str(source), _NAMED, otherwise="the named ones are")
             raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
         return read_scenario(source, robot)
 
@@ -393,8 +391,7 @@ class Scenario:
             Where there is none.
         """
         if name not in _NAMED:
-            near = get_close_matches(name, _NAMED, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(_NAMED)}."
+            hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")
         return _NAMED[name](robot)
 

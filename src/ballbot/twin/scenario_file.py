@@ -16,12 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from types import NoneType
 from typing import get_args, get_type_hints
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.parameters import DIMENSIONLESS, headings_of, parameters_of
@@ -111,8 +110,7 @@ def _refuse_unknown(tree: Mapping[str, object], place: str = "") -> None:
     for key, value in tree.items():
         if key not in keys:
             offered = keys if place else [*keys, "base"]
-            near = get_close_matches(key, offered, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"the keys there are {', '.join(offered)}."
+            hint = suggest(key, offered, otherwise="the keys there are")
             raise InputError(f"{place}{key} is not a key of a scenario file; {hint}")
         if f"{place}{key}" in _HEADINGS and key != "driveline_laws":
             for one in value if isinstance(value, list) else [value]:
@@ -136,8 +134,7 @@ def _law(table: dict[str, object]) -> BristleLaw:
     known = [field.name for field in fields(kind)]
     for key in table:
         if key not in known:
-            near = get_close_matches(key, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(known)}."
+            hint = suggest(key, known, otherwise="it has")
             raise InputError(f"driveline_laws.{key} is not a parameter of the law {name!r}; {hint}")
     return validate_table(kind, table, of=f"the law {name!r}")
 

@@ -6,20 +6,18 @@ The built-in courses are in courses.toml beside this file, in sets; a user's own
 from __future__ import annotations
 
 import inspect
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
-from ballbot.errors import InputError
+from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, named_estimator
-from ballbot.files import read_toml
+from ballbot.files import parse_toml, read_toml
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.robot import scaled_body, scaled_friction
@@ -51,8 +49,7 @@ class ReferenceSpec:
                 raise InputError(f"The reference file {self.name} takes no options; remove {self._first}.")
             return read_reference(self.name)
         if self.name not in REFERENCES:
-            near = get_close_matches(self.name, REFERENCES, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"the names are {', '.join(REFERENCES)}."
+            hint = suggest(self.name, REFERENCES, otherwise="the names are")
             raise InputError(f"There is no reference {self.name!r}; {hint}")
         make = REFERENCES[self.name]
         known = list(inspect.signature(make).parameters)
@@ -180,7 +177,7 @@ def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, 
 def built_in_sets() -> dict[str, _Tables]:
     """Return the tables of courses.toml, sets of courses by name; the first is `league`."""
     text = files("ballbot.workflows").joinpath("courses.toml").read_text(encoding="utf-8")
-    sets: dict[str, _Tables] = tomllib.loads(text)
+    sets = cast("dict[str, _Tables]", parse_toml(text, source="courses.toml"))
     return {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
 
 

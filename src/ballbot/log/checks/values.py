@@ -10,13 +10,13 @@ the other, since a lean kept is an acceleration kept.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import nearest
 from ballbot.findings import Finding, Place
 from ballbot.log.checks.repetition import standstill
 from ballbot.log.columns import (
@@ -111,7 +111,7 @@ def check_names(log: Log) -> list[Finding]:
         return []
     words = []
     for name in unknown:
-        near = difflib.get_close_matches(name, KNOWN_NAMES, n=1, cutoff=0.8)
+        near = nearest(name, KNOWN_NAMES, likeness=0.8)
         words.append(f"{name} (did you mean {near[0]}?)" if near else name)
     sentence = f"Columns that Ballbot does not know and does not use: {', '.join(words)}."
     return [Finding(severity="note", code="unknown", text=sentence, where=Place(columns=tuple(unknown)))]

@@ -1,0 +1,87 @@
+"""Every finding's code is in the one registry, which the documents show and `--accept` knows."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.findings import CODES, Finding, as_argument, check_codes, stop_on_errors
+
+ROOT = Path(__file__).parents[1]
+
+
+def _texts(node: ast.expr) -> set[str]:
+    return {
+        part.value
+        for part in ast.walk(node)
+        if isinstance(part, ast.Constant) and isinstance(part.value, str)
+    }
+
+
+def _argument(call: ast.Call, name: str, place: int | None) -> ast.expr | None:
+    for keyword in call.keywords:
+        if keyword.arg == name:
+            return keyword.value
+    return call.args[place] if place is not None and place < len(call.args) else None
+
+
+def _calls(tree: ast.AST, name: str) -> list[ast.Call]:
+    return [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name
+    ]
+
+
+def _codes_in(tree: ast.Module) -> set[str]:
+    """Return the codes of all findings that a module makes, through its own helper functions too."""
+    made = {id(call): _argument(call, "code", None) for call in _calls(tree, "Finding")}
+    codes = {code for value in made.values() if value is not None for code in _texts(value)}
+    for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        names = [one.arg for one in (*function.args.args, *function.args.kwonlyargs)]
+        for call in _calls(function, "Finding"):
+            value = made[id(call)]
+            if isinstance(value, ast.Name) and value.id in names:
+                for outer in _calls(tree, function.name):
+                    given = _argument(outer, value.id, names.index(value.id))
+                    codes |= _texts(given) if given is not None else set()
+    return codes
+
+
+def test_every_code_made_in_the_source_is_registered_and_every_registered_one_is_made():
+    made = {
+        code
+        for path in (ROOT / "src/ballbot").rglob("*.py")
+        for code in _codes_in(ast.parse(path.read_text(encoding="utf-8")))
+    }
+    assert made == set(CODES)
+
+
+def test_codes_are_kebab_case_and_in_alphabetical_order():
+    assert all(re.fullmatch(r"[a-z]+(-[a-z]+)*", code) for code in CODES)
+    assert list(CODES) == sorted(CODES)
+
+
+def test_the_documents_show_every_code_with_its_meaning():
+    text = (ROOT / "docs/logs.md").read_text(encoding="utf-8")
+    shown = re.findall(
+        r"^\| `([a-z-]+)` \| ([^|]+) \|$", text.partition("## What checks find")[2], flags=re.M
+    )
+    wanted = "\n".join(f"| `{code}` | {meaning} |" for code, meaning in CODES.items())
+    assert dict(shown) == dict(CODES), f"the table in docs/logs.md should be:\n{wanted}"
+
+
+def test_an_unknown_code_is_refused_with_the_nearest():
+    assert check_codes(["gap", "sign", "gap"]) == ("gap", "sign")
+    with pytest.raises(InputError, match=r"no finding with the code 'signs'.*did you mean 'sign'"):
+        check_codes(["signs"])
+    with pytest.raises(InputError, match="the codes are alignment, "):
+        check_codes(["qqqqqq"])
+
+
+def test_python_names_the_argument_that_accepts():
+    finding = Finding(code="sign", severity="error", text="The rate is negated.")
+    with pytest.raises(InputError, match=r"To continue despite this: accept=\['sign'\]\."):
+        stop_on_errors([finding], going_on=as_argument)
