@@ -67,11 +67,16 @@ def test_console_prints_markup_literally(text):
     assert not obeyed(out.getvalue())
 
 
-def test_progress_prints_names_literally():
-    console = PlainConsole(file=io.StringIO())
-    console._force_terminal = True
+def test_progress_prints_names_literally(monkeypatch):
+    for name, value in (("TERM", "xterm"), ("FORCE_COLOR", "1")):  # a bar is drawn on a terminal alone
+        monkeypatch.setenv(name, value)
+    out = io.StringIO()
+    console = PlainConsole(file=out, width=200)
     with progress_bar(console, "[/x]") as bar:
         bar.show(0.5, doing="[/y]\x1b[2J", note="[/z]")
+    shown = out.getvalue()
+    assert all(name in shown for name in ("[/x]", "[/y]", "[/z]"))
+    assert "\x1b[2J" not in shown
 
 
 @given(name=TEXTS)
