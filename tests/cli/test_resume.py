@@ -58,6 +58,7 @@ def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
     return capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_printed_resume_command_ends_in_the_same_bytes(inputs, interrupted, tmp_path, monkeypatch, capsys):
     assert interrupted.count("\n") == 1
     told, command = interrupted.rstrip().split(": ballbot identify ")

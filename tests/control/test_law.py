@@ -29,7 +29,7 @@ designed = st.sampled_from([(r, design_gain(r).gain) for r in (alten(FRICTION), 
 
 
 def encoder_speeds(robot: Robot, state: np.ndarray) -> np.ndarray:
-    """A (R^T Omega - w), Omega = (-y_dot, x_dot, 0)/r_b (design section 5)."""
+    """A (R^T Omega - w), Omega = (-y_dot, x_dot, 0)/r_b."""
     angles, (x_dot, y_dot) = state[2:5], state[5:7]
     Omega = np.array([-y_dot, x_dot, 0.0]) / robot.ball.radius
     w = body_rates_matrix(*angles) @ state[7:]

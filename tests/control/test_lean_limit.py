@@ -62,6 +62,7 @@ def test_lean_limit_changes_nothing_within_the_limits(design, state):
     np.testing.assert_array_equal(torques(robot, gain, state, wide), torques(robot, gain, state, None))
 
 
+@pytest.mark.slow
 def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_can_save():
     weak = ROBOT.replace(drive=replace(ROBOT.drive, torque_limit=2.0))
     directions = np.radians([0.0, 90.0])
@@ -107,6 +108,7 @@ def test_invalid_lean_limits_are_refused(wrong):
         LeanLimit(**wrong)
 
 
+@pytest.mark.slow
 def test_lean_limit_recovers_where_wheels_would_otherwise_spin():
     robot = Robot.load("alten")
     known = robot.replace(friction=Scenario.nominal(robot).friction)

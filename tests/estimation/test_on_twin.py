@@ -68,7 +68,7 @@ def test_filter_steers_more_quietly_than_the_thesis_s_way() -> None:
 
 @pytest.mark.slow
 def test_drift_is_a_third_of_the_thesis_s() -> None:
-    """A sample of the campaign in docs/generated/evidence.md: the issue's two numbers, on a minute and a half.
+    """A sample of the campaign in docs/generated/evidence.md: its two numbers, on a minute and a half.
 
     That leaves half a minute of instants with another a minute later; measured: drift 0.12 to 0.14 of the thesis's,
     heading 0.08 to 0.13.

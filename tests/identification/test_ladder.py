@@ -100,6 +100,7 @@ def ladder() -> ModelSelection:
     return select_model(fit)
 
 
+@pytest.mark.slow  # five fits
 def test_laws_without_a_significant_gain_are_not_selected(ladder):
     taken = {rung.law.name: rung.taken for rung in ladder.rungs}
     assert taken == {
@@ -114,6 +115,7 @@ def test_laws_without_a_significant_gain_are_not_selected(ladder):
     assert [rung.over for rung in ladder.rungs] == [None, "viscous", "coulomb", "coulomb", "coulomb"]
 
 
+@pytest.mark.slow
 def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
     cost = {rung.law.name: rung.found.polish_cost[-1] for rung in ladder.rungs}
     for law in LAWS[1:]:
@@ -122,6 +124,7 @@ def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
         assert cost[law.name] <= cost[law.within] + LARGEST_LOSS
 
 
+@pytest.mark.slow
 def test_results_and_figure_contain_every_law(ladder):
     told = ladder.to_dict()
     assert told["best"] == "coulomb"

@@ -73,7 +73,7 @@ def test_the_mapping_brings_the_truth_back(tmp_path, name):
     heading = np.exp(-1j * log["psi"])
     true_lean = (true("theta") + 1j * true("phi")) * np.exp(-1j * true("psi"))
     gain = np.vdot(true_lean, lean * heading) / np.vdot(true_lean, true_lean)
-    # 5 degrees: what the issue asks of the phase; 3 %: the IMU's noise
+    # 5 degrees: the accuracy required of the phase; 3 %: the IMU's noise
     assert abs(np.angle(gain * np.exp(1j * beta * turned[0]))) < np.radians(5.0)
     assert abs(gain) == pytest.approx(1.0, abs=0.03)
     np.testing.assert_allclose(log["psi"] - log["psi"][0], true("psi") - true("psi")[0], atol=0.03)

@@ -20,7 +20,7 @@ from tests.support.constraint_elimination import Freed, Solution, constrained, c
 from tests.support.freed_mechanism import Motion, reflected_inertia, rolling_motion
 from tests.support.symbolic_oracle import random_robot, random_state
 
-# The issue asks for 1e-8. Both sides are float64 and solve well-conditioned systems: 4e-14 was the worst seen
+# Required: 1e-8. Both sides are float64 and solve well-conditioned systems: 4e-14 was the worst seen
 TOLERANCE = 1e-11
 
 STATES = 1000

@@ -28,7 +28,7 @@ def test_equations_equal_the_symbolic_lagrangian(formulation, wheel_count):
         robot = random_robot(rng, wheel_count)
         q, q_dot, u = random_state(rng, wheel_count)
         model, oracle = Model(robot, formulation), equations(robot, formulation)
-        # the issue asks for 1e-9; both sides are float64 sums of a few hundred terms
+        # required: 1e-9; both sides are float64 sums of a few hundred terms
         scale = np.abs(oracle.acceleration(q, q_dot, u)).max()
         assert_allclose(
             model.acceleration(q, q_dot, u), oracle.acceleration(q, q_dot, u), rtol=1e-9, atol=1e-10 * scale
@@ -52,7 +52,7 @@ def test_leading_shapes_are_kept():
 
 @pytest.mark.parametrize(("formulation", "pole"), [("exact", 5.20), ("thesis", 3.625)])
 def test_unstable_pole(formulation, pole):
-    # design section 10: 5.20 rad/s as it is, 3.63 (3.625) as printed
+    # 5.20 rad/s as it is, 3.63 (3.625) as printed
     assert Model(alten(), formulation).linearize().poles()[0].real == pytest.approx(pole, abs=0.005)
 
 
@@ -91,7 +91,7 @@ def test_energy_is_kept_in_a_fall(axis):
     start = model.energy(state[:5], state[5:])
     while max(abs(state[2:4])) < 1.2:
         state = model.advance(state, np.zeros(3), 1e-3)
-    # the issue asks for 1e-8 over a fall in RK4 at 1 ms
+    # required: 1e-8 over a fall in RK4 at 1 ms
     assert model.energy(state[:5], state[5:]) == pytest.approx(start, rel=1e-8)
 
 

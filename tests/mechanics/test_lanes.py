@@ -53,7 +53,9 @@ def kind_of_model(kind: str) -> Model:
     return Model(robot, pivoting=0.02 if kind == "pivoting" else None)
 
 
-kinds = pytest.mark.parametrize("kind", ["exact", "thesis", "pivoting", "four wheels"])
+#: each other kind compiles forms of its own
+OTHER_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("thesis", "pivoting", "four wheels")]
+kinds = pytest.mark.parametrize("kind", ["exact", *OTHER_KINDS])
 
 
 def random_states(count: int, size: int, rng: np.random.Generator) -> np.ndarray:

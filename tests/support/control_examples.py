@@ -19,7 +19,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
 
-#: the nominal scenario's (design section 11)
+#: the nominal scenario's
 FRICTION = Scenario.nominal(Robot.load("alten")).friction
 
 

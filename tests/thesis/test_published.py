@@ -105,7 +105,7 @@ def test_some_corrections_change_nothing_at_rest_but_something_in_motion(name: s
 
 
 def test_missing_counter_torque_is_the_ratio_of_radii() -> None:
-    """Design section 10, item 6: 1.573 times too large a torque about the vertical, where the ball does not turn."""
+    """Mistake 6 of the thesis: 1.573 times too large a torque about the vertical, where the ball does not turn."""
     thesis_model, counter = (
         mixture_model(ALTEN, alten.corrections_with(names)) for names in ((), ("counter_torque",))
     )

@@ -234,7 +234,7 @@ def test_gain_of_one_heading_falls_where_the_turned_one_stands(bench: Bench) -> 
     mistake = conclusions.gain_at_other_headings(bench)
     assert mistake.proven
     last = mistake.shown_by[0].value
-    # beyond 90 degrees the unstable pair of a gain that is not turned feeds back the wrong way (design section 8)
+    # beyond 90 degrees the unstable pair of a gain that is not turned feeds back the wrong way
     assert 30.0 < last < 90.0
 
 

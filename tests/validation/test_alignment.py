@@ -18,7 +18,7 @@ from ballbot.validation.alignment.motion import cube_rotations
 from tests.support.alignment_examples import Setup, flipped, record, unseen
 
 ANGLE = st.floats(-3.1, 3.1)
-#: the issue's: 1 ms and 0.1 degrees. Cameras to 1 mrad a frame and 40 s of sway of 0.1 rad give a tenth of the first
+#: required accuracy: 1 ms and 0.1 degrees. Cameras to 1 mrad a frame and 40 s of sway of 0.1 rad give a tenth of the first
 ONE_MILLISECOND, TENTH_OF_A_DEGREE = 1e-3, np.radians(0.1)
 
 
@@ -26,7 +26,7 @@ def off(found: Rotation, true: Rotation) -> float:
     return float((found.inv() * true).magnitude())
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     seed=st.integers(0, 1000),
     offset=st.floats(-50.0, 1000.0),
@@ -55,7 +55,7 @@ def test_any_clock_and_any_frames_are_found(seed, offset, rate, world, marker):
 
 def test_alignment_intervals_cover_the_truth_in_95_percent():
     inside = []
-    for seed in range(20):
+    for seed in range(12):
         setup = Setup(seed=seed, duration=30.0, offset=5.0, rate=1e-4)
         motion = align(*record(setup)).motion
         turned = motion.body_marker.as_rotvec()
@@ -64,11 +64,11 @@ def test_alignment_intervals_cover_the_truth_in_95_percent():
             abs(motion.clock.rate - 1e-4) < motion.rate_half_width,
             *(np.abs(turned) < motion.rotation_half_width),
         ]
-    # 100 intervals, five a run and hardly related: 0.95 +- 0.022; three times that below
-    assert np.mean(inside) > 0.88
+    # 60 intervals, five a run and hardly related: 0.95 +- 0.028; three times that below
+    assert np.mean(inside) > 0.865
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     flip=st.sampled_from([one for one in cube_rotations() if one.magnitude() > 0.1]),
     start=st.floats(8.0, 20.0),

@@ -15,7 +15,7 @@ from ballbot.log import Log
 from ballbot.validation.alignment import Alignment, align, alignment_findings
 from ballbot.validation.alignment.clock import Clock
 
-#: where a test's claim is the issue's
+#: required accuracy
 ONE_MILLISECOND, TENTH_OF_A_DEGREE = 1e-3, np.radians(0.1)
 #: the trial's own lag, published as 1.2 samples of 1/285.714 s [s]
 LAG = 4.2e-3

@@ -19,7 +19,7 @@ from ballbot.vision.spin import Setup, Spin, facing, measure_spin
 from ballbot.vision.video import open_video
 from tests.support.vision_examples import SMALL, Film, ball_video
 
-#: the issue's, of the peak
+#: required accuracy of plain and difficult videos, of the peak velocity
 PLAIN, HARD = 0.02, 0.05
 WORST = Scene(
     camera=replace(SMALL, exposure=0.5, noise=5.0, blur=1.0),

@@ -61,6 +61,7 @@ def league(folder) -> League:
     return short_league(folder, processes=1)
 
 
+@pytest.mark.slow  # a league again, by two processes
 def test_processes_change_nothing(folder, league):
     again = short_league(folder, processes=2)
     assert json.dumps(league_results(again)) == json.dumps(league_results(league))
@@ -129,6 +130,7 @@ def test_a_league_in_which_all_fall_has_a_page(folder):
     assert "1 of 1 runs ended in a fall." in page
 
 
+@pytest.mark.slow
 def test_killed_league_resumes(folder, tmp_path, monkeypatch, capsys):
     words = [str(folder / "robot.toml"), "none", f"own={folder}/own.py:Softer"]
     options = ["--scenarios", str(folder / "courses.toml"), "--seeds", "4,5", "--processes", "1"]
