@@ -18,7 +18,7 @@ from ballbot.validation.alignment.motion import cube_rotations
 from tests.support.alignment_examples import Setup, flipped, record, unseen
 
 ANGLE = st.floats(-3.1, 3.1)
-#: required accuracy: 1 ms and 0.1 degrees. Cameras to 1 mrad a frame and 40 s of sway of 0.1 rad give a tenth of the first
+#: required: 1 ms and 0.1 degrees. Cameras to 1 mrad a frame and 40 s of sway of 0.1 rad give a tenth of the first
 ONE_MILLISECOND, TENTH_OF_A_DEGREE = 1e-3, np.radians(0.1)
 
 
