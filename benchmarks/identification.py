@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from ballbot.fitting.run import Threads
-from ballbot.identification.gauss_newton import gauss_newton
+from ballbot.fitting.search import gauss_newton
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Cost, Predictor, Problem
 from ballbot.identification.quantities import Layout
@@ -109,7 +109,7 @@ def batched(robot: Robot, windows: Windows, frictions: list[Friction]) -> float:
     """Return seconds a window of the cost as identification computes it, 1 ms steps, one thread."""
     layout = Layout(wheel_count=robot.wheel_count)
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=layout, threads=1)
-    values = np.array([layout.values_before(robot.replace(friction=one)) for one in frictions])
+    values = np.array([layout.nominal(robot.replace(friction=one)) for one in frictions])
     every = windows.comparison_interval
     seconds = shortest(lambda: predictor.square_sums(values, windows, every=every))
     return seconds / (len(values) * len(windows))
@@ -125,7 +125,7 @@ def by_scipy(robot: Robot, windows: Windows) -> tuple[float, float]:
         started = process_time()
         sums = square_sum_by_scipy(candidate, window)
         seconds += process_time() - started
-        values = layout.values_before(candidate)[None]
+        values = layout.nominal(candidate)[None]
         right = fine.square_sums(values, window, every=window.comparison_interval)[0]
         off += float(np.abs(0.5 * np.log(sums / right)).mean())
     return seconds / SAMPLED, off / SAMPLED
@@ -138,7 +138,7 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
     held |= {"stribeck_exponent": (own.stribeck_exponent,) * 2}
     coordinates = scale_between(robot, bounds=Bounds(**wide, **held))
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout, threads=1)
-    none = coordinates.layout.without_friction(coordinates.before)[None]
+    none = coordinates.layout.without_friction(coordinates.nominal)[None]
     reference = predictor.square_sums(none, windows, every=windows.comparison_interval)[0]
     problem = Problem(
         predictor=predictor,
@@ -147,7 +147,7 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
         cost=Cost(reference=reference),
         executor=Threads(count=1),
     )
-    start = coordinates.scaled(START * coordinates.before)
+    start = coordinates.scaled(START * coordinates.nominal)
     return shortest(lambda: gauss_newton(problem, start, free=coordinates.free, most_steps=25))
 
 

@@ -27,9 +27,9 @@ from ballbot.control.references import square
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.onboard import OnboardState
 from ballbot.files import read_sealed, write_sealed
+from ballbot.fitting.intervals import Interval, assess
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.gauss_newton import at_bound
-from ballbot.identification.identifiability import Interval, assess
+from ballbot.fitting.search import at_bound
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.stages import IdentificationOptions, prepare, refine
@@ -139,7 +139,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     )
     estimate = refine(prepared, coordinates.scaled(BEGIN), options=options, run=run)
     stands = at_bound(estimate.finished.point) & ~estimate.unknown
-    sure = assess(prepared.problem, estimate.finished, estimated=estimate.estimated, at_bound=stands, run=run)
+    sure = assess(estimate.finished, estimated=estimate.estimated, at_bound=stands, run=run)
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)
     return Repeat(
         estimates={label: None if unknown else value for label, value, unknown in numbers},
@@ -170,7 +170,7 @@ def truth_of(name: str) -> dict[str, float]:
     """Return the true parameters by label."""
     robot = Robot.load("alten").replace(friction=TRUTHS[name])
     coordinates = scale_between(robot)
-    return dict(zip(coordinates.labels, coordinates.before.tolist(), strict=True))
+    return dict(zip(coordinates.labels, coordinates.nominal.tolist(), strict=True))
 
 
 def held(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list[bool]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals
 from ballbot.fitting.uncertainty import covariance, unleveraged
-from ballbot.identification.identifiability import Errors, Interval, Profile, between, intervals
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.result import correlation_findings, interval_findings, ridge_findings
 from tests.support.control_examples import alten

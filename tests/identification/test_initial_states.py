@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot.fitting.intervals import profile
 from ballbot.fitting.run import Threads
 from ballbot.fitting.uncertainty import bootstrap, covariance, resamples
-from ballbot.identification.identifiability import profile
 from ballbot.identification.initial_states import costs, fit_with_initial_states, linearize
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Cost, Predictor, Problem
@@ -120,7 +120,7 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     place = problem.coordinates.labels.index("C_rr")
     found = fit_with_initial_states(problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20)
     independent = 1.0 / np.sqrt(found.equations.normal.matrix[place, place])
-    limits = profile(problem, found, place, free=free, error=2.0 * independent, rise=4.0)
+    limits = profile(found, place, free=free, error=2.0 * independent, rise=4.0)
     assert limits.lower is not None
     assert limits.upper is not None
     # rise = ((p - p^) / error)^2, found to a tenth, which is a twentieth of the distance; sticking bends the rest
@@ -135,5 +135,5 @@ def test_a_profile_has_no_limit_where_the_logs_set_none():
     place = problem.coordinates.labels.index("v_s")
     begin = problem.coordinates.scaled(TRUTH)
     found = fit_with_initial_states(problem, begin, free=free, most_steps=5)
-    limits = profile(problem, found, place, free=free, error=0.3, rise=4.0)
+    limits = profile(found, place, free=free, error=0.3, rise=4.0)
     assert (limits.lower, limits.upper) == (None, None)

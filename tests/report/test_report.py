@@ -85,7 +85,7 @@ def _found() -> Identification:
             "C_rr": 1e-4,
         },
         predictor=Predictor(robot=true_robot(), formulation="exact", step=1e-3),
-        values=Layout(wheel_count=3).values_before(true_robot()),
+        values=Layout(wheel_count=3).nominal(true_robot()),
         bootstrap_errors={},
         intervals={},
         correlation=spread / np.outer(scale, scale),

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.least_squares import Fit
+from ballbot.fitting.search import ClusteredFit
 from ballbot.identification.geometry_fits import (
     MocapRun,
     Mounting,
@@ -163,7 +163,7 @@ def _leaning(robot: Robot, on_wheels: UpsideDownGeometry | None) -> float:
     return robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
 
 
-def _one(name: str, fit: Fit, place: int, in_file: float, unit: str, kind: str) -> Measured:
+def _one(name: str, fit: ClusteredFit, place: int, in_file: float, unit: str, kind: str) -> Measured:
     return Measured(
         name=name,
         value=float(fit.values[place]),
@@ -174,7 +174,7 @@ def _one(name: str, fit: Fit, place: int, in_file: float, unit: str, kind: str) 
     )
 
 
-def _azimuths(robot: Robot, fit: Fit, first: int, kind: str) -> list[Measured]:
+def _azimuths(robot: Robot, fit: ClusteredFit, first: int, kind: str) -> list[Measured]:
     names = [f"wheels.azimuths[{i}]" for i in range(robot.wheel_count)]
     azimuths = enumerate(zip(names, robot.wheels.azimuths, strict=True), start=first)
     return [_one(name, fit, place, azimuth, "rad", kind) for place, (name, azimuth) in azimuths]
@@ -191,7 +191,7 @@ def _of_upside_down(robot: Robot, found: UpsideDownGeometry) -> list[Measured]:
     ]
 
 
-def _of_rolling(robot: Robot, fit: Fit) -> list[Measured]:
+def _of_rolling(robot: Robot, fit: ClusteredFit) -> list[Measured]:
     in_file = robot.wheels.radius / math.cos(robot.wheels.tilt)
     return [
         _one("wheels.radius / cos(wheels.tilt)", fit, 0, in_file, "m", "balancing"),
@@ -199,7 +199,7 @@ def _of_rolling(robot: Robot, fit: Fit) -> list[Measured]:
     ]
 
 
-def _of_both(robot: Robot, on_wheels: Fit, rolling: Fit) -> list[Measured]:
+def _of_both(robot: Robot, on_wheels: ClusteredFit, rolling: ClusteredFit) -> list[Measured]:
     ratio, tilt = float(on_wheels.values[0]), float(on_wheels.values[1])
     length = float(rolling.values[0])
     r_w = length * math.cos(tilt)

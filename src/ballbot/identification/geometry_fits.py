@@ -49,7 +49,7 @@ from scipy.signal import correlate, correlation_lags
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.fitting.least_squares import Fit, fit_clustered
+from ballbot.fitting.search import ClusteredFit, fit_clustered
 from ballbot.identification.upside_down import BALL_NAMES
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
@@ -224,7 +224,7 @@ class Mounting:
     """Where the IMU points and what the cameras' clock says, both for one run."""
 
     #: [rotation vector.. from the body's frame to the IMU's [rad], bias.. [rad/s], offset [s], rate [s/s]] (8,)
-    fit: Fit
+    fit: ClusteredFit
     middle: float  #: the log's t [s] at which the offset holds
 
     @property
@@ -318,7 +318,7 @@ class MocapRun:
     mounting: Mounting
 
 
-def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> Fit:
+def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) -> ClusteredFit:
     """Find [r_w / cos(tilt) [m], azimuths.. [rad], share of leaning seen, delay of the encoders [s]] (n + 3,).
 
     Parameters
@@ -383,7 +383,7 @@ class UpsideDownGeometry:
     """What the ball upon the wheels tells of n wheels; angles in rad."""
 
     #: [r_b / r_w, tilt, azimuths.., camera's tilt about x and y, camera's delay [s]] (n + 5,)
-    fit: Fit
+    fit: ClusteredFit
     ratios: NDArray[
         np.float64
     ]  #: (n,), r_b / r_w of each wheel by itself, where nothing is assumed of its direction

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding
+from ballbot.fitting.intervals import assess
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import SearchResult
+from ballbot.fitting.search import SearchResult, at_bound
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
-from ballbot.identification.gauss_newton import at_bound
-from ballbot.identification.identifiability import assess
 from ballbot.identification.laws import LawName, bounds_of, law_named
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
 from ballbot.identification.prediction import Predictor
@@ -170,7 +169,6 @@ def _result(
 ) -> Identification:
     coordinates, predictor = prepared.problem.coordinates, prepared.problem.predictor
     sure = assess(
-        prepared.problem,
         estimate.finished,
         estimated=estimate.estimated,
         at_bound=_at_bounds(coordinates, estimate),

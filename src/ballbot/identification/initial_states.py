@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.search import LEAST_GAIN, leaving
 from ballbot.fitting.uncertainty import WindowEquations
-from ballbot.identification.gauss_newton import LEAST_GAIN, leaving
+from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import DIFFERENCE, Problem, Work
 from ballbot.progress import Progress
 
@@ -71,14 +72,40 @@ class Linearized:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class InitialStatesFit:
-    """Where the last stage ended."""
+class Descended:
+    """Where a descent ended."""
 
+    problem: Problem
     point: NDArray[np.float64]  #: (p,), scaled
     starts: NDArray[np.float64]  #: (w, 10), estimated, as sensors without noise would see them
-    equations: WindowEquations  #: there
     cost: float  #: there, the starts' residuals among the others
-    history: tuple[float, ...]  #: likewise, after each step
+
+    def repeated(
+        self, *, moved: NDArray[np.float64], free: NDArray[np.bool_], most_steps: int, run: Run = DEFAULT_RUN
+    ) -> Descended:
+        """Descend again from here; see `ballbot.fitting.intervals.Repeated`."""
+        point, starts, history = descend(
+            self.problem, self.point, self.starts, free=free, most_steps=most_steps, moved=moved, run=run
+        )
+        return Descended(problem=self.problem, point=point, starts=starts, cost=history[-1])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InitialStatesFit(Descended):
+    """Where the last stage ended."""
+
+    equations: WindowEquations  #: there
+    history: tuple[float, ...]  #: the cost after each step
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """What the parameters are."""
+        return self.problem.coordinates
+
+    @property
+    def residual_count(self) -> int:
+        """How many residuals the cost counts."""
+        return compared(self.problem) * int(self.problem.cost.counted.sum())
 
 
 def fit_with_initial_states(
@@ -112,6 +139,7 @@ def fit_with_initial_states(
         best, least = (ended, starts), costs_after[-1]
     ended, starts = best
     return InitialStatesFit(
+        problem=problem,
         point=ended,
         starts=starts,
         equations=linearize(problem, ended, starts).equations,

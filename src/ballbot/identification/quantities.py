@@ -18,12 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
+from ballbot.fitting.parameter import Limits, Scale
 from ballbot.robot import Body, Drive, Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia, thin_shell_inertia
 
@@ -116,12 +116,6 @@ def _second_moment_matrix(robot: Robot) -> NDArray[np.float64]:
     return 0.5 * np.trace(J) * np.eye(3) - J
 
 
-#: how a search sees it: an amount from zero, looked at more closely near zero; a size, of which ratios matter; or a
-#: number of either sign
-Scale = Literal["amount", "ratio", "signed"]
-Limits = tuple[float, float]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Quantity:
     """One line of the table."""
@@ -145,7 +139,7 @@ class Quantity:
             return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
-    def values_before(self, robot: Robot) -> NDArray[np.float64]:
+    def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return its numbers as the robot has them, or as they are where nothing is amiss."""
         count = len(self.labels(robot.wheel_count))
         return np.zeros(count) if self.before is None else np.array(self.before(robot), dtype=float)
@@ -402,9 +396,9 @@ class Layout:
             first += size
         return None
 
-    def values_before(self, robot: Robot) -> NDArray[np.float64]:
+    def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return the parameters (p,) before identification."""
-        return np.concatenate([BY_NAME[name].values_before(robot) for name in self.names])
+        return np.concatenate([BY_NAME[name].nominal(robot) for name in self.names])
 
     def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""

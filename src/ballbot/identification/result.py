@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
-from ballbot.identification.identifiability import Interval
+from ballbot.fitting.intervals import Interval
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import BY_NAME, FRICTION, RIGID, Layout, with_friction, with_rigid_body

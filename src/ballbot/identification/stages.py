@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import digest
+from ballbot.fitting.model_selection import Dependence, unidentifiable
 from ballbot.fitting.run import DEFAULT_RUN, Executor, Run
-from ballbot.fitting.search import SearchResult, evolve
+from ballbot.fitting.search import CANDIDATES, GaussNewtonFit, SearchResult, at_bound, evolve, gauss_newton
 from ballbot.fitting.uncertainty import without_influence
 from ballbot.identification.excitation import Excitation, check_count, check_excitation, check_torques
-from ballbot.identification.gauss_newton import CANDIDATES, GaussNewtonFit, at_bound, gauss_newton
-from ballbot.identification.identifiability import unidentifiable
 from ballbot.identification.initial_states import (
     TRIALS,
     WORK_OF_STARTS,
@@ -36,6 +35,8 @@ from ballbot.progress import Stage
 EVOLUTION_STEP = 2.5e-3
 #: what the cost may rise by when a parameter without influence goes back to its value before
 LARGEST_LOSS = 1e-3
+#: quantities that act through another one only: v_s and delta say how s fades
+DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
 #: steps with freed starts for each step of the polish, at most
 STEPS_WITH_STARTS = 3
 
@@ -199,7 +200,7 @@ def _problem(
     counted: NDArray[np.bool_],
     executor: Executor,
 ) -> Problem:
-    before = np.clip(coordinates.before, coordinates.lower, coordinates.upper)
+    before = np.clip(coordinates.nominal, coordinates.lower, coordinates.upper)
     none = predictor.layout.without_friction(before)
     reference = predictor.square_sums(none[None], windows, every=windows.comparison_interval)[0]
     cost = Cost(reference=reference, counted=counted)
@@ -245,7 +246,7 @@ def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> Sea
     """Find the basin: an evolution over the parameters that are free, the others where they are held."""
     coordinates = problem.coordinates
     free = coordinates.free
-    held = coordinates.scaled(coordinates.before)
+    held = coordinates.scaled(coordinates.nominal)
 
     def points(sought: NDArray[np.float64]) -> NDArray[np.float64]:
         all_of_them = np.tile(held, (len(sought), 1))
@@ -274,11 +275,11 @@ def refine(
     free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.polish_steps
     polished = gauss_newton(problem, start, free=free, most_steps=options.polish_steps, run=run)
     finished = fit_with_initial_states(problem, polished.point, free=free, most_steps=steps, run=run)
-    asleep = unidentifiable(problem, finished, most_steps=steps, run=run)
+    asleep = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
     no_influence = free & (asleep.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
         again = _as_before(problem, finished.point, no_influence & ~asleep.dependent)
-        own = problem.coordinates.scaled(problem.coordinates.before)
+        own = problem.coordinates.scaled(problem.coordinates.nominal)
         again = np.where(asleep.through, 0.0, np.where(asleep.dependent, own, again))
         rest = free & ~no_influence
         finished = fit_with_initial_states(problem, again, free=rest, most_steps=steps, run=run)
@@ -301,7 +302,7 @@ def better_start(
     What the earlier one does not have is as it was before.
     """
     coordinates = problem.coordinates
-    values = coordinates.before.copy()
+    values = coordinates.nominal.copy()
     for name in coordinates.layout.names:
         mine = coordinates.layout.part(name, values)
         theirs = start.layout.part(name, start.values)
@@ -318,7 +319,7 @@ def _as_before(
 
     It need not: a wheel that friction holds throughout is held by any friction above some size, and not by none.
     """
-    own = problem.coordinates.scaled(problem.coordinates.before)
+    own = problem.coordinates.scaled(problem.coordinates.nominal)
     before = np.where(no_influence, own, point)
     costs = problem.costs(np.stack([point, before]))
     return before if costs[1] < costs[0] + LARGEST_LOSS else point

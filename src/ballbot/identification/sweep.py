@@ -29,7 +29,7 @@ from scipy.stats import norm
 from ballbot.errors import InputError
 from ballbot.files import read_json
 from ballbot.fitting.checkpoint import digest
-from ballbot.identification.identifiability import CONFIDENCE, Interval, Uncertainty
+from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import Layout
 

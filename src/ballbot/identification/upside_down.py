@@ -268,8 +268,8 @@ def identify_upside_down(
     run.progress(Progress(stage="polish", done=1, total=1, cost=float(problem.costs(point[None])[0])))
     judged = {"found": coordinates.physical(point)}
     if robot.friction != Friction.none(robot.wheel_count):
-        judged["robot file"] = coordinates.before
-    judged["none"] = coordinates.layout.without_friction(coordinates.before)
+        judged["robot file"] = coordinates.nominal
+    judged["none"] = coordinates.layout.without_friction(coordinates.nominal)
     return _result(
         robot,
         problem,

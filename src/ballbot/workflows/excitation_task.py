@@ -292,7 +292,7 @@ def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRun:
 
 def _believed(robot: Robot, coordinates: Coordinates) -> NDArray[np.float64]:
     """Return the scaled parameters (p,) that the design is made about."""
-    scaled = coordinates.scaled(coordinates.before)
+    scaled = coordinates.scaled(coordinates.nominal)
     if _frictionless(robot):
         scaled = coordinates.from_search(np.full(len(scaled), 0.5))
     held = coordinates.scaled(coordinates.lower)

@@ -70,7 +70,7 @@ def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float6
     if not len(windows):
         raise InputError(f"The run is shorter than one window of {window:g} s; make it longer.")
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout)
-    residuals = predictor.residuals(coordinates.before[None], windows, every=windows.comparison_interval)
+    residuals = predictor.residuals(coordinates.nominal[None], windows, every=windows.comparison_interval)
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
 
 

@@ -149,7 +149,7 @@ def _parameters(
     found: Identification, count: int, random: np.random.Generator
 ) -> Sequence[NDArray[np.float64]]:
     """Return parameter vectors (p,) drawn about the identified robot's, each within its quantity's bounds."""
-    mean = found.layout.values_before(found.robot)
+    mean = found.layout.nominal(found.robot)
     bounds = np.concatenate([BY_NAME[name].default_bounds(found.robot) for name in found.layout.names])
     drawn = random.multivariate_normal(mean, parameter_covariance(found), size=count, method="eigh")
     # a value identified beyond the default bounds, by bounds of the user's own, stays where it is

@@ -1,13 +1,4 @@
-"""What the estimate is worth: parameters without effect, profiles, intervals.
-
-Parameters that act through others only: v_s and delta say how s fades, and nothing where there is no s.
-
-Where s is zero, a fit still ends somewhere, with some s of the size of chance and v_s and delta that suit it; their
-standard errors, taken there, are worthless (R. Davies, Hypothesis testing when a nuisance parameter is present only
-under the alternative, Biometrika 64 (1977) 247-254). So s has to earn them: the fit with it must be better than the
-best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
-residuals, lambda corrects for their dependence as in `ballbot.identification.identifiability`, and q is the chi-squared
-quantile of as many parameters as the fit with s has more.
+"""Confidence intervals of a least-squares estimate: from clustered and bootstrap errors, and from profiles.
 
 Profile likelihood: how far a parameter may go, all others following, before the fit is worse than chance explains.
 
@@ -29,106 +20,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 from scipy.stats import t as student
 
+from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import bootstrap, correlation, covariance, unleveraged
-from ballbot.identification.initial_states import InitialStatesFit, compared, descend
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.prediction import Problem
-from ballbot.progress import ignore_progress
-
-#: how sure it has to be, as a number without a meaning is worse than none
-EFFECT_CONFIDENCE = 0.999
-#: a fit without is not made where the errors alone put it so many times past the limit
-PLAIN = 4.0
+from ballbot.fitting.uncertainty import WindowEquations, bootstrap, correlation, covariance, unleveraged
 
 
-@dataclass(frozen=True, kw_only=True)
-class Dependence:
-    """Quantities that act through another's numbers."""
+class Repeated(Protocol):
+    """Where a repeated fit ended."""
 
-    through: str
-    dependent: tuple[str, ...]
+    @property
+    def point(self) -> NDArray[np.float64]:
+        """The parameters (p,), scaled."""
+        ...
 
+    @property
+    def cost(self) -> float:
+        """The cost there."""
+        ...
 
-#: of the friction laws
-DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Unidentifiable:
-    """What a fit does without."""
-
-    dependent: NDArray[np.bool_]  #: (p,), free parameters without influence, as what they act through is zero
-    through: NDArray[np.bool_]  #: (p,), what they act through
-
-
-def unidentifiable(
-    problem: Problem, finished: InitialStatesFit, *, most_steps: int, run: Run = DEFAULT_RUN
-) -> Unidentifiable:
-    """Return which free parameters act through others that do not differ from zero."""
-    coordinates = problem.coordinates
-    names = np.array(coordinates.names)
-    found, origin = np.zeros(len(names), dtype=bool), np.zeros(len(names), dtype=bool)
-    for one in DEPENDENCES:
-        dependent = np.isin(names, one.dependent) & coordinates.free
-        through = (names == one.through) & coordinates.free
-        if (
-            dependent.any()
-            and through.any()
-            and not _earned(problem, finished, through, dependent, most_steps, run)
-        ):
-            found, origin = found | dependent, origin | through
-    return Unidentifiable(dependent=found, through=origin)
+    def repeated(
+        self, *, moved: NDArray[np.float64], free: NDArray[np.bool_], most_steps: int, run: Run = DEFAULT_RUN
+    ) -> Repeated:
+        """Fit again from here, after moving the parameters by `moved` (p,), those marked in `free` (p,)."""
+        ...
 
 
-def _earned(
-    problem: Problem,
-    finished: InitialStatesFit,
-    through: NDArray[np.bool_],
-    dependent: NDArray[np.bool_],
-    most_steps: int,
-    run: Run,
-) -> bool:
-    point, free = finished.point, problem.coordinates.free
-    amounts = point * through
-    if not amounts.any():
-        return False
-    limit = float(chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
-    moved = through | (free & (point > 0.0))
-    spread = covariance(finished.equations.normal, moved)[np.ix_(through, through)]
-    if amounts[through] @ np.linalg.lstsq(spread, amounts[through], rcond=1e-13)[0] > PLAIN * limit:
-        return True
-    _, _, history = descend(
-        problem,
-        point,
-        finished.starts,
-        free=free & ~through & ~dependent,
-        most_steps=most_steps,
-        moved=-amounts,
-        run=replace(run, progress=ignore_progress),
-    )
-    rise = 2.0 * compared(problem) * int(problem.cost.counted.sum()) * (history[-1] - finished.cost)
-    return rise > limit * _dependence(finished, moved, through, spread)
+class RepeatableFit(Repeated, Protocol):
+    """A least-squares estimate, with its normal equations, that can be fitted again with parameters moved."""
 
+    @property
+    def coordinates(self) -> ParameterSpace:
+        """What its parameters are."""
+        ...
 
-def _dependence(
-    finished: InitialStatesFit,
-    moved: NDArray[np.bool_],
-    through: NDArray[np.bool_],
-    spread: NDArray[np.float64],
-) -> float:
-    """Return lambda: the clustered covariance over that of independent residuals, on average over the numbers."""
-    H = finished.equations.normal.matrix[np.ix_(moved, moved)]
-    independent = np.linalg.pinv(H, hermitian=True)[np.ix_(through[moved], through[moved])]
-    return float(np.trace(np.linalg.lstsq(independent, spread, rcond=1e-13)[0])) / len(spread)
+    @property
+    def equations(self) -> WindowEquations:
+        """The normal equations of each window at the estimate."""
+        ...
+
+    @property
+    def residual_count(self) -> int:
+        """How many residuals the cost counts."""
+        ...
 
 
 #: fits of the other parameters on one side, and steps of each
@@ -147,8 +87,7 @@ class Profile:
 
 
 def profile(
-    problem: Problem,
-    finished: InitialStatesFit,
+    fit: RepeatableFit,
     place: int,
     *,
     free: NDArray[np.bool_],
@@ -168,36 +107,31 @@ def profile(
     rise : float
         lambda t^2, see the module's text.
     """
-    lower, upper = (
-        _limit(problem, finished, place, free=free, step=sign * error, rise=rise) for sign in (-1.0, 1.0)
-    )
+    lower, upper = (_limit(fit, place, free=free, step=sign * error, rise=rise) for sign in (-1.0, 1.0))
     return Profile(place=place, lower=lower, upper=upper)
 
 
 def _limit(
-    problem: Problem,
-    finished: InitialStatesFit,
+    fit: RepeatableFit,
     place: int,
     *,
     free: NDArray[np.bool_],
     step: float,
     rise: float,
 ) -> float | None:
-    origin, least = finished.point[place], finished.cost
+    origin, least = fit.point[place], fit.cost
     others = free & (np.arange(len(free)) != place)
-    scale = 2.0 * compared(problem) * int(problem.cost.counted.sum())
-    point, starts = finished.point, finished.starts
-    inside, outside = (
-        (origin, 0.0),
-        None,
-    )  # (where, root of the rise), of the farthest below and the nearest above
+    scale = 2.0 * fit.residual_count
+    at: Repeated = fit
+    # where and the root of the rise there: the farthest below the limit, and the nearest above it
+    inside, outside = (origin, 0.0), None
     target = origin + step
     for _ in range(_MOST_FITS):
         target = float(np.clip(target, 0.0, 1.0))
-        moved = np.zeros(len(point))
-        moved[place] = target - point[place]
-        point, starts, history = descend(problem, point, starts, free=others, most_steps=_STEPS, moved=moved)
-        root = float(np.sqrt(max(scale * (history[-1] - least), 0.0)))
+        moved = np.zeros(len(free))
+        moved[place] = target - at.point[place]
+        at = at.repeated(moved=moved, free=others, most_steps=_STEPS)
+        root = float(np.sqrt(max(scale * (at.cost - least), 0.0)))
         if root**2 < rise:
             inside = (target, root)
             if target in (0.0, 1.0):
@@ -281,13 +215,17 @@ class Errors:
 
 
 def intervals(
-    coordinates: Coordinates, errors: Errors, profiles: Callable[[int], Profile] | None, *, most_profiles: int
+    coordinates: ParameterSpace,
+    errors: Errors,
+    profiles: Callable[[int], Profile] | None,
+    *,
+    most_profiles: int,
 ) -> dict[str, Interval]:
     """Return the interval of each parameter that has errors, by its label.
 
     Parameters
     ----------
-    coordinates : Coordinates
+    coordinates : ParameterSpace
     errors : Errors
     profiles : callable, optional
         From a parameter's place to its profile.
@@ -309,7 +247,7 @@ def intervals(
 
 
 def between(
-    coordinates: Coordinates, place: int, lower: float | None, upper: float | None, *, method: Method
+    coordinates: ParameterSpace, place: int, lower: float | None, upper: float | None, *, method: Method
 ) -> Interval:
     """Return an interval in SI units from scaled limits of one parameter; None, or past its bound, is no limit.
 
@@ -317,12 +255,12 @@ def between(
     """
     low = _in_si_units(coordinates, place, lower) if lower is not None and lower > 0.0 else -math.inf
     high = _in_si_units(coordinates, place, upper) if upper is not None and upper < 1.0 else math.inf
-    if math.isinf(low) and coordinates.amounts[place] and coordinates.lower[place] == 0.0:
+    if math.isinf(low) and coordinates.sqrt_scaled[place] and coordinates.lower[place] == 0.0:
         low = 0.0
     return Interval(lower=low, upper=high, method=method)
 
 
-def _in_si_units(coordinates: Coordinates, place: int, scaled: float) -> float:
+def _in_si_units(coordinates: ParameterSpace, place: int, scaled: float) -> float:
     point = np.zeros(len(coordinates.lower))
     point[place] = scaled
     return float(coordinates.physical(point)[place])
@@ -345,8 +283,7 @@ class Uncertainty:
 
 
 def assess(
-    problem: Problem,
-    finished: InitialStatesFit,
+    fit: RepeatableFit,
     *,
     estimated: NDArray[np.bool_],
     at_bound: NDArray[np.bool_],
@@ -357,9 +294,7 @@ def assess(
 
     Parameters
     ----------
-    problem : Problem
-    finished : Finished
-        The estimate.
+    fit : RepeatableFit
     estimated : ndarray (p,)
         Which parameters get a standard error.
     at_bound : ndarray (p,)
@@ -369,13 +304,13 @@ def assess(
     run : Run, optional
         Its seed is the bootstrap's; its checkpoint answers for each profile.
     """
-    coordinates, point = problem.coordinates, finished.point
-    normal = finished.equations.normal
-    windows = finished.equations
+    coordinates, point = fit.coordinates, fit.point
+    normal = fit.equations.normal
+    windows = fit.equations
     clustered = covariance(unleveraged(windows.matrices, windows.scores, estimated), estimated)
     variances = clustered.diagonal()  # not positive where a short, ill-posed fit tells nothing
     scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
-    resampled = bootstrap(finished.equations, estimated, seed=run.seed).errors
+    resampled = bootstrap(fit.equations, estimated, seed=run.seed).errors
     errors = Errors(
         point=point,
         clustered=scaled_errors,
@@ -390,8 +325,7 @@ def assess(
 
         def answer() -> list[NDArray[np.float64]]:
             one = profile(
-                problem,
-                finished,
+                fit,
                 place,
                 free=estimated | at_bound,
                 error=float(errors.half_width[place]),
@@ -410,7 +344,7 @@ def assess(
         standard_errors=scaled_errors * slopes,
         bootstrap_errors=resampled * slopes,
         correlation=correlation(clustered),
-        intervals=found | _intervals_at_bounds(coordinates, finished, estimated, at_bound),
+        intervals=found | _intervals_at_bounds(coordinates, fit, estimated, at_bound),
     )
 
 
@@ -419,14 +353,14 @@ def _quantile(windows: int, parameters: int) -> float:
 
 
 def _intervals_at_bounds(
-    coordinates: Coordinates,
-    finished: InitialStatesFit,
+    coordinates: ParameterSpace,
+    fit: RepeatableFit,
     estimated: NDArray[np.bool_],
     at_bound: NDArray[np.bool_],
 ) -> dict[str, Interval]:
     """Return the intervals of parameters that stand at a bound: that about where the equations, unbounded, lead."""
     found = {}
-    normal = finished.equations.normal
+    normal = fit.equations.normal
     for i in np.flatnonzero(at_bound & (normal.matrix.diagonal() > 0.0)):
         places = np.flatnonzero(estimated | (np.arange(len(estimated)) == i))
         mine = int(np.flatnonzero(places == i)[0])
@@ -436,13 +370,13 @@ def _intervals_at_bounds(
         wanted[places] = True
         error = float(np.sqrt(covariance(normal, wanted)[i, i]))
         half = _quantile(len(normal.scores), len(places)) * error
-        middle = float(finished.point[i] + step)
+        middle = float(fit.point[i] + step)
         place = int(i)
-        found[coordinates.labels[place]] = _reaching(coordinates, place, middle, half, finished.point[i])
+        found[coordinates.labels[place]] = _reaching(coordinates, place, middle, half, fit.point[i])
     return found
 
 
-def _reaching(coordinates: Coordinates, place: int, middle: float, half: float, stands: float) -> Interval:
+def _reaching(coordinates: ParameterSpace, place: int, middle: float, half: float, stands: float) -> Interval:
     """Return middle -+ half, stretched so that it has the bound that the parameter stands at within."""
     lower, upper = min(middle - half, float(stands)), max(middle + half, float(stands))
     return between(coordinates, place, lower, upper, method="at bound")

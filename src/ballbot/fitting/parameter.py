@@ -1,0 +1,114 @@
+"""Parameters of a fit: what each is, and how a search scales it.
+
+A search sees each parameter p as z, which runs from 0 to 1 between its bounds:
+
+    p = lower + z (upper - lower)          amounts from zero, and numbers of either sign
+    p = lower (upper / lower)^z            sizes of which ratios matter, as v_s, delta and a torque's gain
+
+A random search looks more closely at amounts near zero: it draws y and takes z = y^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: an amount from zero, at which a search looks more closely near zero; a size, of which ratios matter; or a number of
+#: either sign
+Scale = Literal["amount", "ratio", "signed"]
+#: the least and the greatest value; equal ones hold a parameter
+Limits = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One number that a fit estimates or holds."""
+
+    name: str  #: the quantity that it belongs to, in options and files
+    symbol: str  #: its own label in results, as "b1" or "C_rr"
+    unit: str
+    scale: Scale
+    bounds: Limits  #: equal ones hold it
+    default: float  #: its nominal value, before any estimation
+
+    @property
+    def free(self) -> bool:
+        """Whether its bounds leave it free."""
+        return self.bounds[1] > self.bounds[0]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ParameterSpace:
+    """p parameters, in their order, and their scaling."""
+
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The parameters' labels (p,), as "b1" or "C_rr"."""
+        return tuple(one.symbol for one in self.parameters)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The quantity that each parameter belongs to (p,)."""
+        return tuple(one.name for one in self.parameters)
+
+    @cached_property
+    def nominal(self) -> NDArray[np.float64]:
+        """Their values before any estimation (p,)."""
+        return np.array([one.default for one in self.parameters], dtype=float)
+
+    @cached_property
+    def lower(self) -> NDArray[np.float64]:
+        """Their least values (p,)."""
+        return np.array([one.bounds[0] for one in self.parameters], dtype=float)
+
+    @cached_property
+    def upper(self) -> NDArray[np.float64]:
+        """Their greatest values (p,)."""
+        return np.array([one.bounds[1] for one in self.parameters], dtype=float)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters their bounds leave free (p,)."""
+        return self.upper > self.lower
+
+    @cached_property
+    def logarithmic(self) -> NDArray[np.bool_]:
+        """Of which parameters ratios matter (p,)."""
+        return np.array([one.scale == "ratio" for one in self.parameters])
+
+    @cached_property
+    def sqrt_scaled(self) -> NDArray[np.bool_]:
+        """At which parameters a random search looks more closely near zero (p,)."""
+        return np.array([one.scale == "amount" for one in self.parameters])
+
+    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return parameters (..., p) in SI units from scaled ones (..., p)."""
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        ratio = np.where(self.logarithmic, self.upper / low, 1.0)
+        linear = self.lower + scaled * (self.upper - self.lower)
+        return np.clip(np.where(self.logarithmic, low * ratio**scaled, linear), self.lower, self.upper)
+
+    def scaled(self, physical: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return scaled parameters (..., p) from those in SI units, brought within their bounds."""
+        values = np.clip(physical, self.lower, self.upper)
+        width = np.where(self.free, self.upper - self.lower, 1.0)
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        width_log = np.log(np.where(self.logarithmic & self.free, self.upper / low, np.e))
+        log = np.log(np.where(self.logarithmic, values, 1.0) / low) / width_log
+        return np.where(self.logarithmic, log, (values - self.lower) / width)
+
+    def from_search(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return scaled parameters from those of a random search, z = y^2 for amounts."""
+        return np.where(self.sqrt_scaled, drawn**2, drawn)
+
+    def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return dp/dz (..., p): what turns an error of a scaled parameter into one in SI units."""
+        low = np.where(self.logarithmic, self.lower, 1.0)
+        rate = np.log(np.where(self.logarithmic, self.upper / low, 1.0))
+        return np.where(self.logarithmic, self.physical(scaled) * rate, self.upper - self.lower)
