@@ -39,7 +39,7 @@ LINES = (
     "twin export alten --scenario scenario.toml --mounting stand --out twin.xml",
     "twin scenario nominal --robot alten --out scenario2.toml",
     "excite alten --duration 8 --lean 6 --floor 1 --window 0.25 --generations 2 --population 4 --seed 1 --out out",
-    "identify alten log.csv --free friction --bounds bounds.toml --window 0.25 --seed 1 --out out",
+    "identify alten log.csv --estimate friction --bounds bounds.toml --window 0.25 --seed 1 --out out",
     "identify alten log.csv --sweep sweep.json --out out",
     "identify-axis axis.csv --law viscous --window 0.5 --horizon 0.1 --out out",
     "identify-axis axis.mat --reference reference --position-gain kp --velocity-gain 2 --out out",

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from ballbot import InputError
 from ballbot.cli import output
-from ballbot.cli.context import CHECKPOINT, long_run
+from ballbot.cli.context import CHECKPOINT, RunOptions, long_run
 from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
 from ballbot.fitting.run import ExecutorError, Run
@@ -23,7 +23,7 @@ ANSWER = np.ones(2)
 def begin(folder: Path, *, resume: bool, after: Callable[[Run], object]) -> None:
     """Run something that answers one question, and then does what is given."""
     belongs_to = {"seed": "0"}
-    with long_run(folder, words=["ballbot"], belongs_to=belongs_to, resume=resume) as run:
+    with long_run(folder, belongs_to=belongs_to, options=RunOptions(resume=resume)) as run:
         run.memoize("search", np.zeros(1), lambda: [ANSWER])
         after(run)
 

@@ -51,13 +51,13 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
     held = ("stribeck_speed = [0.6, 0.6]", "stribeck_exponent = [1.1, 1.1]", "rolling = [0.007, 0.007]")
     bounds.write_text("\n".join(["delay = [0.0, 0.0]", *held]))
     options = [
-        "--free",
+        "--estimate",
         "friction, torque_gain",
         "--law",
         "best",
-        "--judge-on",
+        "--holdout",
         str(other),
-        "--leave-out",
+        "--exclude-states",
         "psi,psi_dot",
     ]
     words = ["identify", "alten", str(log_file), "--out", str(tmp_path / "out"), "--bounds", str(bounds)]
@@ -81,11 +81,11 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
         ([], "No log is given"),
         (["{log}", "--bounds", "{log}"], "is not valid TOML"),
         (["{log}", "--window", "1"], "windows of 1 s"),
-        (["{log}", "--free", "frixion"], "did you mean 'friction'?"),
-        (["{log}", "--leave-out", "psy"], "'psy' is not a state"),
+        (["{log}", "--estimate", "frixion"], "did you mean 'friction'?"),
+        (["{log}", "--exclude-states", "psy"], "'psy' is not a state"),
         (["{log}", "--mapping", "a", "--mapping", "b"], "--mapping is given 2 times for 1 logs"),
         (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
-        (["{log}", "--free", ""], "Nothing is to be estimated. Name some of friction"),
+        (["{log}", "--estimate", ""], "Nothing is to be estimated. Name some of friction"),
         (["{unread}"], "The log's column theta has no value in any row"),
         (["{dead}", "--window", "0.05"], "The torques u are 0.1, 0.1, 0.1 N m in every row"),
         (["{idle}", "--window", "0.05"], "The torques u are zero in every window"),

@@ -120,9 +120,9 @@ def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp
     assert main([*words, "--compensation-gain", "1.2"]) != 0
     told = capsys.readouterr()
     assert "120 % of its friction" in told.err + told.out
-    assert "--allow-pumping" in told.err + told.out
+    assert "--allow-overcompensation" in told.err + told.out
     assert not (tmp_path / "out" / "controller.toml").exists()
-    assert main([*words, "--compensation-gain", "1.2", "--allow-pumping"]) == 0
+    assert main([*words, "--compensation-gain", "1.2", "--allow-overcompensation"]) == 0
     assert "WARNING: the compensation" in capsys.readouterr().out
     assert main([*words, "--compensation-gain", "0.8"]) == 0
     assert "80 %, 80 %, 80 %, 80 %" in capsys.readouterr().out

@@ -26,10 +26,10 @@ def folder(shared_data, tmp_path_factory) -> Path:
         assert (
             main(["check-log", str(logs / f"{name}.txt"), "--robot", "rob311", "--out", str(out / name)]) == 0
         )
-    words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--judge-on", str(logs / f"{PREDICTED}.txt")]
+    words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--holdout", str(logs / f"{PREDICTED}.txt")]
     for name in (FITTED, PREDICTED):
         words += ["--mapping", str(out / name / "mapping.toml")]
-    words += ["--law", "coulomb", "--leave-out", "psi,psi_dot", "--out", str(out / "found")]
+    words += ["--law", "coulomb", "--exclude-states", "psi,psi_dot", "--out", str(out / "found")]
     assert main(words) == 0
     return out
 

@@ -358,7 +358,7 @@ def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
     # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
     assert share == pytest.approx(0.4, abs=0.01)
     for left_out, freed, words in (
-        ((), (), "(--free friction,pivoting), or exclude the heading"),
+        ((), (), "(--estimate friction,pivoting), or exclude the heading"),
         (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
         ((), ("pivoting",), "T_p, was among the estimated parameters"),
     ):

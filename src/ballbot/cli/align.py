@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ballbot.cli.findings import Accept, accept_argv, check_input
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.context import input_files, open_result
+from ballbot.cli.findings import Accept, check_input
+from ballbot.cli.output import table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
-from ballbot.printable import shell_line
 from ballbot.report.alignment import alignment_report, alignment_results, error_rows
-from ballbot.report.page import as_json, provenance
-from ballbot.result_folder import result_folder
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 
@@ -45,35 +43,30 @@ def align(
     """
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
     findings = check_input(None, {log: run}, accept=accept, mappings={log: mapping})
-    console = standard_output()
-    words = ["ballbot", "align", str(log), str(mocap), "--out", str(out)]
-    words += ["--mapping", str(mapping)] if mapping else []
-    words += accept_argv(accept)
-    files = [log, mocap, *([mapping] if mapping else [])]
-    made = provenance(command=shell_line(words), files=files, seed=0)
-    with result_folder(out, command="align", names=_WRITTEN, inputs=files) as folder:
-        with progress_bar(console, "aligning") as bar:
+    inputs = input_files(log, mocap, mapping)
+    with open_result(out, command="align", writes=_WRITTEN, inputs=inputs) as result:
+        with result.progress("aligning") as bar:
             bar.show(0.0, note=log.stem)
             try:
                 alignment = align_log(run, film)
             except InputError as error:
                 raise InputError(f"{log} and {mocap}: {error}") from None
-        results = alignment_results(alignment, log_findings=findings)
         page = alignment_report(
             alignment,
             title=f"{log.stem}: sensors against motion capture",
             lead=f"On {log.name} and {mocap.name}.",
-            made=made,
+            made=result.origin,
             log_findings=findings,
         )
-        with folder.replaced() as new:
+        with result.replaced() as new:
             alignment.log.write(new / "aligned.csv")
-            write_text(new / "results.json", as_json(results | {"provenance": made.to_dict()}))
+            result.write_json(alignment_results(alignment, log_findings=findings), new)
             write_text(new / "report.html", page)
+    console = result.console
     if alignment.sensors is not None:
         headings = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
         rows = error_rows(alignment.sensors)
         console.print(table("On board minus cameras", headings, rows, framed=console.is_terminal))
     for sentence in alignment_findings(alignment):
         console.print(sentence, markup=False, soft_wrap=True)
-    console.print(str(folder.path / "report.html"), soft_wrap=True)
+    result.show_file("report.html")

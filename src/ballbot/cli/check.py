@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from cyclopts import Parameter
 from numpy.typing import NDArray
 from rich.console import RenderableType
 from rich.table import Table
@@ -65,15 +66,23 @@ if TYPE_CHECKING:
     from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
 
 
+@Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SwingOptions:
-    """What the command line says of a swing."""
+    """A free swing of the body."""
 
-    file: Path
-    column: str | None
-    pivot_distance: float | None
-    pivot_deviation: float | None
-    accept: tuple[str, ...] = ()  #: codes of errors to go on in spite of
+    swing: Path | None = None
+    """A log (gyro or angle) or a video of the body swinging freely: gives its inertia as in the thesis's Appendix
+    III."""
+
+    swing_column: str | None = None
+    """The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi."""
+
+    pivot_distance: float | None = None
+    """Distance from the pivot to the centre of mass, in m. If not given, the pivot is at the ball's centre."""
+
+    pivot_deviation: float | None = None
+    """Standard deviation of that distance, in m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +116,9 @@ class CheckedSwing:
         ]
 
 
-def examine_swing(robot: Robot, options: SwingOptions) -> CheckedSwing:
+def examine_swing(
+    robot: Robot, file: Path, options: SwingOptions, *, accept: list[str] | None
+) -> CheckedSwing:
     """Return what the swing in a file says of a robot's inertia.
 
     Raises
@@ -117,26 +128,26 @@ def examine_swing(robot: Robot, options: SwingOptions) -> CheckedSwing:
     """
     pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
     of_log: list[Finding] = []
-    if is_log_file(options.file):  # every other is a video
-        log = Log.read(options.file)
+    if is_log_file(file):  # every other is a video
+        log = Log.read(file)
         of_log = [*check_gaps(log), *check_jitter(log)]
-        swing = swing_in_log(log, column=options.column)
+        swing = swing_in_log(log, column=options.swing_column)
     else:
         from ballbot.vision.swing import swing_in_video
 
-        swing = swing_in_video(options.file)
+        swing = swing_in_video(file)
     of_recording = recording_findings(swing)
-    _stop_on_swing_errors(of_recording, options)
+    _stop_on_swing_errors(of_recording, file, accept)
     fit = fit_swing(swing)
     found = inertia_of_swing(fit, robot, pivot)
     findings = by_severity([*of_log, *of_recording, *swing_findings(fit, found, robot, pivot)])
-    _stop_on_swing_errors(findings, options)
+    _stop_on_swing_errors(findings, file, accept)
     return CheckedSwing(robot=robot, pivot=pivot, fit=fit, found=found, findings=findings)
 
 
-def _stop_on_swing_errors(findings: Sequence[Finding], options: SwingOptions) -> None:
-    named = [replace(one, where=replace(one.where, file=str(options.file))) for one in findings]
-    stop_on_errors(named, accept=check_codes(options.accept), more=no_command)
+def _stop_on_swing_errors(findings: Sequence[Finding], file: Path, accept: list[str] | None) -> None:
+    named = [replace(one, where=replace(one.where, file=str(file))) for one in findings]
+    stop_on_errors(named, accept=check_codes(accept or ()), more=no_command)
 
 
 #: how long a reference that has a name is looked at [s]: the longest of them goes once around
@@ -186,6 +197,9 @@ _MATRICES = {
 }
 
 
+_SWING = SwingOptions()
+
+
 def check(
     robot: str,
     /,
@@ -194,10 +208,7 @@ def check(
     predict: Path | None = None,
     reference: str | None = None,
     controller: Path | None = None,
-    swing: Path | None = None,
-    swing_column: str | None = None,
-    pivot_distance: float | None = None,
-    pivot_deviation: float | None = None,
+    swinging: SwingOptions = _SWING,
     accept: Accept = None,
     out: Path | None = None,
 ) -> None:
@@ -226,14 +237,6 @@ def check(
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it, and why.
     controller : Path
         The controller file that follows the reference; the nominal controller if not given.
-    swing : Path
-        A log (gyro or angle) or a video of the body swinging freely: gives its inertia as in the thesis's Appendix III.
-    swing_column : str
-        The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi.
-    pivot_distance : float
-        Distance from the pivot to the centre of mass, in m. If not given, the pivot is at the ball's centre.
-    pivot_deviation : float
-        Standard deviation of that distance, in m.
     out : Path
         Folder for results.json and check.txt, with a swing also swing.svg.
     """
@@ -241,11 +244,11 @@ def check(
     findings = _robot_findings(hung, accept)
     if figure is not None:
         check_file(figure)
-    named = (robot, predict, reference, controller, swing)
+    named = (robot, predict, reference, controller, swinging.swing)
     inputs = [Path(one) for one in named if one is not None and Path(one).is_file()]
     held = result_folder(out, command="check", names=_WRITTEN, inputs=inputs) if out else nullcontext()
     with held as folder:
-        swung = _swing_result(hung, swing, swing_column, pivot_distance, pivot_deviation, accept)
+        swung = _swing_result(hung, swinging, accept)
         log = None if predict is None else _log(hung, robot, predict, accept)
         checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
         for part in _report(checked, framed=console.is_terminal):
@@ -313,30 +316,15 @@ def _followed(robot: Robot, reference: str | None, controller: Path | None) -> C
     return checked_reference(robot, reference, controller)
 
 
-def _swing_result(
-    robot: Robot,
-    file: Path | None,
-    column: str | None,
-    distance: float | None,
-    deviation: float | None,
-    accept: list[str] | None,
-) -> CheckedSwing | None:
-    if file is None:
-        if (column, distance, deviation) != (None, None, None):
+def _swing_result(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
+    if options.swing is None:
+        if options != _SWING:
             raise InputError(
                 "--swing-column, --pivot-distance and --pivot-deviation "
                 "describe a swing; give the swing with --swing FILE."
             )
         return None
-
-    options = SwingOptions(
-        file=file,
-        column=column,
-        pivot_distance=distance,
-        pivot_deviation=deviation,
-        accept=tuple(accept or ()),
-    )
-    return examine_swing(robot, options)
+    return examine_swing(robot, options.swing, options, accept=accept)
 
 
 def _examine(

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.console import Console
 
-from ballbot.cli.context import long_run, parse_seeds
+from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
 from ballbot.cli.findings import warn_of_idle_compensation, warn_of_overcompensation
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.output import standard_output, table
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity_of
-from ballbot.printable import shell_line
 from ballbot.report.comparison import (
     OVERALL_HEADINGS,
     STANDING_HEADINGS,
@@ -26,8 +26,6 @@ from ballbot.report.comparison import (
     overall_rows,
     standing_rows,
 )
-from ballbot.report.page import as_json, provenance
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.workflows.candidates import Candidate, UserController, parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
@@ -44,8 +42,8 @@ def compare(
     plant: PlantName = "model",
     scenarios: str = "motions",
     seeds: str = "1-3",
-    processes: int | None = None,
-    resume: bool = False,
+    processes: WholeNumber | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
     out: Path,
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
@@ -82,24 +80,28 @@ def compare(
     if processes is not None and processes < 1:
         raise InputError(f"--processes is {processes}; it must be at least 1.")
     described = Robot.load(robot)
-    entrants, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
+    candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
-    made = {one.name: one.controller(described) for one in entrants}
-    words = ["ballbot", "compare", robot, *controllers, "--plant", plant, "--scenarios", scenarios]
-    words += ["--seeds", seeds, "--out", str(out)]
+    made = {one.name: one.controller(described) for one in candidates}
     own = _own_files(made.values())
-    files = _files(robot, entrants, courses, scenarios)
+    files = _files(robot, candidates, courses, scenarios)
     files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
-    origin = provenance(command=shell_line(words), files=files, seed=seeds)
-    belongs_to = _identity(described, entrants, courses, numbers)
+    belongs_to = _identity(described, candidates, courses, numbers)
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
-    warn_of_overcompensation({one.name: made[one.name] for one in entrants if one.file}, described, console)
+    warn_of_overcompensation({one.name: made[one.name] for one in candidates if one.file}, described, console)
     warn_of_idle_compensation(made, console)
     with (
-        result_folder(out, command="compare", names=_WRITTEN, inputs=files, resumes=True) as folder,
-        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume) as run,
-        progress_bar(console, f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
+        open_long_result(
+            out,
+            command="compare",
+            writes=_WRITTEN,
+            inputs=files,
+            belongs_to=belongs_to,
+            seed=seeds,
+            run=RunOptions(resume=resume),
+        ) as result,
+        result.progress(f"{len(made) * len(courses) * len(numbers)} runs on the {plant}") as bar,
     ):
         league = run_league(
             described,
@@ -107,14 +109,13 @@ def compare(
             courses,
             seeds=numbers,
             processes=processes,
-            run=replace(run, progress=lambda now: bar.show(now.share)),
+            run=result.run_with(lambda now: bar.show(now.share)),
         )
-        with folder.replaced() as new:
-            results = league_results(league) | {"provenance": origin.to_dict()}
-            write_text(new / "results.json", as_json(results))
-            write_text(new / "report.html", league_report(league, origin))
+        with result.replaced() as new:
+            result.write_json(league_results(league), new)
+            write_text(new / "report.html", league_report(league, result.origin))
     _show(league, console)
-    console.print(str(folder.path / "report.html"), soft_wrap=True)
+    result.show_file("report.html")
 
 
 def _own_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
@@ -128,25 +129,23 @@ def _own_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
 
 
 def _files(
-    robot: str, entrants: tuple[Candidate, ...], courses: tuple[Course, ...], scenarios: str
+    robot: str, candidates: tuple[Candidate, ...], courses: tuple[Course, ...], scenarios: str
 ) -> list[Path]:
     """Return the files that the result is made from, each once."""
-    paths = [] if robot in Robot.presets() else [Path(robot)]
-    paths += [one.file for one in entrants if one.file]
-    paths += [Path(word.strip()) for word in scenarios.split(",") if word.strip().endswith(".toml")]
-    paths += [Path(course.asked.name) for course in courses if is_reference_file(course.asked.name)]
-    return list(dict.fromkeys(paths))
+    given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
+    references = [one.asked.name for one in courses if is_reference_file(one.asked.name)]
+    return input_files(robot, [one.file for one in candidates if one.file], given, references)
 
 
 def _identity(
-    robot: Robot, entrants: tuple[Candidate, ...], courses: tuple[Course, ...], seeds: list[int]
+    robot: Robot, candidates: tuple[Candidate, ...], courses: tuple[Course, ...], seeds: list[int]
 ) -> dict[str, str]:
     """Return what the games' scores depend on, each by a plain name."""
-    files = [one.file.read_bytes() for one in entrants if one.file]
+    files = [one.file.read_bytes() for one in candidates if one.file]
     references = [Path(one.asked.name).read_bytes() for one in courses if is_reference_file(one.asked.name)]
     inputs = {
         "robot": [robot],
-        "controllers": [entrants, *files],
+        "controllers": [candidates, *files],
         "courses": [courses, *references],
         "seeds": [seeds],
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -12,9 +12,9 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from ballbot.cli.context import long_run
-from ballbot.cli.findings import Accept, accept_argv, check_robot, warn_of_idle_compensation
-from ballbot.cli.output import matrix_text, progress_bar, standard_output, table
+from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, open_result
+from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation
+from ballbot.cli.output import matrix_text, table
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.control.lqr import LqrDesign
@@ -40,11 +40,8 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
 from ballbot.mechanics.model import Model
-from ballbot.printable import shell_line
 from ballbot.report.design import linearization_results, robust_figure, state_order
-from ballbot.report.page import as_json, provenance
 from ballbot.report.style import drawn
-from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.robot import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
@@ -58,25 +55,25 @@ DESIGN_FILES = ("controller.toml", "results.json", "robust.svg")
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RobustOptions:
-    """What a search for robust weights is told; without --robust it has no effect."""
+    """Options of the search for robust weights; without --robust they have no effect."""
 
     perturb: str = ""
     """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
     of the floor). What is not named keeps these values."""
 
-    robots: int = Effort.robots
+    robots: WholeNumber = Effort.robots
     """Number of perturbed robots on which each candidate is tested."""
 
-    generations: int = Effort.generations
+    generations: WholeNumber = Effort.generations
     """Largest number of generations of the search."""
 
-    population: int = Effort.population
+    population: WholeNumber = Effort.population
     """Candidates in each generation."""
 
-    fresh: int = Effort.fresh
+    fresh: WholeNumber = Effort.fresh
     """Number of other robots on which the result is compared with the nominal weights and a plain LQR."""
 
-    seed: int = 0
+    seed: WholeNumber = 0
     """Random seed. The same seed gives the same result."""
 
     resume: Annotated[bool, Parameter(negative="")] = False
@@ -84,18 +81,14 @@ class RobustOptions:
 
 
 def design_robustly(
-    source: str,
+    robot: Robot,
     *,
-    sample_time: float | None,
     compensation: Compensation,
     options: RobustOptions,
-    accept: Accept,
+    inputs: Sequence[Path],
     out: Path,
 ) -> None:
-    """Seek the weights, and write controller.toml, results.json and robust.svg."""
-    robot = Robot.load(source)
-    if sample_time is not None:
-        robot = robot.replace(sensors=replace(robot.sensors, sample_time=sample_time))
+    """Search for the weights, and write controller.toml, results.json and robust.svg."""
     spread = spread_of(options.perturb)
     effort = Effort(
         robots=options.robots,
@@ -103,59 +96,52 @@ def design_robustly(
         population=options.population,
         fresh=options.fresh,
     )
-    console = standard_output()
-    words = [*_robust_argv(source, sample_time, compensation, options, out), *accept_argv(accept)]
-    files = [Path(source)] if Path(source).is_file() else []
-    asked = {"compensation": compensation, "seed": options.seed, **asdict(spread), **asdict(effort)}
+    depends_on = {"compensation": compensation, "seed": options.seed, **asdict(spread), **asdict(effort)}
     with (
-        result_folder(out, command="design", names=DESIGN_FILES, inputs=files, resumes=True) as folder,
-        long_run(
-            folder.path,
-            words=words,
-            belongs_to=identity(robot, [], asked),
-            resume=options.resume,
+        open_long_result(
+            out,
+            command="design",
+            writes=DESIGN_FILES,
+            inputs=inputs,
+            belongs_to=identity(robot, [], depends_on),
             seed=options.seed,
-        ) as run,
-        progress_bar(console, "robust design") as bar,
+            run=RunOptions(resume=options.resume),
+        ) as result,
+        result.progress("robust design") as bar,
     ):
         found = robust_design(
             robot,
             compensation=compensation,
             spread=spread,
             effort=effort,
-            run=replace(run, progress=lambda now: bar.show(now.share, note=now.note)),
+            run=result.run_with(lambda now: bar.show(now.share, note=now.note)),
         )
-        command = shell_line(words)
-        made = provenance(command=command, files=files, seed=options.seed)
         results = {
             "robot": robot.name,
             "sample_time": found.controller.sample_time,
             "compensation": compensation,
             "gain": found.controller.gain,
             "poles": [[pole.real, pole.imag] for pole in found.design.poles.tolist()],
-            "linearization": linearization_results(
-                Model(robot.replace(friction=Friction.none(robot.wheel_count)))
-            ),
+            "linearization": linearization_results(_designed_on(robot)),
             **found.to_dict(),
             "perturbed": asdict(spread),
-            "provenance": made.to_dict(),
         }
-        with folder.replaced() as new:
-            how = _origin_comment(found, command) + controller_text(found.controller)
-            write_text(new / "controller.toml", how)
+        with result.replaced() as new:
+            origin = _origin_comment(found, result.origin.command)
+            write_text(new / "controller.toml", origin + controller_text(found.controller))
             write_text(new / "robust.svg", drawn(lambda: robust_figure(found), name="robust"))
-            write_text(new / "results.json", as_json(results))
-    _show_robust(found, console)
-    console.print(str(folder.path / "controller.toml"), soft_wrap=True)
+            result.write_json(results, new)
+    _show_robust(found, result.console)
+    result.show_file("controller.toml")
 
 
 def spread_of(text: str) -> PerturbationRanges:
-    """Return the spread that a text such as mass=0.2,tilt=1 asks for.
+    """Return the ranges that a text such as mass=0.2,tilt=1 states.
 
     Raises
     ------
     InputError
-        Where a name or a number is none.
+        If a name or a number is not valid.
     """
     names = [one.name for one in fields(PerturbationRanges)]
     given: dict[str, float | int] = {}
@@ -171,17 +157,6 @@ def spread_of(text: str) -> PerturbationRanges:
             kind = "a whole number" if name == "delay" else "a number"
             raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
     return replace(PerturbationRanges(), **given)
-
-
-def _robust_argv(
-    source: str, sample_time: float | None, compensation: str, options: RobustOptions, out: Path
-) -> list[str]:
-    words = ["ballbot", "design", source, "--robust", "--compensation", compensation]
-    words += [] if sample_time is None else ["--sample-time", repr(sample_time)]
-    words += ["--perturb", options.perturb] if options.perturb else []
-    for name in ("robots", "generations", "population", "fresh", "seed"):
-        words += [f"--{name}", str(getattr(options, name))]
-    return [*words, "--out", str(out)]
 
 
 def _origin_comment(found: RobustDesign, command: str) -> str:
@@ -221,21 +196,61 @@ Kind = Literal["nominal", "precise"]
 _SEARCH = RobustOptions()
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class GainOptions:
+    """How the gain is designed."""
+
+    kind: Kind = "nominal"
+    """nominal: the thesis's soft gain; precise: a stiff one that holds its position."""
+
+    q: str | None = None
+    """Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the
+    kind."""
+
+    r: float = NOMINAL_TORQUE_WEIGHT
+    """Weight of each wheel's torque."""
+
+    sample_time: float | None = None
+    """Time between two updates [s]; the robot's own if not given."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class PartOptions:
+    """What the controller has beside its gain."""
+
+    compensation: Compensation | None = None
+    """none; full (all friction); partial (only while friction works against the intended motion). If not given, none
+    for the nominal kind and full for the precise one."""
+
+    compensation_gain: float = 1.0
+    """Factor on the compensated friction, below 1 if it is uncertain."""
+
+    notch: float | None = None
+    """A frequency [Hz] to remove from the torques, such as a resonance that `ballbot validate` reports."""
+
+    delay: float | None = None
+    """Time from a measurement until the torque computed from it acts [s]. The controller feeds back the state
+    predicted for that time. `ballbot identify --estimate delays` estimates it."""
+
+    adaptive: Annotated[bool, Parameter(negative="")] = False
+    """Adapt the precise kind to the floor, and any compensation to drivelines as they warm up, within bounds."""
+
+    allow_overcompensation: Annotated[bool, Parameter(negative="")] = False
+    """Write the controller even if it compensates more friction than is certain."""
+
+
+_GAIN, _PARTS = GainOptions(), PartOptions()
+
+
 def design(
     robot: str,
     /,
     *,
-    kind: Kind = "nominal",
-    q: str | None = None,
-    r: float = NOMINAL_TORQUE_WEIGHT,
-    sample_time: float | None = None,
-    compensation: Compensation | None = None,
-    compensation_gain: float = 1.0,
-    notch: float | None = None,
-    delay: float | None = None,
-    adaptive: Annotated[bool, Parameter(negative="")] = False,
-    allow_pumping: Annotated[bool, Parameter(negative="")] = False,
-    robust: bool = False,
+    weights: GainOptions = _GAIN,
+    parts: PartOptions = _PARTS,
+    robust: Annotated[bool, Parameter(negative="")] = False,
     search: RobustOptions = _SEARCH,
     accept: Accept = None,
     out: Path,
@@ -260,105 +275,93 @@ def design(
     ----------
     robot
         A preset's name or a robot file. Its friction is compensated; the gain is designed without it.
-    kind
-        nominal: the thesis's soft gain; precise: a stiff one that holds its position.
-    q
-        Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the
-        kind.
-    r
-        Weight of each wheel's torque.
-    sample_time
-        Time between two updates [s]; the robot's own if not given.
-    compensation
-        none; full (all friction); partial (only while friction works against the intended motion). If not given,
-        none for the nominal kind and full for the precise one.
-    compensation_gain
-        Factor on the compensated friction, below 1 if it is uncertain.
-    notch
-        A frequency [Hz] to remove from the torques, such as a resonance that `ballbot validate` reports.
-    delay
-        Time from a measurement until the torque computed from it acts [s]. The controller feeds back the state
-        predicted for that time. `ballbot identify --free delays` estimates it.
-    adaptive
-        Adapt the precise kind to the floor, and any compensation to drivelines as they warm up, within bounds.
-    allow_pumping
-        Write the controller even if it compensates more friction than is certain.
     robust
         Search for the weights on perturbed simulated robots, for the worst tenth of them. Takes minutes; --resume
         continues an interrupted search.
     out
         The folder to write into.
     """
-    if not 0.0 <= compensation_gain < math.inf:
+    if not 0.0 <= parts.compensation_gain < math.inf:
         raise InputError(
-            f"--compensation-gain is {compensation_gain:g}; it must be zero or more, such as 0.8."
+            f"--compensation-gain is {parts.compensation_gain:g}; it must be zero or more, such as 0.8."
         )
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
+    inputs = input_files(robot)
     if robust:
-        given = (kind, q, r, compensation_gain, notch, delay, adaptive)
-        if given != ("nominal", None, NOMINAL_TORQUE_WEIGHT, 1.0, None, None, False):
-            raise InputError(
-                "--robust searches for the weights of the nominal kind; remove --kind, "
-                "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
-            )
-        chosen = compensation or "none"
+        _refuse_with_robust(weights, parts)
+        if weights.sample_time is not None:
+            sensors = replace(described.sensors, sample_time=weights.sample_time)
+            described = described.replace(sensors=sensors)
         design_robustly(
-            robot, sample_time=sample_time, compensation=chosen, options=search, accept=accept, out=out
+            described, compensation=parts.compensation or "none", options=search, inputs=inputs, out=out
         )
         return
-    inputs = [] if robot in Robot.presets() else [Path(robot)]
-    designed = _designer(kind, None if q is None else _weights(q), r, sample_time)
-    with result_folder(out, command="design", names=DESIGN_FILES, inputs=inputs) as folder:
+    designed = _designer(weights)
+    with open_result(out, command="design", writes=DESIGN_FILES, inputs=inputs) as result:
         found = designed(described)
         spread = propagate(described, lambda one: designed(one).gain)
         certain = certain_friction(described)
-        compensated = described.replace(friction=scaled_friction(certain, compensation_gain))
-        controller = _with_parts(_controller(compensated, found, compensation), notch, delay, adapts=adaptive)
-        if not allow_pumping:
+        compensated = described.replace(friction=scaled_friction(certain, parts.compensation_gain))
+        controller = _with_parts(_controller(compensated, found, parts.compensation), parts)
+        if not parts.allow_overcompensation:
             refuse_overcompensation(controller, certain)
         margin = compensation_margin(controller, certain)
         results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
-        with folder.replaced() as new:
+        with result.replaced() as new:
             write_controller(controller, new / "controller.toml")
-            write_text(new / "results.json", as_json(results))
-    console = standard_output()
+            result.write_json(results, new)
+    console = result.console
     _show(console, controller.robot, found, spread)
     if certain is not described.friction:
         console.print(_certain(described.friction, certain), soft_wrap=True)
     if controller.compensation != "none":
         console.print(_margin(margin), markup=False, soft_wrap=True)
     warn_of_idle_compensation({"controller.toml": controller}, console)
-    console.print(str(folder.path / "controller.toml"), soft_wrap=True)
+    result.show_file("controller.toml")
 
 
-def _designer(
-    kind: Kind, weights: list[float] | None, r: float, sample_time: float | None
-) -> Callable[[Robot], LqrDesign | IntegralDesign]:
-    """Return what designs a gain for a robot, with the kind's own weights where none are given."""
-    if kind == "precise":
+def _refuse_with_robust(weights: GainOptions, parts: PartOptions) -> None:
+    """Raise InputError if options are given that a search for the weights decides itself."""
+    plain = replace(
+        parts,
+        compensation=_PARTS.compensation,
+        allow_overcompensation=_PARTS.allow_overcompensation,
+    )
+    if replace(weights, sample_time=None) != _GAIN or plain != _PARTS:
+        raise InputError(
+            "--robust searches for the weights of the nominal kind; remove --kind, "
+            "--q, --r, --compensation-gain, --notch, --delay and --adaptive."
+        )
+
+
+def _designer(options: GainOptions) -> Callable[[Robot], LqrDesign | IntegralDesign]:
+    """Return what designs a gain for a robot, with the kind's own weights if none are given."""
+    weights = None if options.q is None else _weights(options.q)
+    if options.kind == "precise":
         return partial(
             design_integral_gain,
             state_weights=weights or PRECISE_STATE_WEIGHTS,
-            torque_weight=r,
-            sample_time=sample_time,
+            torque_weight=options.r,
+            sample_time=options.sample_time,
         )
     return partial(
-        design_gain, state_weights=weights or NOMINAL_STATE_WEIGHTS, torque_weight=r, sample_time=sample_time
+        design_gain,
+        state_weights=weights or NOMINAL_STATE_WEIGHTS,
+        torque_weight=options.r,
+        sample_time=options.sample_time,
     )
 
 
-def _with_parts(
-    controller: Controller, notch: float | None, delay: float | None, *, adapts: bool
-) -> Controller:
+def _with_parts(controller: Controller, options: PartOptions) -> Controller:
     """Return the controller with the parts that were asked for.
 
     Raises
     ------
     InputError
-        Where a part is not possible, or an adaptation has nothing to follow.
+        If a part is not possible, or an adaptation has nothing to follow.
     """
-    if adapts:
+    if options.adaptive:
         plain, controller = controller, with_adaptations(controller)
         if controller.parts == plain.parts:
             raise InputError(
@@ -366,10 +369,12 @@ def _with_parts(
                 "has no friction model. Add --kind precise or --compensation full."
             )
     parts = controller.parts
-    if notch is not None:
-        parts = replace(parts, notch=Notch(frequency=notch))
-    if delay is not None:
-        prediction = DelayPrediction.of(controller.robot, delay=delay, sample_time=controller.sample_time)
+    if options.notch is not None:
+        parts = replace(parts, notch=Notch(frequency=options.notch))
+    if options.delay is not None:
+        prediction = DelayPrediction.of(
+            controller.robot, delay=options.delay, sample_time=controller.sample_time
+        )
         parts = replace(parts, prediction=prediction)
     return controller.with_parts(parts)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -13,22 +13,24 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from ballbot.cli.context import long_run
-from ballbot.cli.output import Bar, progress_bar, standard_output, table
+from ballbot.cli.context import (
+    CommandResult,
+    RunOptions,
+    WholeNumber,
+    input_files,
+    open_long_result,
+)
+from ballbot.cli.output import table
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import write_reference
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
-from ballbot.fitting.run import Run
-from ballbot.identification import Bounds, read_bounds
-from ballbot.printable import shell_line
+from ballbot.identification import read_bounds
 from ballbot.report.excitation import errors_figure, followed_run, run_figure
-from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import scenario_text
@@ -126,25 +128,84 @@ def _worst(errors: NDArray[np.float64]) -> str:
 _WRITTEN = ("reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LimitOptions:
+    """What the run must stay within."""
+
+    lean: float = 8.0
+    """Largest lean of the axis from the vertical [degrees]."""
+
+    floor: float = 1.0
+    """Largest distance from the start [m]."""
+
+    torque: float | None = None
+    """Largest torque of a wheel [N m]; half the robot's torque limit if not given."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SearchOptions:
+    """The search for the run."""
+
+    duration: float = 32.0
+    """Length of the run [s]."""
+
+    generations: WholeNumber = 40
+    """Largest number of generations of the search."""
+
+    population: WholeNumber = 16
+    """References tried in each generation."""
+
+    seed: WholeNumber = 0
+    """Random seed. The same seed gives the same result."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class TrialOptions:
+    """The trial on the twin."""
+
+    on_twin: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
+    """Run it and a square of the same length on the twin, and identify friction from both logs."""
+
+    scenario: str = "nominal"
+    """The twin's scenario: a name or a scenario file, as in ballbot record."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class IdentificationOptions:
+    """The identification that the run is for."""
+
+    found: Path | None = None
+    """results.json of `ballbot identify`, which shows how well the robot's states can be predicted. If not given, the
+    twin's are used."""
+
+    law: Law = "stribeck"
+    """The friction law that will be identified."""
+
+    bounds: Path | None = None
+    """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
+
+    window: float = 0.25
+    """Length of the windows of the identification, in seconds."""
+
+
+_LIMITS, _SEARCH = LimitOptions(), SearchOptions()
+_TRIAL, _IDENTIFICATION = TrialOptions(), IdentificationOptions()
+
+
 def excite(
     robot: str,
     /,
     *,
-    duration: float = 32.0,
-    lean: float = 8.0,
-    floor: float = 1.0,
-    torque: float | None = None,
+    within: LimitOptions = _LIMITS,
+    search: SearchOptions = _SEARCH,
+    trial: TrialOptions = _TRIAL,
+    identification: IdentificationOptions = _IDENTIFICATION,
     controller: Path | None = None,
-    found: Path | None = None,
-    on_twin: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True,
-    scenario: str = "nominal",
-    law: Law = "stribeck",
-    bounds: Path | None = None,
-    window: float = 0.25,
-    generations: int = 40,
-    population: int = 16,
-    seed: int = 0,
-    resume: bool = False,
+    resume: Annotated[bool, Parameter(negative="")] = False,
     out: Path,
 ) -> None:
     """Design an informative excitation within limits on lean, floor and torque, and try it on the twin.
@@ -160,194 +221,75 @@ def excite(
     ----------
     robot
         A preset's name or a robot file, with identified friction or without any.
-    duration
-        Length of the run [s].
-    lean
-        Largest lean of the axis from the vertical [degrees].
-    floor
-        Largest distance from the start [m].
-    torque
-        Largest torque of a wheel [N m]; half the robot's torque limit if not given.
     controller
         The controller file that the robot will use. If not given, the nominal controller without compensation.
-    found
-        results.json of `ballbot identify`, which shows how well the robot's states can be predicted. If not given, the
-        twin's are used.
-    on_twin
-        Run it and a square of the same length on the twin, and identify friction from both logs.
-    scenario
-        The twin's scenario: a name or a scenario file, as in ballbot record.
-    law
-        The friction law that will be identified.
-    bounds
-        The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds.
-    window
-        Length of the windows of the identification, in seconds.
-    generations
-        Largest number of generations of the search.
-    population
-        References tried in each generation.
-    seed
-        Random seed. The same seed gives the same result.
     resume
         Continue an interrupted run in the same folder.
     out
         The folder to write into.
     """
     described = Robot.load(robot)
-    asked = _Asked(
-        robot=robot,
-        duration=duration,
-        limits=RunLimits(
-            lean=math.radians(lean),
-            floor=floor,
-            torque=0.5 * described.drive.torque_limit if torque is None else torque,
-        ),
-        lean=lean,
-        controller=controller,
-        found=found,
-        on_twin=on_twin,
-        scenario=scenario,
-        law=law,
-        bounds=bounds,
-        window=window,
-        effort=DesignEffort(generations=generations, population=population),
-        seed=seed,
-        out=out,
+    limits = RunLimits(
+        lean=math.radians(within.lean),
+        floor=within.floor,
+        torque=0.5 * described.drive.torque_limit if within.torque is None else within.torque,
     )
+    effort = DesignEffort(generations=search.generations, population=search.population)
     chosen = read_controller(controller, described) if controller else nominal_controller(described)
-    read = _Read(
-        robot=described,
-        controller=chosen,
-        scenario=Scenario.load(scenario, described),
-        bounds=read_bounds(bounds) if bounds else None,
-        deviations=deviations_found(found) if found else None,
-    )
-    console = standard_output()
-    made = provenance(command=shell_line(asked.words), files=asked.files, seed=seed)
-    belongs_to = identity(described, [], asked.options | read.options)
-    with (
-        result_folder(out, command="excite", names=_WRITTEN, inputs=asked.files, resumes=True) as folder,
-        long_run(folder.path, words=asked.words, belongs_to=belongs_to, resume=resume, seed=seed) as run,
-    ):
-        with progress_bar(console, "excite") as bar:
-            result = _find(asked, read, run=run, bar=bar)
-        with folder.replaced() as new:
-            _write(result, chosen, made, new)
-    _show(result, console)
-    console.print(str(folder.path / "reference.csv"), soft_wrap=True)
+    scenario = Scenario.load(trial.scenario, described)
+    bounds = read_bounds(identification.bounds) if identification.bounds else None
+    deviations = deviations_found(identification.found) if identification.found else None
+    depends_on = {
+        "limits": limits,
+        "duration": search.duration,
+        "try": trial.on_twin,
+        "law": identification.law,
+        "window": identification.window,
+        "effort": effort,
+        "seed": search.seed,
+        "controller": digest(controller_text(chosen)).hex(),
+        "scenario": digest(scenario_text(scenario)).hex(),
+        "deviations": digest(deviations).hex(),
+        "bounds": bounds,
+    }
+    with open_long_result(
+        out,
+        command="excite",
+        writes=_WRITTEN,
+        inputs=input_files(robot, trial.scenario, controller, identification.found, identification.bounds),
+        belongs_to=identity(described, [], depends_on),
+        seed=search.seed,
+        run=RunOptions(resume=resume),
+    ) as result:
+        with result.progress("excite") as bar:
+            found = find(
+                described,
+                chosen,
+                limits=limits,
+                duration=search.duration,
+                scenario=scenario,
+                deviations=deviations,
+                on_twin=trial.on_twin,
+                law=identification.law,
+                bounds=bounds,
+                window=identification.window,
+                effort=effort,
+                run=result.run_with(bar.report),
+            )
+        with result.replaced() as new:
+            _write(found, chosen, result, new)
+    _show(found, result.console)
+    result.show_file("reference.csv")
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """The command line."""
-
-    robot: str
-    duration: float
-    limits: RunLimits
-    lean: float  #: as given [degrees]
-    controller: Path | None
-    found: Path | None
-    on_twin: bool
-    scenario: str
-    law: Law
-    bounds: Path | None
-    window: float
-    effort: DesignEffort
-    seed: int
-    out: Path
-
-    @property
-    def options(self) -> dict[str, object]:
-        """What the numbers depend on besides robot and files."""
-        return {
-            "limits": self.limits,
-            "duration": self.duration,
-            "try": self.on_twin,
-            "law": self.law,
-            "window": self.window,
-            "effort": self.effort,
-            "seed": self.seed,
-        }
-
-    @property
-    def words(self) -> list[str]:
-        """The command line that makes this again."""
-        words = [
-            "ballbot",
-            "excite",
-            self.robot,
-            "--duration",
-            repr(self.duration),
-            "--lean",
-            repr(self.lean),
-        ]
-        words += ["--floor", repr(self.limits.floor), "--torque", repr(self.limits.torque)]
-        words += ["--scenario", self.scenario, "--law", self.law]
-        words += [word for name, path in self._given.items() if path for word in (name, str(path))]
-        words += ["--try" if self.on_twin else "--no-try", "--window", repr(self.window)]
-        words += ["--generations", str(self.effort.generations), "--population", str(self.effort.population)]
-        return [*words, "--seed", str(self.seed), "--out", str(self.out)]
-
-    @property
-    def files(self) -> list[Path]:
-        """The files that the result is made from."""
-        named = [Path(name) for name in (self.robot, self.scenario) if Path(name).is_file()]
-        return [*named, *(path for path in self._given.values() if path)]
-
-    @property
-    def _given(self) -> dict[str, Path | None]:
-        return {"--controller": self.controller, "--found": self.found, "--bounds": self.bounds}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Read:
-    """What the command line's files hold."""
-
-    robot: Robot
-    controller: Controller
-    scenario: Scenario
-    bounds: Bounds | None
-    deviations: NDArray[np.float64] | None
-
-    @property
-    def options(self) -> dict[str, object]:
-        """What the numbers depend on besides the robot."""
-        return {
-            "controller": digest(controller_text(self.controller)).hex(),
-            "scenario": digest(scenario_text(self.scenario)).hex(),
-            "deviations": digest(self.deviations).hex(),
-            "bounds": self.bounds,
-        }
-
-
-def _find(asked: _Asked, read: _Read, *, run: Run, bar: Bar) -> Excitation:
-    return find(
-        read.robot,
-        read.controller,
-        limits=asked.limits,
-        duration=asked.duration,
-        scenario=read.scenario,
-        deviations=read.deviations,
-        on_twin=asked.on_twin,
-        law=asked.law,
-        bounds=read.bounds,
-        window=asked.window,
-        effort=asked.effort,
-        run=replace(run, progress=bar.report),
-    )
-
-
-def _write(result: Excitation, controller: Controller, made: Provenance, folder: Path) -> None:
-    design = result.design
+def _write(found: Excitation, controller: Controller, result: CommandResult, folder: Path) -> None:
+    design, limits = found.design, found.task.limits
     write_reference(design.times, design.poses, folder / "reference.csv")
     write_controller(controller, folder / "controller.toml")
-    shown = followed_run(result)
-    limits = result.task.limits
+    shown = followed_run(found)
     write_text(folder / "run.svg", drawn(lambda: run_figure(shown, limits), name="run"))
-    write_text(folder / "errors.svg", drawn(lambda: errors_figure(result), name="errors"))
-    results = result.to_dict() | {"provenance": made.to_dict()}
-    write_text(folder / "results.json", as_json(results))
+    write_text(folder / "errors.svg", drawn(lambda: errors_figure(found), name="errors"))
+    result.write_json(found.to_dict(), folder)
 
 
 def _show(result: Excitation, console: Console) -> None:

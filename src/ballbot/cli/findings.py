@@ -150,11 +150,6 @@ def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
     return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
 
 
-def accept_argv(accept: Sequence[str] | None) -> list[str]:
-    """Return the words of a command line that accept these codes again."""
-    return [word for code in accept or () for word in ("--accept", code)]
-
-
 def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot, console: Console) -> None:
     """Print a sentence for each controller, by the name it goes by, that may feed the motion of this robot."""
     for name, one in controllers.items():

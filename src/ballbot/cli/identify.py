@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,13 +12,23 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from ballbot.cli.context import long_run, named_files, names_listed, read_balancing_log
-from ballbot.cli.findings import Accept, accept_argv, check_input
-from ballbot.cli.output import Bar, progress_bar, standard_output, table
+from ballbot.cli.context import (
+    RUN_HERE,
+    CommandResult,
+    LongResult,
+    RunOptions,
+    WholeNumber,
+    input_files,
+    named_files,
+    names_listed,
+    open_long_result,
+    read_balancing_log,
+)
+from ballbot.cli.findings import Accept, check_input
+from ballbot.cli.output import Bar, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
-from ballbot.fitting.run import Run
 from ballbot.identification import (
     Bounds,
     HoldoutResult,
@@ -39,12 +49,9 @@ from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.apply_mapping import causal_states
 from ballbot.log.checks import CheckedLogs
-from ballbot.printable import shell_line
 from ballbot.report.friction import ladder_figure
-from ballbot.report.page import as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
@@ -150,25 +157,66 @@ def _gain(gain: Gain) -> str:
 _WRITTEN = ("robot.toml", "results.json", "ladder.svg")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class FitOptions:
+    """What is estimated, and how."""
+
+    estimate: str = "friction"
+    """What to estimate, separated by commas: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
+    wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), delays (delay, imu_delay,
+    velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
+    single quantities of friction, such as viscous."""
+
+    law: Literal["viscous", "coulomb", "stribeck", "asymmetric", "load", "best"] = "stribeck"
+    """The friction law of the wheels. best fits each in turn, shows how much each improves the prediction of held-out
+    windows, and keeps the law that improves it clearly."""
+
+    exclude_states: str = ""
+    """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
+    floor."""
+
+    bounds: Path | None = None
+    """A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value."""
+
+    sweep: Path | None = None
+    """results.json of `ballbot identify-driveline`: its b and c are combined with what the logs show, weighted by
+    their uncertainties. With --estimate torque_gain only the ratios between the wheels count."""
+
+    window: float = 0.25
+    """Length of the predicted windows, in seconds."""
+
+    seed: WholeNumber = 0
+    """Random seed. The same seed gives the same result."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LogOptions:
+    """How the logs are read, and those that are not fitted."""
+
+    holdout: Annotated[list[Path] | None, Parameter(negative="")] = None
+    """A log that is not fitted, on which the result is validated. May be given more than once."""
+
+    mapping: Annotated[list[Path] | None, Parameter(negative="")] = None
+    """A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it: one for all
+    logs, or one for each, in the order of the logs and then of those of --holdout."""
+
+
+_FIT, _READING = FitOptions(), LogOptions()
+
+
 def identify(
     robot: str,
     /,
     *logs: Path,
     out: Path,
-    free: str = "friction",
-    law: Literal["viscous", "coulomb", "stribeck", "asymmetric", "load", "best"] = "stribeck",
-    judge_on: Annotated[list[Path] | None, Parameter(negative="")] = None,
-    leave_out: str = "",
-    mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
-    bounds: Path | None = None,
-    sweep: Path | None = None,
-    seed: int = 0,
-    window: float = 0.25,
+    fit: FitOptions = _FIT,
+    reading: LogOptions = _READING,
     accept: Accept = None,
-    resume: bool = False,
-    cluster: str | None = None,
+    run: RunOptions = RUN_HERE,
 ) -> None:
-    """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr; with --free also more.
+    """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr; with --estimate also more.
 
     Writes robot.toml (the robot with the identified values) and results.json; with --law best also ladder.svg.
 
@@ -177,7 +225,7 @@ def identify(
 
     Example: ballbot identify alten square.csv hold.csv --out found
 
-    Example: ballbot identify alten square.csv --free friction,delay,torque_gain --law best --out found
+    Example: ballbot identify alten square.csv --estimate friction,delay,torque_gain --law best --out found
 
     Parameters
     ----------
@@ -187,148 +235,76 @@ def identify(
         One or more logs of the robot balancing, with torques and states.
     out
         The folder to write into.
-    free
-        What is estimated, separated by commas: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
-        wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), delays (delay, imu_delay,
-        velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
-        single quantities of friction, such as viscous.
-    law
-        The friction law of the wheels. best fits each in turn, shows how much each improves the prediction of held-out
-        windows, and keeps the law that improves it clearly.
-    judge_on
-        A log that is not fitted, on which the result is validated. May be given more than once.
-    leave_out
-        States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
-        floor.
-    mapping
-        A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it: one for all
-        logs, or one for each, in the order of the logs and then of those of --judge-on.
-    bounds
-        A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value.
-    sweep
-        results.json of `ballbot identify-driveline`: its b and c are combined with what the logs show, weighted by
-        their uncertainties. With --free torque_gain only the ratios between the wheels count.
-    seed
-        Random seed. The same seed gives the same result.
-    window
-        Length of the predicted windows, in seconds.
-    resume
-        Continue an interrupted run in the same folder.
-    cluster
-        The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786.
     """
-    asked = _Asked(
-        robot=robot,
-        logs=logs,
-        out=out,
-        free=free,
-        law=law,
-        judge_on=tuple(judge_on or ()),
-        leave_out=leave_out,
-        mappings=tuple(mapping or ()),
-        bounds=bounds,
-        sweep=sweep,
-        seed=seed,
-        window=window,
-        accept=tuple(accept or ()),
-    )
     described = Robot.load(robot)
-    free_wheels = read_sweep(sweep, wheel_count=described.wheel_count) if sweep else None
-    named, others = _logs(asked, described)
-    within = read_bounds(bounds) if bounds else Bounds()
-    checked = _checked(asked, described, named, others)
-    console = standard_output()
-    others_given = {"bounds": within, "sweep": None if free_wheels is None else free_wheels.digest}
-    belongs_to = identity(described, [one.log for one in named.values()], asked.options | others_given)
-    with (
-        result_folder(out, command="identify", names=_WRITTEN, inputs=asked.files, resumes=True) as folder,
-        long_run(
-            folder.path, words=asked.words, belongs_to=belongs_to, resume=resume, cluster=cluster
-        ) as run,
-    ):
-        with progress_bar(console, "identifying") as bar:
-            found, ladder = _find(
-                asked,
-                described,
-                checked,
-                within,
-                free_wheels,
-                run=run,
-                bar=bar,
+    sweep = read_sweep(fit.sweep, wheel_count=described.wheel_count) if fit.sweep else None
+    mappings = reading.mapping or []
+    named, others = _logs(logs, reading.holdout or [], mappings, described)
+    bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
+    checked = _checked(robot, described, named, others, accept)
+    back_emf = _back_emf(mappings)
+    depends_on = {
+        "free": fit.estimate,
+        "law": fit.law,
+        "leave_out": fit.exclude_states,
+        "back_emf": back_emf,
+        "seed": fit.seed,
+        "window": fit.window,
+        "bounds": bounds,
+        "sweep": None if sweep is None else sweep.digest,
+    }
+    with open_long_result(
+        out,
+        command="identify",
+        writes=_WRITTEN,
+        inputs=input_files(robot, logs, reading.holdout, mappings, fit.bounds, fit.sweep),
+        belongs_to=identity(described, [one.log for one in named.values()], depends_on),
+        seed=fit.seed,
+        run=run,
+    ) as result:
+        with result.progress("identifying") as bar:
+            task = _Task(
+                robot=described, logs=checked, fit=fit, bounds=bounds, sweep=sweep, back_emf=back_emf
             )
-        judged = [
+            found, selection = _find(task, result=result, bar=bar)
+        holdouts = [
             cross_validate(found, one.log, name=name, starts=one.starts(described))
             for name, one in others.items()
         ]
-        with folder.replaced() as new:
-            written = _write(asked, found, ladder, judged, new)
-    _show(found, ladder, judged, console)
-    for name in written:
-        console.print(str(folder.path / name), soft_wrap=True)
+        with result.replaced() as new:
+            written = _write(found, selection, holdouts, result, new)
+    _show(found, selection, holdouts, result.console)
+    result.show_file(*written)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Asked:
-    """The command line."""
+class _Task:
+    """What is to be identified, from what."""
 
-    robot: str
-    logs: tuple[Path, ...]
-    out: Path
-    free: str
-    law: LawName | Literal["best"]
-    judge_on: tuple[Path, ...]
-    leave_out: str
-    mappings: tuple[Path, ...]  #: none, one for all logs, or one for each of `logs` and of `judge_on`
-    bounds: Path | None
-    sweep: Path | None
-    seed: int
-    window: float
-    accept: tuple[str, ...]
+    robot: Robot
+    logs: CheckedLogs
+    fit: FitOptions
+    bounds: Bounds
+    sweep: SweepFriction | None
+    back_emf: float  #: what the motors brake with [N m s/rad]
 
-    @property
-    def back_emf(self) -> float:
-        """What the motors brake with [N m s/rad]; InputError where the mappings differ in it."""
-        found = {round(back_emf_of(mapping), 12) for mapping in self.mappings}
-        if len(found) > 1:
-            raise InputError(
-                "The motors of the mappings have back-EMF damping of "
-                f"{', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
-                "robot must have the same supply voltage, resistance and motor constants."
-            )
-        return found.pop() if found else 0.0
 
-    @property
-    def options(self) -> dict[str, object]:
-        """What the numbers depend on besides robot, logs and bounds."""
-        return {
-            "free": self.free,
-            "law": self.law,
-            "leave_out": self.leave_out,
-            "back_emf": self.back_emf,
-            "seed": self.seed,
-            "window": self.window,
-        }
+def _back_emf(mappings: Sequence[Path]) -> float:
+    """Return what the motors brake with [N m s/rad].
 
-    @property
-    def words(self) -> list[str]:
-        """The command line that makes this again."""
-        words = ["ballbot", "identify", self.robot, *map(str, self.logs), "--out", str(self.out)]
-        words += ["--free", self.free] if self.free != "friction" else []
-        words += ["--law", self.law] if self.law != "stribeck" else []
-        words += [word for path in self.judge_on for word in ("--judge-on", str(path))]
-        words += ["--leave-out", self.leave_out] if self.leave_out else []
-        words += [word for path in self.mappings for word in ("--mapping", str(path))]
-        words += ["--bounds", str(self.bounds)] if self.bounds else []
-        words += ["--sweep", str(self.sweep)] if self.sweep else []
-        words += ["--seed", str(self.seed), "--window", str(self.window)]
-        return [*words, *accept_argv(self.accept)]
-
-    @property
-    def files(self) -> list[Path]:
-        """The files that the result is made from."""
-        robot = [] if self.robot in Robot.presets() else [Path(self.robot)]
-        more = [path for path in (self.bounds, self.sweep) if path]
-        return [*robot, *self.logs, *self.judge_on, *self.mappings, *more]
+    Raises
+    ------
+    InputError
+        If the mappings differ in it.
+    """
+    found = {round(back_emf_of(mapping), 12) for mapping in mappings}
+    if len(found) > 1:
+        raise InputError(
+            "The motors of the mappings have back-EMF damping of "
+            f"{', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
+            "robot must have the same supply voltage, resistance and motor constants."
+        )
+    return found.pop() if found else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -347,53 +323,52 @@ class _Named:
         return lambda moments: causal_states(self.path, mapping=mapping, robot=robot, moments=moments)
 
 
-def _logs(asked: _Asked, robot: Robot) -> tuple[dict[str, _Named], dict[str, _Named]]:
-    """Read the logs to fit and those to judge on; a log without a position gets that of its wheels."""
-    named = named_files(asked.logs)
-    others = named_files(asked.judge_on) if asked.judge_on else {}
-    mappings, count = asked.mappings, len(named) + len(others)
+def _logs(
+    fitted: Sequence[Path], held_out: Sequence[Path], mappings: Sequence[Path], robot: Robot
+) -> tuple[dict[str, _Named], dict[str, _Named]]:
+    """Read the logs to fit and those to validate on; a log without a position gets that of its wheels."""
+    named = named_files(fitted)
+    others = named_files(held_out) if held_out else {}
+    count = len(named) + len(others)
     if len(mappings) not in (0, 1, count):
         raise InputError(
             f"--mapping is given {len(mappings)} times for {count} "
             "logs; give one for all logs, or one for each."
         )
-    of_each = iter(mappings if len(mappings) == count else (mappings or (None,)) * count)
+    of_each = iter(mappings if len(mappings) == count else (*mappings, None)[:1] * count)
 
     def read(path: Path) -> _Named:
         mapping = next(of_each)
         return _Named(log=read_balancing_log(path, mapping, robot), path=path, mapping=mapping)
 
-    fitted = {name: read(path) for name, path in named.items()}
-    return fitted, {name: read(path) for name, path in others.items()}
+    return {name: read(path) for name, path in named.items()}, {
+        name: read(path) for name, path in others.items()
+    }
 
 
 def _checked(
-    asked: _Asked, robot: Robot, named: Mapping[str, _Named], others: Mapping[str, _Named]
+    source: str,
+    robot: Robot,
+    named: Mapping[str, _Named],
+    others: Mapping[str, _Named],
+    accept: list[str] | None,
 ) -> CheckedLogs:
     """Check all logs together, as they are one robot's; return those to fit, with the findings of all."""
     both = (*named.values(), *others.values())
     findings = check_input(
         robot,
         {one.path: one.log for one in both},
-        accept=asked.accept,
-        source=asked.robot,
+        accept=accept,
+        source=source,
         mappings={one.path: one.mapping for one in both},
     )
     return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
 
 
-def _find(
-    asked: _Asked,
-    robot: Robot,
-    logs: CheckedLogs,
-    bounds: Bounds,
-    sweep: SweepFriction | None,
-    *,
-    run: Run,
-    bar: Bar,
-) -> tuple[Identification, ModelSelection | None]:
-    """Fit the law asked for, or climb the ladder."""
-    laws = [law.name for law in LAWS] if asked.law == "best" else [asked.law]
+def _find(task: _Task, *, result: LongResult, bar: Bar) -> tuple[Identification, ModelSelection | None]:
+    """Fit the given law, or each law and select one."""
+    options = task.fit
+    laws = [law.name for law in LAWS] if options.law == "best" else [options.law]
 
     def fit(law: LawName, start: Identification | None) -> Identification:
         def tell(progress: Progress) -> None:
@@ -401,46 +376,45 @@ def _find(
             bar.show(share, note=f"{law}, error x {math.exp(progress.cost):.3f}")
 
         return find(
-            robot,
-            logs,
-            free=names_listed(asked.free),
+            task.robot,
+            task.logs,
+            free=names_listed(options.estimate),
             law=law,
-            bounds=bounds,
-            window=asked.window,
+            bounds=task.bounds,
+            window=options.window,
             options=IdentificationOptions(
-                excluded_states=tuple(names_listed(asked.leave_out)),
-                back_emf=asked.back_emf,
+                excluded_states=tuple(names_listed(options.exclude_states)),
+                back_emf=task.back_emf,
                 warm_start=start,
-                sweep=sweep,
+                sweep=task.sweep,
             ),
-            run=replace(run, progress=tell),
+            run=result.run_with(tell),
         )
 
-    if asked.law == "best":
+    if options.law == "best":
         ladder = select_model(fit)
         return ladder.best.found, ladder
-    return fit(asked.law, None), None
+    return fit(options.law, None), None
 
 
 def _write(
-    asked: _Asked,
     found: Identification,
-    ladder: ModelSelection | None,
-    judged: Sequence[HoldoutResult],
+    selection: ModelSelection | None,
+    holdouts: Sequence[HoldoutResult],
+    result: CommandResult,
     folder: Path,
 ) -> list[str]:
     """Write the results and return the names of what people read."""
-    made = provenance(command=shell_line(asked.words), files=asked.files, seed=asked.seed)
     results = found.to_dict()
-    if ladder:
-        results["ladder"] = ladder.to_dict()
-    if judged:
-        results["judged_on"] = {one.name: one.to_dict() for one in judged}
+    if selection:
+        results["ladder"] = selection.to_dict()
+    if holdouts:
+        results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
     write_robot(found.robot, folder / "robot.toml")
-    write_text(folder / "results.json", as_json(results | {"provenance": made.to_dict()}))
-    if ladder is None:
+    result.write_json(results, folder)
+    if selection is None:
         return ["robot.toml"]
-    write_text(folder / "ladder.svg", drawn(lambda: ladder_figure(ladder), name="ladder"))
+    write_text(folder / "ladder.svg", drawn(lambda: ladder_figure(selection), name="ladder"))
     return ["robot.toml", "ladder.svg"]
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from ballbot.cli.findings import Accept, accept_argv, stop_or_show
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.context import CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli.output import table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.run import Run
@@ -27,7 +28,6 @@ from ballbot.identification.driveline_checks import sweep_findings
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.printable import shell_line
 from ballbot.progress import Progress, part_of
 from ballbot.report.driveline import (
     driveline_findings,
@@ -36,8 +36,7 @@ from ballbot.report.driveline import (
     error_rows,
     parameter_rows,
 )
-from ballbot.report.page import as_json, provenance
-from ballbot.result_folder import result_folder
+from ballbot.report.page import as_json
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
 
@@ -57,7 +56,7 @@ def identify_driveline(
     speed_limit: float | None = None,
     lower: tuple[float, float, float, float, float] = DrivelineBounds.lower,
     upper: tuple[float, float, float, float, float] = DrivelineBounds.upper,
-    seed: int = 0,
+    seed: WholeNumber = 0,
     accept: Accept = None,
 ) -> None:
     """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
@@ -91,26 +90,18 @@ def identify_driveline(
     sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
     findings = _checked(described, log, read, sweeps, accept)
     bounds = DrivelineBounds(lower=lower, upper=upper)
-    words = ["ballbot", "identify-driveline", robot, str(log), "--out", str(out), "--seed", str(seed)]
-    words += ["--mapping", str(mapping)] if mapping else []
-    words += [] if speed_limit is None else ["--speed-limit", str(speed_limit)]
-    words += accept_argv(accept)
-    words += ["--lower", *map(str, lower), "--upper", *map(str, upper)]
-    files = [*([] if robot in Robot.presets() else [Path(robot)]), log, *([mapping] if mapping else [])]
-    made = provenance(command=shell_line(words), files=files, seed=seed)
-
-    console = standard_output()
-    with result_folder(out, command="identify-driveline", names=_WRITTEN, inputs=files) as folder:
-        fits, printed = _fit(sweeps, bounds, seed, console)
+    inputs = input_files(robot, log, mapping)
+    with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
+        fits, printed = _fit(sweeps, bounds, seed, result)
         friction = _friction(fits, rolling=described.friction.rolling)
-        with folder.replaced() as new:
+        made = result.origin
+        page = driveline_report(described.name, sweeps, fits, printed, made, findings)
+        with result.replaced() as new:
             write_text(new / "results.json", as_json(driveline_results(fits, printed, made, findings)))
-            write_text(
-                new / "report.html", driveline_report(described.name, sweeps, fits, printed, made, findings)
-            )
+            write_text(new / "report.html", page)
             write_robot(described.replace(friction=friction), new / "robot.toml")
-    _show(fits, printed, console)
-    console.print(str(folder.path / "report.html"), soft_wrap=True)
+    _show(fits, printed, result.console)
+    result.show_file("report.html")
 
 
 def _checked(
@@ -126,12 +117,12 @@ def _checked(
 
 
 def _fit(
-    sweeps: Sequence[Sweep], bounds: DrivelineBounds, seed: int, console: Console
+    sweeps: Sequence[Sweep], bounds: DrivelineBounds, seed: int, result: CommandResult
 ) -> tuple[list[DrivelineFit], list[PrintedFit]]:
     """Fit every wheel, to the pieces of its sweep and then as printed."""
     fits: list[DrivelineFit] = []
     printed: list[PrintedFit] = []
-    with progress_bar(console, "sweep") as bar:
+    with result.progress("sweep") as bar:
 
         def show(now: Progress) -> None:
             bar.report(replace(now, note=f"error {math.exp(now.cost):.3g}"))

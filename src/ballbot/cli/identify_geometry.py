@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from ballbot.cli.context import read_logs
-from ballbot.cli.findings import Accept, accept_argv, stop_or_show
+from ballbot.cli.context import input_files, open_result, read_logs
+from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
-from ballbot.files import write_text
-from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.identification.geometry import (
     Geometry,
     Measured,
@@ -23,9 +22,6 @@ from ballbot.identification.geometry import (
 from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.printable import shell_line
-from ballbot.report.page import as_json, provenance
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
@@ -79,26 +75,15 @@ def identify_geometry(
     )
     of_runs = dict(zip(runs, read_logs(tuple(runs), mapping).values() if runs else (), strict=True))
     findings = _checked(described, of_ball, of_runs, accept)
-    options = {
-        "--upside-down": on_wheels,
-        "--balancing": runs,
-        "--motion-capture": films,
-        "--mapping": [mapping] if mapping else [],
-    }
-    words = ["ballbot", "identify-geometry", robot, "--out", str(out)]
-    words += [word for option, paths in options.items() for path in paths for word in (option, str(path))]
-    words += accept_argv(accept)
-    files = [path for paths in options.values() for path in paths]
-    files += [] if robot in Robot.presets() else [Path(robot)]
-    made = provenance(command=shell_line(words), files=files, seed=0)
-    with result_folder(out, command="identify-geometry", names=_WRITTEN, inputs=files) as folder:
+    inputs = input_files(on_wheels, runs, films, mapping, robot)
+    with open_result(out, command="identify-geometry", writes=_WRITTEN, inputs=inputs) as result:
         found = survey_geometry(
             described,
             upside_down=list(of_ball.values()),
             balancing=[(log, Log.read(film)) for log, film in zip(of_runs.values(), films, strict=True)],
         )
         remarks = geometry_findings(found)
-        with folder.replaced() as new:
+        with result.replaced() as new:
             try:
                 write_robot(robot_with_geometry(described, found), new / "robot.toml")
             except InputError as error:
@@ -106,14 +91,9 @@ def identify_geometry(
                     "No robot.toml was written, because the geometry found is not "
                     f"possible with the other values of the robot file: {error}"
                 )
-            results = found.to_dict() | {
-                "findings": finding_results(findings),
-                "remarks": remarks,
-                "provenance": made.to_dict(),
-            }
-            write_text(new / "results.json", as_json(results))
+            result.write_json(found.to_dict() | {"remarks": remarks}, new, findings=findings)
     _show(found, remarks)
-    standard_output().print(str(folder.path / "results.json"), soft_wrap=True)
+    result.show_file("results.json")
 
 
 def _checked(

@@ -5,15 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from ballbot.cli.context import long_run, read_logs
-from ballbot.cli.findings import Accept, accept_argv, stop_or_show
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.context import (
+    CommandResult,
+    RunOptions,
+    WholeNumber,
+    input_files,
+    open_long_result,
+    read_logs,
+)
+from ballbot.cli.findings import Accept, stop_or_show
+from ballbot.cli.output import table
 from ballbot.files import write_text
-from ballbot.findings import Finding, by_severity, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import Progress, read_bounds
 from ballbot.identification.upside_down import UpsideDown
@@ -21,12 +30,9 @@ from ballbot.identification.upside_down import identify_upside_down as find_fric
 from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.printable import shell_line
 from ballbot.report.bench import movement_figure, prediction_figure
-from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
-from ballbot.result_folder import result_folder
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows.ball_movement import ball_movement
@@ -42,10 +48,10 @@ def identify_upside_down(
     out: Path,
     mapping: Path | None = None,
     bounds: Path | None = None,
-    seed: int = 0,
+    seed: WholeNumber = 0,
     window: float = 1.0,
     accept: Accept = None,
-    resume: bool = False,
+    resume: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
@@ -80,24 +86,18 @@ def identify_upside_down(
     named = read_logs(logs, mapping)
     findings = _checked(described, dict(zip(logs, named.values(), strict=True)), accept)
     within = read_bounds(bounds) if bounds else None
-    console = standard_output()
-    options = {"--mapping": mapping, "--bounds": bounds}
-    given = {option: path for option, path in options.items() if path}
-    words = ["ballbot", "identify-upside-down", robot, *map(str, logs), "--out", str(out)]
-    words += ["--seed", str(seed), "--window", str(window)]
-    words += [word for option, path in given.items() for word in (option, str(path))]
-    words += accept_argv(accept)
     depends_on = {"bounds": within, "seed": seed, "window": window}
     belongs_to = identity(described, list(named.values()), depends_on)
-    files = [*logs, *given.values(), *([] if robot in Robot.presets() else [Path(robot)])]
-    made = provenance(command=shell_line(words), files=files, seed=seed)
-    with (
-        result_folder(
-            out, command="identify-upside-down", names=_WRITTEN, inputs=files, resumes=True
-        ) as folder,
-        long_run(folder.path, words=words, belongs_to=belongs_to, resume=resume, seed=seed) as run,
-    ):
-        with progress_bar(console, "identifying") as bar:
+    with open_long_result(
+        out,
+        command="identify-upside-down",
+        writes=_WRITTEN,
+        inputs=input_files(logs, mapping, bounds, robot),
+        belongs_to=belongs_to,
+        seed=seed,
+        run=RunOptions(resume=resume),
+    ) as result:
+        with result.progress("identifying") as bar:
 
             def tell(progress: Progress) -> None:
                 bar.show(progress.share, note=f"error {progress.cost:.3f} rad/s")
@@ -107,13 +107,12 @@ def identify_upside_down(
                 list(named.values()),
                 bounds=within,
                 window=window,
-                run=replace(run, progress=tell),
+                run=result.run_with(tell),
             )
-        with folder.replaced() as new:
-            _write(found, next(iter(named.values())), made, findings, new)
-    _show(found, described, console)
-    for name in ("robot.toml", "prediction.svg", "movement.svg"):
-        console.print(str(folder.path / name), soft_wrap=True)
+        with result.replaced() as new:
+            _write(found, next(iter(named.values())), result, findings, new)
+    _show(found, described, result.console)
+    result.show_file("robot.toml", "prediction.svg", "movement.svg")
 
 
 def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -> tuple[Finding, ...]:
@@ -129,12 +128,12 @@ def _checked(robot: Robot, logs: Mapping[Path, Log], accept: list[str] | None) -
     return findings
 
 
-def _write(found: UpsideDown, log: Log, made: Provenance, findings: Sequence[Finding], folder: Path) -> None:
+def _write(
+    found: UpsideDown, log: Log, result: CommandResult, findings: Sequence[Finding], folder: Path
+) -> None:
     movement = ball_movement(found.robot)
-    more = {"findings": finding_results(findings), "provenance": made.to_dict()}
-    results = found.to_dict() | {"movement": movement.to_dict()} | more
+    result.write_json(found.to_dict() | {"movement": movement.to_dict()}, folder, findings=findings)
     write_robot(found.robot, folder / "robot.toml")
-    write_text(folder / "results.json", as_json(results))
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
     write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))
 

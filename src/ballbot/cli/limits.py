@@ -10,19 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.context import CommandResult, WholeNumber, input_files, open_result
+from ballbot.cli.output import table
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
-from ballbot.printable import shell_line
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, directions_figure, heights_figure, planes_figure
-from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.report.style import drawn
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
-from ballbot.workflows.candidates import Candidate, parse_candidates
+from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits
 from ballbot.workflows.recovery_region import Loop
 
@@ -49,10 +47,10 @@ def limits(
     /,
     *,
     grip: float = 1.0,
-    refinements: int = 5,
+    refinements: WholeNumber = 5,
     twin: bool = False,
     scenario: str = "nominal",
-    seed: int = 1,
+    seed: WholeNumber = 1,
     out: Path,
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
@@ -84,27 +82,15 @@ def limits(
     out
         The folder to write into.
     """
-    described, entrants = Robot.load(robot), parse_candidates(controllers)
-    chosen = {one.name: _law(one.name, one.controller(described)) for one in entrants}
+    described, candidates = Robot.load(robot), parse_candidates(controllers)
+    chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     _check(len(chosen), grip=grip, refinements=refinements, seed=seed)
     truth = _truth(scenario, described) if twin else None
-    console, found = standard_output(), _Found()
-    words = [
-        "ballbot",
-        "limits",
-        robot,
-        *controllers,
-        "--grip",
-        repr(grip),
-        "--refinements",
-        str(refinements),
-    ]
-    words += [*(["--twin"] if twin else []), "--scenario", scenario, "--seed", str(seed), "--out", str(out)]
-    files = origins(robot, entrants, scenario if twin else "")
-    made = provenance(command=shell_line(words), files=files, seed=seed)
-    with result_folder(out, command="limits", names=_WRITTEN, inputs=files) as folder:
-        with progress_bar(console, "limits") as bar:
-            for place, (one, controller) in enumerate(zip(entrants, chosen.values(), strict=True)):
+    found = _Found()
+    inputs = input_files(robot, [one.file for one in candidates if one.file], scenario if twin else None)
+    with open_result(out, command="limits", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
+        with result.progress("limits") as bar:
+            for place, (one, controller) in enumerate(zip(candidates, chosen.values(), strict=True)):
 
                 def report(now: Progress, place: int = place, name: str = one.name) -> None:
                     bar.show((place + now.share) / len(chosen), note=name)
@@ -114,10 +100,10 @@ def limits(
                 if truth is not None:
                     bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
                     found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], seed)
-        with folder.replaced() as new:
-            _write(found, described, grip, made, new)
-    _show(found, console)
-    console.print(str(folder.path / "results.json"), soft_wrap=True)
+        with result.replaced() as new:
+            _write(found, described, grip, result, new)
+    _show(found, result.console)
+    result.show_file("results.json")
 
 
 def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
@@ -131,13 +117,6 @@ def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> Non
     if not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InputError(f"--refinements is {refinements}; it must be from 0 to {_MOST_REFINEMENTS}.")
     check_seed(seed)
-
-
-def origins(robot: str, entrants: Sequence[Candidate], scenario: str) -> list[Path]:
-    """Return the files that the result is made from."""
-    paths = [] if robot in Robot.presets() else [Path(robot)]
-    paths += [one.file for one in entrants if one.file]
-    return paths + ([Path(scenario)] if Path(scenario).is_file() else [])
 
 
 def _law(name: str, controller: object) -> Controller:
@@ -160,14 +139,14 @@ def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequ
     return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, seed=seed)
 
 
-def _write(found: _Found, robot: Robot, grip: float, made: Provenance, folder: Path) -> None:
+def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, folder: Path) -> None:
     by_controller = {
         name: one.to_dict()
         | {"twin": [asdict(edge) | {"agrees": edge.agrees} for edge in found.twin.get(name, ())]}
         for name, one in found.model.items()
     }
-    results = {"robot": robot.name, "grip": grip, "controllers": by_controller, "provenance": made.to_dict()}
-    write_text(folder / "results.json", as_json(results))
+    results = {"robot": robot.name, "grip": grip, "controllers": by_controller}
+    result.write_json(results, folder)
     write_text(folder / "planes.svg", drawn(lambda: planes_figure(found.model), name="planes"))
     write_text(
         folder / "directions.svg",

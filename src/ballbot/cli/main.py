@@ -15,8 +15,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from cyclopts import App, CycloptsError, UnknownCommandError
+from cyclopts import App, CycloptsError, Group, UnknownCommandError
 
+from ballbot.cli import ARGV
 from ballbot.errors import InputError, suggest
 from ballbot.printable import printable_line
 
@@ -40,80 +41,57 @@ _EXTRAS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Command:
-    """One command of `ballbot`."""
+    """One command of `ballbot`: the function of its name in the module of its name, with _ for -."""
 
     name: str
-    target: str  #: "module:function", below `ballbot.cli`
+    group: str  #: its heading in `ballbot --help`
     summary: str  #: its line in `ballbot --help`
 
+    @property
+    def module(self) -> str:
+        """Its module, which is imported only if the command is named."""
+        return f"ballbot.cli.{self.function}"
 
-#: in the order of `ballbot --help`: the main job first, then the stages as one walks through them
+    @property
+    def function(self) -> str:
+        """The function, or an App of several."""
+        return self.name.replace("-", "_")
+
+
+#: in the order of `ballbot --help`; a command is a module of its name and a line here
 COMMANDS = (
-    Command(
-        name="study", target="study:study", summary="Robot and logs in; friction, report and controller out."
-    ),
-    Command(name="new", target="new:new", summary="Write a robot file to start from."),
-    Command(
-        name="check",
-        target="check:check",
-        summary="Check a robot; print what follows from its parameters.",
-    ),
-    Command(
-        name="check-log",
-        target="check_log:check_log",
-        summary="Check a log and show what it can be used for.",
-    ),
-    Command(
-        name="simulate", target="simulate:simulate", summary="Simulate a robot in closed loop; write a log."
-    ),
-    Command(name="record", target="record:record", summary="Record logs from the physics-engine twin."),
-    Command(name="twin", target="twin:twin", summary="Write the twin's MuJoCo model or a scenario."),
-    Command(
-        name="excite",
-        target="excite:excite",
-        summary="Design an informative excitation within limits; try it on the twin.",
-    ),
-    Command(
-        name="identify", target="identify:identify", summary="Identify a robot's friction from its logs."
-    ),
-    Command(
-        name="identify-axis",
-        target="identify_axis:identify_axis",
-        summary="Identify the mass and friction of any single axis.",
-    ),
-    Command(
-        name="identify-driveline",
-        target="identify_driveline:identify_driveline",
-        summary="Identify driveline friction from a free-wheel sweep.",
-    ),
-    Command(
-        name="identify-upside-down",
-        target="identify_upside_down:identify_upside_down",
-        summary="Identify friction of the robot clamped upside down.",
-    ),
-    Command(
-        name="identify-geometry",
-        target="identify_geometry:identify_geometry",
-        summary="Identify geometry and IMU mounting from logs.",
-    ),
-    Command(name="validate", target="validate:validate", summary="Validate a robot's model against logs."),
-    Command(name="align", target="align:align", summary="Compare a log's sensors with motion capture."),
-    Command(name="spin", target="spin:spin", summary="Measure the ball's velocity in a video of its seam."),
-    Command(name="design", target="design:design", summary="Design a controller for a robot."),
-    Command(
-        name="limits",
-        target="limits:limits",
-        summary="Find the tilts and impulses a robot recovers from.",
-    ),
-    Command(
-        name="compare", target="compare:compare", summary="Compare controllers on the same courses and seeds."
-    ),
-    Command(
-        name="reproduce", target="reproduce:reproduce", summary="Reproduce the thesis's figures and tables."
-    ),
+    Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
+    Command("new", "Robot", "Write a robot file to start from."),
+    Command("check", "Robot", "Check a robot and print what follows from its parameters."),
+    Command("check-log", "Logs", "Check a log and show what it can be used for."),
+    Command("simulate", "Logs", "Simulate a robot in closed loop and write a log."),
+    Command("record", "Logs", "Record logs from the physics-engine twin."),
+    Command("align", "Logs", "Compare a log's sensors with motion capture."),
+    Command("spin", "Logs", "Measure the ball's velocity in a video of its seam."),
+    Command("identify", "Identification", "Identify a robot's friction from its logs."),
+    Command("identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep."),
+    Command("identify-upside-down", "Identification", "Identify friction of the robot clamped upside down."),
+    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs."),
+    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis."),
+    Command("validate", "Validation", "Validate a model or a controller against logs."),
+    Command("design", "Control", "Design a controller for a robot."),
+    Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
+    Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
+    Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),
+    Command("twin", "Experiments", "Write the twin's MuJoCo model or a scenario."),
+    Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
 )
+
+#: options by their old names, which still work in this release: command, old name, new name
+RENAMED_OPTIONS = {
+    ("identify", "--free"): "--estimate",
+    ("identify", "--judge-on"): "--holdout",
+    ("identify", "--leave-out"): "--exclude-states",
+    ("study", "--leave-out"): "--exclude-states",
+    ("design", "--allow-pumping"): "--allow-overcompensation",
+}
 
 
 def build_app(tokens: Sequence[str] = ()) -> App:
@@ -131,17 +109,18 @@ def build_app(tokens: Sequence[str] = ()) -> App:
         version=_version,
         suppress_keyboard_interrupt=False,
     )
+    groups = {name: Group.create_ordered(name) for name in dict.fromkeys(one.group for one in COMMANDS)}
     for place, command in enumerate(COMMANDS):
+        group = groups[command.group]
         if command.name in tokens[:1]:
-            module, _, function = command.target.partition(":")
-            loaded = getattr(importlib.import_module(f"ballbot.cli.{module}"), function)
+            loaded = getattr(importlib.import_module(command.module), command.function)
             if isinstance(loaded, App):  # a group of commands has its name already
                 app.command(loaded)
             else:
                 app.command(loaded, name=command.name, sort_key=place)
         else:
-            target = f"ballbot.cli.{command.target}"
-            app.command(target, name=command.name, help=command.summary, sort_key=place)
+            target = f"{command.module}:{command.function}"
+            app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
     return app
 
 
@@ -187,10 +166,28 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(tokens: list[str]) -> int:
-    build_app(tokens)(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    tokens = _with_new_names(tokens)
+    app = build_app(tokens)
+    running = ARGV.set(tuple(tokens))
+    try:
+        app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+    finally:
+        ARGV.reset(running)
     if sys.stdout is not None:  # as with `>&-`
         sys.stdout.flush()
     return 0
+
+
+def _with_new_names(tokens: Sequence[str]) -> list[str]:
+    """Return the command line with renamed options under their new names, and print a hint for each."""
+    renamed = []
+    for token in tokens:
+        option, equals, value = token.partition("=")
+        new = RENAMED_OPTIONS.get((tokens[0], option))
+        if new:
+            _say(f"{option} is now called {new}; the old name goes with the next release.")
+        renamed.append(f"{new}{equals}{value}" if new else token)
+    return renamed
 
 
 def _show_warning(message: Warning | str, *_: object) -> None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from ballbot.cli.context import parse_seeds
+from ballbot.cli.context import ControllerOptions, WholeNumber, parse_seeds
 from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import progress_bar, standard_output
-from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import check_folder
@@ -31,21 +30,54 @@ from ballbot.workflows.record import (
 )
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOptions:
+    """What the robot does, and what is recorded."""
+
+    experiment: Experiment = "balance"
+    """balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the
+    wheels)."""
+
+    reference: str = "square"
+    """The motion that a balancing robot is to follow: hold, square, change_pose, circle, figure_eight, or a file with
+    t, ref_x, ref_y and ref_psi, as ballbot excite writes it."""
+
+    duration: float | None = None
+    """How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down if not given."""
+
+    format: str = "csv"
+    """File format of the log, the truth and the motion capture: csv or parquet."""
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SeedOptions:
+    """Random seeds, and runs that are there already."""
+
+    seed: WholeNumber = 1
+    """Random seed. The same seed gives the same recording, bit for bit."""
+
+    seeds: str | None = None
+    """Several seeds, such as 1-200 or 1,4,7-9, recorded on all cores, each into its own folder. Complete runs found
+    there are kept, with or without --resume."""
+
+    resume: Annotated[bool, Parameter(negative="")] = False
+    """Keep a complete run in the folder: made with the same settings, and every file as it was written."""
+
+
+_EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
+
+
 def record(
     scenario: str,
     /,
     *,
     robot: str = "alten",
-    experiment: Experiment = "balance",
-    reference: str = "square",
-    duration: float | None = None,
-    seed: int = 1,
-    seeds: str | None = None,
-    compensation: Literal["none", "full", "partial"] = "none",
-    controller: Path | None = None,
+    run: ExperimentOptions = _EXPERIMENT,
+    chosen: ControllerOptions = _CONTROLLER,
     estimator: EstimatorName | None = None,
-    format: str = "csv",
-    resume: Annotated[bool, Parameter(negative="")] = False,
+    random: SeedOptions = _SEEDS,
     accept: Accept = None,
     out: Path,
 ) -> None:
@@ -62,62 +94,39 @@ def record(
         resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
     robot
         A preset's name or a robot file. The controller compensates its friction; the twin has its scenario's.
-    experiment
-        balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the wheels).
-    reference
-        The motion that a balancing robot is to follow: hold, square, change_pose, circle, figure_eight, or a file
-        with t, ref_x, ref_y and ref_psi, as ballbot excite writes it.
-    duration
-        How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down if not given.
-    seed
-        Random seed. The same seed gives the same recording, bit for bit.
-    seeds
-        Several seeds, such as 1-200 or 1,4,7-9, recorded on all cores, each into its own folder. Complete runs found
-        there are kept, with or without --resume.
-    compensation
-        Compensation of the friction in the robot's file.
-    controller
-        A controller file, instead of the nominal gain and compensation.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard, as in the thesis (a sum of
         wheel speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
-    format
-        File format of the log, the truth and the motion capture: csv or parquet.
-    resume
-        Keep a complete run in the folder: made with the same settings, and every file as it was written.
     out
         The folder to write into.
     """
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     # refused before anything is run or made
-    reference_from(reference)
-    check_seed(seed)
-    all_seeds = None if seeds is None else parse_seeds(seeds)
-    chosen = (
-        read_controller(controller, described)
-        if controller
-        else nominal_controller(described, compensation=compensation)
-    )
+    reference_from(run.reference)
+    check_seed(random.seed)
+    all_seeds = None if random.seeds is None else parse_seeds(random.seeds)
+    controller = chosen.read(described)
     job = RecordJob(
         robot=described,
         scenario=Scenario.load(scenario, described),
-        controller=chosen if estimator is None else chosen.with_estimator(estimator),
-        experiment=experiment,
-        reference=reference,
-        duration=DURATIONS[experiment] if duration is None else duration,
-        log_format=check_ending(format),
+        controller=controller if estimator is None else controller.with_estimator(estimator),
+        experiment=run.experiment,
+        reference=run.reference,
+        duration=DURATIONS[run.experiment] if run.duration is None else run.duration,
+        log_format=check_ending(run.format),
     )
     console = standard_output()
-    if controller:
-        warn_of_overcompensation({str(controller): job.controller}, described, console)
-    if experiment == "balance":
-        warn_of_idle_compensation({str(controller or "nominal controller"): job.controller}, console)
+    if chosen.controller:
+        warn_of_overcompensation({str(chosen.controller): job.controller}, described, console)
+    if run.experiment == "balance":
+        name = str(chosen.controller or "nominal controller")
+        warn_of_idle_compensation({name: job.controller}, console)
     sample_count(job.duration, job.controller.sample_time)
     check_folder(out)
     if all_seeds is None:
-        _one(job, seed, out, console, resume=resume)
+        _one(job, random.seed, out, console, resume=random.resume)
     else:
         _many(job, all_seeds, out, console)
 

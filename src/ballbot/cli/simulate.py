@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
+from cyclopts import Parameter
+
+from ballbot.cli.context import ControllerOptions, WholeNumber, input_files, open_result
 from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
-from ballbot.cli.output import progress_bar, standard_output
-from ballbot.control.controller import Compensation
-from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
+from ballbot.cli.output import standard_output
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
-from ballbot.files import write_text
 from ballbot.fitting.run import check_seed
 from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_ENDINGS, check_ending
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.page import as_json
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
@@ -31,17 +29,34 @@ from ballbot.workflows.metrics import SETTLE, score, settled
 _WRITTEN = (*(f"log.{ending}" for ending in WRITTEN_ENDINGS), "results.json")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class PlantOptions:
+    """What is simulated."""
+
+    formulation: Formulation = "exact"
+    """exact, or thesis (Appendix II as printed)."""
+
+    scenario: str | None = None
+    """Sensors, delay, play, torque noise and floor of this scenario of the twin, a name or a file, on the equations of
+    motion; the friction stays the robot's. The controller gets the state of the estimator that its file names.
+    Perfect sensors if not given."""
+
+    seed: WholeNumber = 1
+    """Random seed of a scenario's noise. The same seed gives the same run."""
+
+
+_CONTROLLER, _PLANT = ControllerOptions(), PlantOptions()
+
+
 def simulate(
     robot: str,
     /,
     *,
     reference: str = "square",
     duration: float = 32.0,
-    controller: Path | None = None,
-    compensation: Compensation = "none",
-    formulation: Formulation = "exact",
-    scenario: str | None = None,
-    seed: int = 1,
+    chosen: ControllerOptions = _CONTROLLER,
+    simulated: PlantOptions = _PLANT,
     format: str = "csv",
     accept: Accept = None,
     out: Path,
@@ -63,18 +78,6 @@ def simulate(
         ref_x, ref_y and ref_psi, as ballbot excite writes it.
     duration
         Length of the run [s].
-    controller
-        A controller file, instead of the nominal gain and compensation.
-    compensation
-        Compensation of the robot's friction by the nominal controller: none, full or partial.
-    formulation
-        exact, or thesis (Appendix II as printed).
-    scenario
-        Sensors, delay, play, torque noise and floor of this scenario of the twin, a name or a file, on the equations
-        of motion; the friction stays the robot's. The controller gets the state of the estimator that its file names.
-        Perfect sensors if not given.
-    seed
-        Random seed of a scenario's noise. The same seed gives the same run.
     format
         File format of the log: csv or parquet.
     out
@@ -82,34 +85,30 @@ def simulate(
     """
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
-    check_seed(seed)
+    check_seed(simulated.seed)
     check_ending(format)
     path = reference_from(reference)
-    chosen = (
-        read_controller(controller, described)
-        if controller
-        else nominal_controller(described, compensation=compensation)
-    )
+    controller = chosen.read(described)
     console = standard_output()
-    if controller:
-        warn_of_overcompensation({str(controller): chosen}, described, console)
-    warn_of_idle_compensation({str(controller or "nominal controller"): chosen}, console)
-    plant = _plant(Model(described, formulation), scenario, chosen.estimator)
-    inputs = [Path(one) for one in (robot, reference, controller, scenario) if one and Path(one).is_file()]
-    with result_folder(out, command="simulate", names=_WRITTEN, inputs=inputs) as folder:
-        with progress_bar(console, f"simulating {duration:g} s") as bar:
+    if chosen.controller:
+        warn_of_overcompensation({str(chosen.controller): controller}, described, console)
+    warn_of_idle_compensation({str(chosen.controller or "nominal controller"): controller}, console)
+    plant = _plant(Model(described, simulated.formulation), simulated.scenario, controller.estimator)
+    inputs = input_files(robot, reference, chosen.controller, simulated.scenario)
+    with open_result(out, command="simulate", writes=_WRITTEN, inputs=inputs, seed=simulated.seed) as result:
+        with result.progress(f"simulating {duration:g} s") as bar:
             log = run(
                 plant,
-                chosen,
+                controller,
                 path,
                 duration=duration,
-                seed=seed,
+                seed=simulated.seed,
                 progress=lambda now: bar.show(now.share),
             )
-        with folder.replaced() as new:
+        with result.replaced() as new:
             log.write(new / f"log.{format}")
-            write_text(new / "results.json", as_json(_results(log)))
-    console.print(str(folder.path / f"log.{format}"), soft_wrap=True)
+            result.write_json(_results(log), new)
+    result.show_file(f"log.{format}")
     if log.ended:
         console.print(f"The run ended early: {log.ended}.", soft_wrap=True)
 

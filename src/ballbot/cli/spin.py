@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
+from cyclopts import Parameter
 from scipy.spatial.transform import Rotation
 
-from ballbot.cli.findings import Accept, accept_argv, stop_or_show
-from ballbot.cli.output import progress_bar, standard_output
+from ballbot.cli.context import input_files, open_result
+from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.printable import shell_line
-from ballbot.report.page import as_json, provenance
 from ballbot.report.spin import difference_figure, spin_results, velocity_figure
 from ballbot.report.style import drawn
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin, spin_findings
 from ballbot.vision.seam import seam_named
@@ -27,17 +26,41 @@ from ballbot.vision.video import open_video
 _WRITTEN = ("spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions:
+    """What the picture shows."""
+
+    seam: str = "thesis"
+    """thesis, tennis or basketball."""
+
+    colour: str | None = None
+    """The seam's colour, as red,green,blue from 0 to 255. Estimated if not given."""
+
+    circle: str | None = None
+    """The ball's outline, as x,y,radius in pixels. Estimated if not given."""
+
+    distance: float | None = None
+    """Distance from the lens to the ball's centre, in ball radii. Estimated from the seam's perspective if not
+    given."""
+
+    forward: float | None = None
+    """Direction of the robot's x axis in the picture, in degrees clockwise from the right. If not given, it is
+    estimated from the log; without a log, velocities are in the camera's frame: x to the right, y down, z away."""
+
+    frame_rate: float | None = None
+    """Frames per second of the camera, if the file states another number, as for slow motion."""
+
+
+_CAMERA = CameraOptions()
+
+
 def spin(
     video: Path,
     /,
     *,
     out: Path,
-    seam: str = "thesis",
-    colour: str | None = None,
-    circle: str | None = None,
-    distance: float | None = None,
-    forward: float | None = None,
-    frame_rate: float | None = None,
+    camera: CameraOptions = _CAMERA,
     log: Path | None = None,
     robot: str | None = None,
     mapping: Path | None = None,
@@ -58,19 +81,6 @@ def spin(
         Any file that OpenCV reads. The camera stands still and looks down on the ball.
     out
         The folder to write into.
-    seam
-        thesis, tennis or basketball.
-    colour
-        The seam's colour, as red,green,blue from 0 to 255. Estimated if not given.
-    circle
-        The ball's outline, as x,y,radius in pixels. Estimated if not given.
-    distance
-        Distance from the lens to the ball's centre, in ball radii. Estimated from the seam's perspective if not given.
-    forward
-        Direction of the robot's x axis in the picture, in degrees clockwise from the right. If not given, it is
-        estimated from the log; without a log, velocities are in the camera's frame: x to the right, y down, z away.
-    frame_rate
-        Frames per second of the camera, if the file states another number, as for slow motion.
     log
         A log of the same run, with the wheels' speeds.
     robot
@@ -83,22 +93,21 @@ def spin(
             "--log needs --robot, because the ball's velocity is "
             "computed from the wheel speeds with the robot's geometry."
         )
-    turn = _turn(forward)
+    turn = _turn(camera.forward)
     setup = Setup(
-        seam=seam_named(seam),
-        colour=_colour(colour) if colour is not None else None,
-        circle=_circle(circle) if circle is not None else None,
-        distance=distance,
-        known_rate=frame_rate is not None,
+        seam=seam_named(camera.seam),
+        colour=_colour(camera.colour) if camera.colour is not None else None,
+        circle=_circle(camera.circle) if camera.circle is not None else None,
+        distance=camera.distance,
+        known_rate=camera.frame_rate is not None,
     )
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept)
-    film = open_video(video, frame_rate=frame_rate)
-    console, files = standard_output(), [path for path in (video, log, mapping) if path is not None]
-    with result_folder(out, command="spin", names=_WRITTEN, inputs=files) as folder:
-        with progress_bar(console, "looking") as bar:
+    film = open_video(video, frame_rate=camera.frame_rate)
+    with open_result(out, command="spin", writes=_WRITTEN, inputs=input_files(video, log, mapping)) as result:
+        with result.progress("looking") as bar:
             found = measure_spin(
                 film,
                 setup,
@@ -112,21 +121,12 @@ def spin(
                 raise InputError(f"{video} and {log}: {error}") from None
             turn = turn or comparison.robot_camera
         found = found.turned(turn) if turn is not None else found
-        options = {"seam": seam, "colour": colour, "circle": circle, "distance": distance, "forward": forward,
-                   "frame-rate": frame_rate, "log": log, "robot": robot, "mapping": mapping}  # fmt: skip
-        words = ["ballbot", "spin", str(video), "--out", str(out)]
-        words += [
-            word for name, value in options.items() if value is not None for word in (f"--{name}", str(value))
-        ]
-        words += accept_argv(accept)
-        made = provenance(command=shell_line(words), files=files, seed=0)
-        with folder.replaced() as new:
-            results = spin_results(found, comparison, log_findings=findings)
-            write_text(new / "results.json", as_json(results | {"provenance": made.to_dict()}))
+        with result.replaced() as new:
+            result.write_json(spin_results(found, comparison, log_findings=findings), new)
             _write(new, found, comparison, run)
     for sentence in spin_findings(found, comparison):
-        console.print(sentence, markup=False, soft_wrap=True)
-    console.print(str(folder.path / "spin.csv"), soft_wrap=True)
+        result.console.print(sentence, markup=False, soft_wrap=True)
+    result.show_file("spin.csv")
 
 
 def _write(folder: Path, found: Spin, comparison: WheelComparison | None, run: Log | None) -> None:

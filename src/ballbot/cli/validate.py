@@ -6,29 +6,28 @@ With `--prediction`, a log made with a study's controller is compared with what 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
+from cyclopts import Parameter
 from rich.table import Table
 from rich.text import Text
 
-from ballbot.cli.context import read_balancing_log, read_balancing_logs
-from ballbot.cli.findings import Accept, accept_argv, check_input, show_findings
+from ballbot.cli.context import WholeNumber, input_files, open_result, read_balancing_log, read_balancing_logs
+from ballbot.cli.findings import Accept, check_input, show_findings
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding
 from ballbot.fitting.run import check_seed
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.printable import shell_line
-from ballbot.report.page import as_json, provenance
 from ballbot.report.prediction import (
     StudyFolder,
     cause_lines,
@@ -40,7 +39,6 @@ from ballbot.report.prediction import (
 )
 from ballbot.report.tables import digits
 from ballbot.report.validation import validation_report, validation_results
-from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings, join_validations, validate_pair
 from ballbot.workflows.controller_causes import EXPLAINED_CODES
@@ -103,12 +101,8 @@ def validate_prediction(
     _show_verdict(verdict, steps)
     show_findings(found)
     if out is not None:
-        words = ["ballbot", "validate", *inputs, "--prediction", str(results), "--out", str(out)]
-        words += ["--controller", str(controller)] if controller else []
-        words += ["--mapping", str(mapping)] if mapping else []
-        words += accept_argv(accept)
         used = [results, files.controller, log_path, *([mapping] if mapping else [])]
-        _write_verdict(out, verdict, prediction, steps, found, command=shell_line(words), files=used)
+        _write_verdict(out, verdict, prediction, steps, found, files=used)
 
 
 def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
@@ -159,23 +153,34 @@ def _write_verdict(
     steps: Sequence[str],
     found: Sequence[Finding],
     *,
-    command: str,
     files: Sequence[Path],
 ) -> None:
-    made = provenance(command=command, files=files, seed=0)
-    whole = {
-        "prediction": prediction_results(verdict, prediction, steps),
-        "findings": finding_results(found),
-        "provenance": made.to_dict(),
-    }
     title = f"{files[2]}: the controller against its prediction"
-    with result_folder(out, command="validate", names=_WRITTEN, inputs=files) as folder:
-        page = prediction_report(verdict, prediction, title=title, steps=steps, findings=found, made=made)
-        with folder.replaced() as new:
-            write_text(new / "results.json", as_json(whole))
+    with open_result(out, command="validate", writes=_WRITTEN, inputs=files) as result:
+        page = prediction_report(
+            verdict, prediction, title=title, steps=steps, findings=found, made=result.origin
+        )
+        with result.replaced() as new:
+            judged = prediction_results(verdict, prediction, steps)
+            result.write_json({"prediction": judged}, new, findings=found)
             write_text(new / "report.html", page)
-        report = folder.path / "report.html"
-    standard_output().print(str(report), markup=False, soft_wrap=True)
+    result.show_file("report.html")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ModelOptions:
+    """The two models that are compared."""
+
+    against: str | None = None
+    """The second model: another robot (preset or file), or this robot in the other formulation, thesis or exact. By
+    default the same robot without friction."""
+
+    formulation: Formulation = "exact"
+    """Equations of motion of both robots: exact, or as the thesis prints them."""
+
+
+_PAIR = ModelOptions()
 
 
 def validate(
@@ -184,11 +189,10 @@ def validate(
     *logs: Path,
     out: Path | None = None,
     prediction: Path | None = None,
-    against: str | None = None,
-    formulation: Formulation = "exact",
+    pair: ModelOptions = _PAIR,
     controller: Path | None = None,
     mapping: Path | None = None,
-    seed: int = 0,
+    seed: WholeNumber = 0,
     accept: Accept = None,
 ) -> None:
     """Validate a robot's model against logs it was not fitted to: with and without friction, or any two models.
@@ -218,11 +222,6 @@ def validate(
         The folder to write into. May be left out with --prediction; nothing is then written.
     prediction
         The results.json of a study, with what it predicts of its controller.
-    against
-        The second model: another robot (preset or file), or this robot in the other formulation, thesis or exact. By
-        default the same robot without friction.
-    formulation
-        Equations of motion of both robots: exact, or as the thesis prints them.
     controller
         The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
         with --prediction it is controller.toml beside the results.
@@ -232,7 +231,7 @@ def validate(
         Random seed of the noise floors. The same seed gives the same result.
     """
     if prediction is not None:
-        _refuse_models(against, formulation, seed)
+        _refuse_models(pair, seed)
         inputs = (robot, *map(str, logs))
         validate_prediction(
             prediction, inputs, out=out, controller=controller, mapping=mapping, accept=accept
@@ -241,7 +240,7 @@ def validate(
     if out is None:
         raise InputError("--out is missing; name the folder to write into, such as --out checked.")
     check_seed(seed)
-    models = _models(robot, against, formulation)
+    models = _models(robot, pair.against, pair.formulation)
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
@@ -252,35 +251,35 @@ def validate(
         source=robot,
         mappings=dict.fromkeys(logs, mapping),
     )
-    words = ["ballbot", "validate", robot, *map(str, logs), "--out", str(out)]
-    words += ["--against", against] if against else []
-    words += ["--formulation", formulation] if formulation != "exact" else []
-    words += ["--controller", str(controller)] if controller else []
-    words += ["--mapping", str(mapping)] if mapping else []
-    words += accept_argv(accept)
-    files = [*logs, *(path for path in (controller, mapping) if path)]
-    made = provenance(command=shell_line(words), files=files, seed=seed)
-
-    with result_folder(out, command="validate", names=_WRITTEN, inputs=files) as folder:
+    inputs = input_files(logs, controller, mapping)
+    with open_result(out, command="validate", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
         parts = _validate(models, named, driver, seed)
         validation = replace(join_validations(tuple(parts.values())), log_findings=found)
         results = validation_results(validation)
         results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
-        whole = {"validation": results, "findings": finding_results(found), "provenance": made.to_dict()}
         first, second = models.names
         title = f"{described.name}: the model {first} and {second} against its logs"
         page = validation_report(
-            validation, title=title, lead=f"On {', '.join(named)}.", example_of=next(iter(named)), made=made
+            validation,
+            title=title,
+            lead=f"On {', '.join(named)}.",
+            example_of=next(iter(named)),
+            made=result.origin,
         )
-        with folder.replaced() as new:
-            write_text(new / "results.json", as_json(whole))
+        with result.replaced() as new:
+            result.write_json({"validation": results}, new, findings=found)
             write_text(new / "report.html", page)
-    _show(validation, folder.path / "report.html")
+    _show(validation)
+    result.show_file("report.html")
 
 
-def _refuse_models(against: str | None, formulation: Formulation, seed: int) -> None:
+def _refuse_models(pair: ModelOptions, seed: int) -> None:
     """Refuse the options that choose models: a prediction is compared with a log, and no model is."""
-    given = {"--against": against is not None, "--formulation": formulation != "exact", "--seed": seed != 0}
+    given = {
+        "--against": pair.against is not None,
+        "--formulation": pair.formulation != "exact",
+        "--seed": seed != 0,
+    }
     for option, is_given in given.items():
         if is_given:
             raise InputError(
@@ -320,7 +319,7 @@ def _validate(
     return parts
 
 
-def _show(validation: Validation, report: Path) -> None:
+def _show(validation: Validation) -> None:
     console = standard_output()
     loops = {
         "open loop": validation.open_loop and validation.open_loop.errors,
@@ -331,7 +330,6 @@ def _show(validation: Validation, report: Path) -> None:
             console.print(_error_table(what, errors, validation.models, framed=console.is_terminal))
     for finding in findings(validation):
         console.print(finding, markup=False, soft_wrap=True)
-    console.print(str(report), markup=False, soft_wrap=True)
 
 
 def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool) -> Table:

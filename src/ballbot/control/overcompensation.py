@@ -275,7 +275,7 @@ def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
         raise InputError(
             f"{margin.sentence[0].upper()}{margin.sentence[1:]}; the excess injects energy and can "
             f"destabilise the robot. Multiply the compensation by {1.0 / margin.largest:.2g} or less, or "
-            "continue with --allow-pumping."
+            "continue with --allow-overcompensation."
         )
 
 

@@ -313,8 +313,8 @@ def heading_findings(
     else:
         done = (
             ", which this model does not, so other friction parameters compensate for it. "
-            "Estimate the floor's friction against pivoting (--free friction,pivoting), "
-            "or exclude the heading from the cost (--leave-out psi,psi_dot)."
+            "Estimate the floor's friction against pivoting (--estimate friction,pivoting), "
+            "or exclude the heading from the cost (--exclude-states psi,psi_dot)."
         )
     least = f"{100 * min(few):.0f} %"
     most = f" to {100 * max(few):.0f} %" if len(few) > 1 else ""

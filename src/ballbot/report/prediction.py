@@ -169,7 +169,7 @@ def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> lis
 
 _REPAIRS = {
     "delay": (
-        "Find the delay with `ballbot identify {robot} LOG --free delays --out delays`; give it to "
+        "Find the delay with `ballbot identify {robot} LOG --estimate delays --out delays`; give it to "
         "`ballbot design --delay`."
     ),
     "grip": "Clean ball and wheels, or press them together more firmly, and record the course again.",
