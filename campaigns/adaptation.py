@@ -23,7 +23,7 @@ from ballbot.processes import worker_pool
 from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin
-from ballbot.workflows.comparison import initial_state_of, mean_with_interval
+from ballbot.workflows.comparison import Paired, initial_state_of, mean_with_interval
 from ballbot.workflows.courses import LEAGUE, choose_courses
 from ballbot.workflows.league import League, run_league
 from ballbot.workflows.metrics import SETTLE, position_error, rms, settled
@@ -237,10 +237,10 @@ def _change_cells(
 
 def ratio(values: Sequence[float], others: Sequence[float]) -> str:
     """Return the geometric mean of values over others, seed by seed, with its 95 % interval from three on."""
-    found = mean_with_interval(np.log(np.divide(values, others)))
+    found = Paired.of(values, others).ratio
     if len(values) < 3:
-        return f"{np.exp(found.mean):.2f}"  # an interval of two tells nothing
-    return f"{np.exp(found.mean):.2f} ({np.exp(found.low):.2f} to {np.exp(found.high):.2f})"
+        return f"{found.mean:.2f}"  # an interval of two tells nothing
+    return f"{found.mean:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
 def warm_jobs(seeds: Sequence[int]) -> list[WarmJob]:

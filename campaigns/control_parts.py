@@ -7,28 +7,25 @@ The friction is identified from two logs of the nominal twin without compensatio
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
 
-from ballbot import Controller, Robot, simulate
+from ballbot import Controller, Robot
 from ballbot.control.controller import Compensation
 from ballbot.control.interface import Feedback
 from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
-from ballbot.control.references import hold, square
+from ballbot.control.references import Reference, hold, square
 from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.log import Log
-from ballbot.processes import worker_pool
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import LoadDependence
-from ballbot.workflows.comparison import initial_state_of
-from ballbot.workflows.metrics import cycle_amplitude, score
+from ballbot.workflows.comparison import ComparedRun, RunResult, mean_with_interval, run_comparison
+from ballbot.workflows.metrics import cycle_amplitude
 from campaigns.compensation import identified_robot
 from campaigns.section import Section
 
@@ -134,40 +131,61 @@ PARTS: Mapping[str, Part] = {
 }
 
 
-def run(job: tuple[Robot, str, str, int]) -> Run:
-    """Run a part on the nominal twin: robot with the friction known, names of part and reference, seed."""
-    robot, name, reference, seed = job
-    part = PARTS[name]
-    scenario = Scenario.nominal(ALTEN)
+def compared_run(robot: Robot, name: str, reference: str, seed: int) -> ComparedRun:
+    """Return a run of a part on the nominal twin; `robot` has the friction that is known."""
+    return ComparedRun(
+        candidate=name,
+        controller=PARTS[name].make(robot),
+        plant=partial(_twin, name),
+        reference=partial(_reference, reference),
+        duration=REFERENCES[reference][1],
+        seed=seed,
+        course=reference,
+        measure=_cycle if reference == "hold" else None,
+    )
+
+
+def _twin(name: str, _: EstimatorName) -> Twin:
+    part, scenario = PARTS[name], Scenario.nominal(ALTEN)
     if part.loaded:
         scenario = replace(scenario, load_dependence=LoadDependence(share=1.0))
-    twin = Twin(ALTEN, scenario, estimator=named_estimator(part.estimator, ALTEN, sample_time=0.005))
-    wanted, duration = REFERENCES[reference]
-    log = simulate(
-        twin, part.make(robot), wanted, duration=duration, initial_state=initial_state_of(seed), seed=seed
-    )
-    return judged(log, holds=reference == "hold")
+    return Twin(ALTEN, scenario, estimator=named_estimator(part.estimator, ALTEN, sample_time=0.005))
 
 
-def judged(log: Log, *, holds: bool) -> Run:
+def _reference(name: str) -> Reference:
+    return REFERENCES[name][0]
+
+
+def _cycle(log: Log) -> NDArray[np.float64]:
+    return np.array([cycle_amplitude(log) if log.ended is None else np.nan])
+
+
+def summarised(result: RunResult) -> Run:
     """Return a run in numbers."""
-    found = score(log)
+    found = result.score
     return Run(
         peak=found.peak_position_error,
         rms=found.rms_position_error,
-        cycle=cycle_amplitude(log) if holds and log.ended is None else np.nan,
+        cycle=float(result.measured[0]) if len(result.measured) else np.nan,
         torque=found.rms_torque,
         roughness=found.rms_torque_change,
-        fell=log.ended is not None,
+        fell=found.ended is not None,
     )
 
 
 def campaign(seeds: Sequence[int] = SEEDS) -> Section:
     """Run every part with every seed and return the table."""
     robot = identified_robot(ALTEN)
-    jobs = [(robot, name, reference, seed) for name in PARTS for reference in REFERENCES for seed in seeds]
-    with worker_pool(os.cpu_count()) as pool:
-        runs = dict(zip([job[1:] for job in jobs], pool.map(run, jobs), strict=True))
+    tried = [
+        compared_run(robot, name, reference, seed)
+        for name in PARTS
+        for reference in REFERENCES
+        for seed in seeds
+    ]
+    runs = {
+        (run.candidate, run.course, run.seed): summarised(result)
+        for run, result in zip(tried, run_comparison(tried).results, strict=True)
+    }
     rows = []
     for name in PARTS:
         by_reference = {
@@ -223,9 +241,8 @@ def interval(values: Sequence[float]) -> str:
     """Return a mean and its 95 % interval by Student's t."""
     if len(values) < 2:
         return "-"
-    spread = t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values))
-    mean = np.mean(values)
-    return f"{mean:+.3f} ({mean - spread:+.3f} to {mean + spread:+.3f})"
+    found = mean_with_interval(values)
+    return f"{found.mean:+.3f} ({found.low:+.3f} to {found.high:+.3f})"
 
 
 def _numbers(squares: Sequence[Run], holds: Sequence[Run]) -> list[str]:

@@ -7,22 +7,21 @@ The friction compensated is identified from two logs of the nominal twin (`campa
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ballbot import Robot, simulate
+from ballbot import Log, Robot
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, change_pose, hold, square
-from ballbot.estimation.interface import named_estimator
-from ballbot.processes import worker_pool
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.comparison import initial_state_of
-from ballbot.workflows.metrics import cycle_amplitude, score
+from ballbot.workflows.comparison import ComparedRun, RunResult, run_comparison
+from ballbot.workflows.metrics import cycle_amplitude
 from campaigns.compensation import identified_robot
 from campaigns.section import Section
 
@@ -74,39 +73,52 @@ def another(seed: int) -> tuple[Robot, Scenario]:
     return robot, replace(nominal, friction=scaled_friction(nominal.friction, friction))
 
 
-def run(known: Robot, job: tuple[str, int]) -> Outcome:
-    """Make one run: the task's name and a seed; `known` has the friction that was identified."""
-    name, seed = job
+def compared_run(known: Robot, name: str, seed: int) -> ComparedRun:
+    """Return a run of a task with a seed; `known` has the friction that was identified."""
     task = TASKS[name]
-    robot, scenario = another(seed) if task.off else (ALTEN, Scenario.nominal(ALTEN))
-    controller = precise_controller(known) if task.precise else nominal_controller(known)
-    estimator = named_estimator(controller.estimator, ALTEN, sample_time=SAMPLE_TIME)
-    log = simulate(
-        Twin(robot, scenario, estimator=estimator),
-        controller,
-        task.reference,
+    return ComparedRun(
+        candidate=name,
+        controller=precise_controller(known) if task.precise else nominal_controller(known),
+        plant=partial(_twin, name, seed),
+        reference=partial(_reference, name),
         duration=task.duration,
-        initial_state=initial_state_of(seed),
         seed=seed,
+        measure=_measure,
     )
-    stood = log.ended is None
+
+
+def _twin(name: str, seed: int, estimator: EstimatorName) -> Twin:
+    robot, scenario = another(seed) if TASKS[name].off else (ALTEN, Scenario.nominal(ALTEN))
+    return Twin(robot, scenario, estimator=named_estimator(estimator, ALTEN, sample_time=SAMPLE_TIME))
+
+
+def _reference(name: str) -> Reference:
+    return TASKS[name].reference
+
+
+def _measure(log: Log) -> NDArray[np.float64]:
+    cycle = cycle_amplitude(log) if log.ended is None else np.nan
+    return np.array([cycle, abs(log["psi"][-1] - log["ref_psi"][-1])])
+
+
+def outcome(result: RunResult) -> Outcome:
+    """Return a run's numbers."""
+    cycle, heading = result.measured.tolist()
     return Outcome(
-        peak=score(log).peak_position_error,
-        cycle=cycle_amplitude(log) if stood else np.nan,
-        heading=float(abs(log["psi"][-1] - log["ref_psi"][-1])),
-        fell=not stood,
+        peak=result.score.peak_position_error,
+        cycle=cycle,
+        heading=heading,
+        fell=result.score.ended is not None,
     )
 
 
 def campaign() -> Section:
     """Run every task with every seed and return the table."""
-    jobs = [(name, seed) for name, task in TASKS.items() for seed in task.seeds]
     known = identified_robot(ALTEN)
-    with worker_pool(os.cpu_count()) as pool:
-        outcomes = list(pool.map(partial(run, known), jobs))
-    by_name = {
-        name: [one for (of, _), one in zip(jobs, outcomes, strict=True) if of == name] for name in TASKS
-    }
+    found = run_comparison(
+        [compared_run(known, name, seed) for name, task in TASKS.items() for seed in task.seeds]
+    )
+    by_name = {name: [outcome(one) for one in found.of(name)] for name in TASKS}
     return Section(
         title="Control that stands still and goes where it is told: the targets",
         before="The precise controller on the nominal twin, friction identified from two of its logs, on-board sensors "

@@ -9,27 +9,31 @@ no identification has seen, with seeds of their own.
 
 from __future__ import annotations
 
-import copy
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.log import Log
-from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Timing
-from ballbot.workflows.comparison import MedianEstimate, initial_state_of, median_with_interval
+from ballbot.workflows.comparison import (
+    ComparedRun,
+    Comparison,
+    MedianEstimate,
+    Paired,
+    RunResult,
+    median_with_interval,
+    run_comparison,
+)
 from ballbot.workflows.controller_choice import ABLATIONS, candidates, without_part
-from ballbot.workflows.metrics import SETTLE, Score, position_error, rms, score
+from ballbot.workflows.metrics import SETTLE, position_error, rms, score
 from campaigns.compensation import identified
 from campaigns.section import Section
 
@@ -55,28 +59,6 @@ def line(t: float) -> NDArray[np.float64]:
 def controllers() -> dict[str, Controller]:
     """Return the study's candidates for the robot as identified."""
     return candidates(identified(ALTEN), sample_time=SAMPLE_TIME)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Job:
-    """One run on the nominal twin."""
-
-    controller: Controller
-    case: str
-    seed: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """One run in numbers."""
-
-    score: Score
-    measured: float  #: what the case measures [m]
-
-    @property
-    def fell(self) -> bool:
-        """Whether it ended early."""
-        return self.score.ended is not None
 
 
 def peak(log: Log) -> float:
@@ -125,51 +107,68 @@ REWARDING: Mapping[str, Case] = {
 CASES: Mapping[str, Case] = {**COURSES, **REWARDING}
 
 
-def run(job: Job) -> Outcome:
-    """Make one run."""
-    case, scenario = CASES[job.case], Scenario.nominal(ALTEN)
-    if case.delay:
-        scenario = replace(scenario, timing=Timing(delay=case.delay))
-    estimator = named_estimator(job.controller.estimator, ALTEN, sample_time=SAMPLE_TIME)
-    log = simulate(
-        Twin(ALTEN, scenario, estimator=estimator),
-        copy.deepcopy(job.controller),
-        case.reference,
-        duration=case.duration,
-        initial_state=initial_state_of(job.seed),
-        seed=job.seed,
+def run_cases(tried: Mapping[str, Controller], cases: Iterable[str], seeds: Sequence[int]) -> Comparison:
+    """Run controllers on the nominal twin, on all cores; each case is a course."""
+    return run_comparison(
+        [
+            ComparedRun(
+                candidate=name,
+                controller=controller,
+                plant=partial(_twin, case),
+                reference=partial(_reference, case),
+                duration=CASES[case].duration,
+                seed=seed,
+                course=case,
+                measure=partial(_measure, case),
+            )
+            for case in cases
+            for name, controller in tried.items()
+            for seed in seeds
+        ]
     )
-    return Outcome(score=score(log), measured=case.measure(log) if log.ended is None else np.nan)
 
 
-def run_all(jobs: Sequence[Job]) -> list[Outcome]:
-    """Run jobs on all cores."""
-    with worker_pool(os.cpu_count()) as pool:
-        return list(pool.map(run, jobs))
+def _twin(case: str, estimator: EstimatorName) -> Twin:
+    scenario = Scenario.nominal(ALTEN)
+    if CASES[case].delay:
+        scenario = replace(scenario, timing=Timing(delay=CASES[case].delay))
+    return Twin(ALTEN, scenario, estimator=named_estimator(estimator, ALTEN, sample_time=SAMPLE_TIME))
+
+
+def _reference(case: str) -> Reference:
+    return CASES[case].reference
+
+
+def _measure(case: str, log: Log) -> NDArray[np.float64]:
+    return np.array([CASES[case].measure(log) if log.ended is None else np.nan])
+
+
+def measured(runs: Sequence[RunResult]) -> NDArray[np.float64]:
+    """Return what their case measures, of each run [m]; NaN of one that fell."""
+    return np.array([one.measured[0] for one in runs])
+
+
+def falls(runs: Sequence[RunResult]) -> int:
+    """Return the number of runs that ended early."""
+    return sum(one.score.ended is not None for one in runs)
 
 
 def choice() -> Section:
     """Run none and precise on three courses, 20 seeds each."""
     known = controllers()
-    jobs = [
-        Job(controller=known[name], case=course, seed=seed)
-        for course in COURSES
-        for name in ("none", "precise")
-        for seed in SEEDS
-    ]
-    outcomes = iter(run_all(jobs))
+    found = run_cases({name: known[name] for name in ("none", "precise")}, COURSES, SEEDS)
     rows = []
     for course in COURSES:
-        none, precise = ([next(outcomes) for _ in SEEDS] for _ in range(2))
-        ratio = median_with_interval([a.measured / b.measured for a, b in zip(none, precise, strict=True)])
+        none, precise = (found.of(name, course) for name in ("none", "precise"))
+        ratio = Paired(measured(none), measured(precise)).median_ratio
         rows.append(
             [
                 course,
-                _millimetres(median_with_interval([one.measured for one in none])),
-                _millimetres(median_with_interval([one.measured for one in precise])),
-                f"{1e3 * max(one.measured for one in precise):.1f}",
+                _millimetres(median_with_interval(measured(none))),
+                _millimetres(median_with_interval(measured(precise))),
+                f"{1e3 * max(measured(precise)):.1f}",
                 f"{ratio.median:.1f} ({ratio.low:.1f} to {ratio.high:.1f})",
-                f"{sum(one.fell for one in none)} and {sum(one.fell for one in precise)} of {len(SEEDS)}",
+                f"{falls(none)} and {falls(precise)} of {len(SEEDS)}",
             ]
         )
     return Section(
@@ -188,14 +187,14 @@ def ablation() -> Section:
     variants = {"nothing": precise} | {part: without_part(precise, part) for part in ABLATIONS}
     bare = without_part(precise, "disturbance observer")
     variants["observer and compensation"] = bare.with_compensation("none")
-    jobs = [Job(controller=one, case="square", seed=seed) for one in variants.values() for seed in SEEDS]
-    outcomes = iter(run_all(jobs))
-    found = {name: [next(outcomes) for _ in SEEDS] for name in variants}
-    whole = [one.score.peak_position_error for one in found["nothing"]]
+    compared = run_cases(variants, ["square"], SEEDS)
+    whole = np.array([one.peak_position_error for one in compared.scores_of("nothing", "square")])
     rows = []
-    for name, runs in found.items():
-        peaks = [np.nan if one.fell else one.score.peak_position_error for one in runs]
-        ratio = median_with_interval(np.divide(peaks, whole))
+    for name in variants:
+        runs = compared.of(name, "square")
+        stood = [one.score if one.score.ended is None else None for one in runs]
+        peaks = np.array([one.peak_position_error if one else np.nan for one in stood])
+        ratio = Paired(peaks, whole).median_ratio
         rough = median_with_interval([one.score.rms_torque_change for one in runs])
         rows.append(
             [
@@ -204,7 +203,7 @@ def ablation() -> Section:
                 f"{1e3 * median_with_interval([one.score.rms_position_error for one in runs]).median:.1f}",
                 f"{ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f})",
                 f"{rough.median:.3f}",
-                f"{sum(one.fell for one in runs)} of {len(runs)}",
+                f"{falls(runs)} of {len(runs)}",
             ]
         )
     return Section(
@@ -229,31 +228,27 @@ def friction_share() -> Section:
         "precise, no observer": no_observer,
         "nominal gain, Kalman filter": nominal,
     }
-    jobs = [
-        Job(controller=controller.with_compensation(compensation), case=case, seed=seed)
-        for case in REWARDING
-        for controller in families.values()
+    tried = {
+        f"{family}, {compensation}": controller.with_compensation(compensation)
+        for family, controller in families.items()
         for compensation in ("none", "full")
-        for seed in FEWER_SEEDS
-    ]
-    outcomes = iter(run_all(jobs))
+    }
+    found = run_cases(tried, REWARDING, FEWER_SEEDS)
     rows = []
     for case in REWARDING:
         for family in families:
-            without, with_it = ([next(outcomes) for _ in FEWER_SEEDS] for _ in range(2))
-            ratio = median_with_interval(
-                [a.measured / b.measured for a, b in zip(without, with_it, strict=True)]
-            )
+            without, with_it = (found.of(f"{family}, {kind}", case) for kind in ("none", "full"))
+            ratio = Paired(measured(without), measured(with_it)).median_ratio
             rough = [np.median([one.score.rms_torque_change for one in runs]) for runs in (without, with_it)]
             rows.append(
                 [
                     case,
                     family,
-                    _millimetres(median_with_interval([one.measured for one in without])),
-                    _millimetres(median_with_interval([one.measured for one in with_it])),
+                    _millimetres(median_with_interval(measured(without))),
+                    _millimetres(median_with_interval(measured(with_it))),
                     f"{ratio.median:.2f} ({ratio.low:.2f} to {ratio.high:.2f})",
                     f"{rough[0]:.3f} and {rough[1]:.3f}",
-                    f"{sum(one.fell for one in without)} and {sum(one.fell for one in with_it)}",
+                    f"{falls(without)} and {falls(with_it)}",
                 ]
             )
     return Section(

@@ -7,25 +7,23 @@ The friction is identified from two logs of the nominal twin without compensatio
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ballbot import Controller, Model, Robot, simulate
+from ballbot import Controller, Model, Robot
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.estimation.interface import named_estimator
-from ballbot.processes import worker_pool
+from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Timing
-from ballbot.workflows.comparison import initial_state_of
-from ballbot.workflows.metrics import Score, score
+from ballbot.workflows.comparison import ComparedRun, run_comparison
+from ballbot.workflows.metrics import Score
 from campaigns.compensation import identified_robot
 from campaigns.section import Section
 
@@ -48,8 +46,6 @@ BELIEFS: Mapping[str, int | None] = {
     "a sample too much": 1,
 }
 
-Job = tuple[str, str, int, int]  # controller, belief, delay in samples, seed
-
 
 def controller_for(known: Robot, name: str, belief: str, delay: int) -> Controller | None:
     """Return a controller that believes in a delay; None where the belief is none that a controller can have."""
@@ -62,23 +58,25 @@ def controller_for(known: Robot, name: str, belief: str, delay: int) -> Controll
     return plain.with_parts(replace(plain.parts, prediction=prediction))
 
 
-def run(known: Robot, job: Job) -> Score | None:
-    """Go once around the square on the nominal twin, torques late; None where there is no such controller."""
-    name, belief, delay, seed = job
+def compared_run(known: Robot, name: str, belief: str, delay: int, seed: int) -> ComparedRun | None:
+    """Return a run once around the square on the nominal twin, torques late; None if there is no such controller."""
     controller = controller_for(known, name, belief, delay)
     if controller is None:
         return None
-    scenario = replace(Scenario.nominal(ALTEN), timing=Timing(delay=delay))
-    twin = Twin(ALTEN, scenario, estimator=named_estimator("kalman", ALTEN, sample_time=SAMPLE_TIME))
-    log = simulate(
-        twin,
-        controller,
-        square(side=0.5, period=32.0),
+    return ComparedRun(
+        candidate=f"{name}, {belief}",
+        controller=controller,
+        plant=partial(_twin, delay),
+        reference=partial(square, side=0.5, period=32.0),
         duration=32.0,
-        initial_state=initial_state_of(seed),
         seed=seed,
+        course=f"{delay} samples late",
     )
-    return score(log)
+
+
+def _twin(delay: int, _: EstimatorName) -> Twin:
+    scenario = replace(Scenario.nominal(ALTEN), timing=Timing(delay=delay))
+    return Twin(ALTEN, scenario, estimator=named_estimator("kalman", ALTEN, sample_time=SAMPLE_TIME))
 
 
 def largest_lean(robot: Robot, controller: Controller, delay: int) -> float:
@@ -101,22 +99,21 @@ def largest_lean(robot: Robot, controller: Controller, delay: int) -> float:
 def campaign() -> Section:
     """Run everything with every seed and return the table."""
     known = identified_robot(ALTEN)
-    jobs = [
-        (name, belief, delay, seed)
+    runs = [
+        compared_run(known, name, belief, delay, seed)
         for name in CONTROLLERS
         for belief in BELIEFS
         for delay in DELAYS
         for seed in SEEDS
     ]
-    with worker_pool(os.cpu_count()) as pool:
-        runs = dict(zip(jobs, pool.map(partial(run, known), jobs), strict=True))
+    found = run_comparison([one for one in runs if one is not None])
     rows = []
     for name in CONTROLLERS:
         for delay in DELAYS:
             for belief in BELIEFS:
                 controller = controller_for(known, name, belief, delay)
                 if controller is not None:
-                    scores = [one for seed in SEEDS if (one := runs[name, belief, delay, seed]) is not None]
+                    scores = found.scores_of(f"{name}, {belief}", f"{delay} samples late")
                     lean = largest_lean(known, controller, delay)
                     rows.append(_row(name, belief, delay, scores, lean))
     return Section(

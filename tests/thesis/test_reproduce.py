@@ -37,7 +37,7 @@ from ballbot.report.page import provenance
 from ballbot.thesis.reproduce import appendices, chapter3, chapter5, recordings
 from ballbot.thesis.reproduce.bench import Bench, linear_run
 from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
-from ballbot.thesis.reproduce.item import Check, Item, Mistake, median_interval, run_seed
+from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
 from ballbot.thesis.reproduce.mistakes import MISTAKES, conclusions, equations, mechanics, numbers
 from ballbot.thesis.reproduce.page import (
     DRAWINGS,
@@ -57,6 +57,7 @@ from ballbot.thesis.reproduce.recordings import (
 )
 from ballbot.thesis.reproduce.runs import above, distance_at
 from ballbot.twin import Scenario, Twin
+from ballbot.workflows.comparison import median_with_interval
 
 
 @pytest.fixture(scope="module")
@@ -122,9 +123,9 @@ def test_verdict_requires_the_whole_interval() -> None:
 
 @given(st.integers(6, 30))
 def test_median_interval_covers_by_the_binomial(count: int) -> None:
-    lower, upper = median_interval(range(count))
-    below = int(lower)
-    assert upper == count - 1 - below
+    found = median_with_interval(np.arange(count, dtype=np.float64))
+    below = int(found.low)
+    assert found.high == count - 1 - below
     # the median lies outside if at most `below` values of `count` lie on one side of it
     assert 2.0 * binom.cdf(below, count, 0.5) <= 0.05
     assert 2.0 * binom.cdf(below + 1, count, 0.5) > 0.05 or below + 1 >= count // 2

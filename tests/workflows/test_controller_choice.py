@@ -15,7 +15,7 @@ from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.comparison import median_with_interval
+from ballbot.workflows.comparison import ComparedRun, median_with_interval
 from ballbot.workflows.controller_choice import ABLATIONS, Trial, equal_best, without_part
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.plant_draws import PlantDraw, available_plant
@@ -155,7 +155,15 @@ def test_a_draw_runs_the_same_again_and_otherwise_with_another_seed():
     plant = PlantDraw(robot=robot, known=robot, scenario=scenario, plant="model", seed=3)
 
     def states(one: PlantDraw) -> np.ndarray:
-        return one.run(precise_controller(robot), hold(), duration=0.5).states
+        run = ComparedRun(
+            candidate="precise",
+            controller=precise_controller(robot),
+            plant=one.make,
+            reference=hold,
+            duration=0.5,
+            seed=one.seed,
+        )
+        return run.log().states
 
     np.testing.assert_array_equal(states(plant), states(plant))
     assert (states(plant) != states(replace(plant, seed=4))).any()

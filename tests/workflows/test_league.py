@@ -13,9 +13,9 @@ from ballbot.cli.main import main
 from ballbot.report.comparison import league_report
 from ballbot.report.page import provenance
 from ballbot.robot.file import write_robot
-from ballbot.workflows import league as league_module
+from ballbot.workflows import comparison
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.comparison import fraction_with_interval, mean_with_interval, paired_difference
+from ballbot.workflows.comparison import Paired, fraction_with_interval, mean_with_interval
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import League, league_results, overall, run_league, standing
 from campaigns.league import section
@@ -139,27 +139,25 @@ def test_killed_league_resumes(folder, tmp_path, monkeypatch, capsys):
         monkeypatch.chdir(tmp_path)
         return main(["compare", *words, *options, *more, "--out", name])
 
-    played: list[int] = []
-    whole = league_module._run
+    made: list[int] = []
+    whole = comparison._result
 
-    def until_third(robot, game):
-        if len(played) == 3:
+    def until_third(run):
+        if len(made) == 3:
             raise KeyboardInterrupt
-        played.append(game.seed)
-        return whole(robot, game)
+        made.append(run.seed)
+        return whole(run)
 
-    monkeypatch.setattr(league_module, "_run", until_third)
+    monkeypatch.setattr(comparison, "_result", until_third)
     assert run("league") == 130
     assert "--resume" in capsys.readouterr().err
     assert sorted(path.name for path in Path("league").iterdir()) == ["checkpoint.jsonl"]
     assert run("league") == 2
     assert "was not finished" in capsys.readouterr().err
 
-    monkeypatch.setattr(
-        league_module, "_run", lambda robot, game: played.append(game.seed) or whole(robot, game)
-    )
+    monkeypatch.setattr(comparison, "_result", lambda run: made.append(run.seed) or whole(run))
     assert run("league", "--resume") == 0
-    assert len(played) == 8  # two controllers, courses and seeds; none twice
+    assert len(made) == 8  # two controllers, courses and seeds; none twice
     assert sorted(path.name for path in Path("league").glob("[!.]*")) == ["report.html", "results.json"]
     Path("league").rename("killed")
     assert run("league") == 0
@@ -193,7 +191,7 @@ def test_league_intervals_cover_at_their_level():
     of_seed = draw.normal(0.0, 1.0, (2000, 10))  # what a seed does to both
     ours = 0.3 + of_seed + draw.normal(0.0, 0.2, (2000, 10))
     theirs = of_seed + draw.normal(0.0, 0.2, (2000, 10))
-    found = [paired_difference(one, other) for one, other in zip(ours, theirs, strict=True)]
+    found = [Paired.of(one, other).difference for one, other in zip(ours, theirs, strict=True)]
     share = np.mean([one.low <= 0.3 <= one.high for one in found])
     assert share == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 2000))
     apart = np.array([mean_with_interval(one).high - mean_with_interval(one).low for one in ours[:200]])
@@ -220,10 +218,27 @@ def test_fall_interval_covers_at_least_its_level(runs):
 
 
 def test_few_seeds_have_no_interval():
-    one = paired_difference([2.0, np.nan], [1.0, 0.0])
+    one = Paired.of([2.0, np.nan], [1.0, 0.0]).difference
     assert one.mean == 1.0
     assert one.runs == 1
     assert np.isnan([one.low, one.high]).all()
     assert one.sign == 0
     assert mean_with_interval([]).runs == 0
-    assert paired_difference([2.0, 3.0], [1.0, 2.0]).sign == 1
+    assert Paired.of([2.0, 3.0], [1.0, 2.0]).difference.sign == 1
+
+
+def test_paired_ratio_cancels_what_a_seed_does_to_both():
+    """Two controllers, one always twice as far off: the ratio is two without any width."""
+    of_seed = np.random.default_rng(9).lognormal(size=12)
+    pairs = Paired.of(2.0 * of_seed, of_seed)
+    for found in (pairs.ratio, pairs.median_ratio):
+        assert [found.low, found.high] == pytest.approx([2.0, 2.0])
+    assert pairs.ratio.mean == pairs.median_ratio.median == pytest.approx(2.0)
+
+
+def test_paired_ratio_over_courses_has_one_value_for_each_run():
+    """Twice as far off on one course and half as far on the other: one in all, in each of the runs."""
+    ones = np.ones((2, 5))
+    found = Paired.of(ones * [[2.0], [0.5]], ones).ratio
+    assert found.mean == pytest.approx(1.0)
+    assert found.runs == 5

@@ -12,9 +12,8 @@ import pytest
 
 from ballbot import InputError
 from ballbot.cli.main import main
-from ballbot.workflows import league as league_module
+from ballbot.workflows import comparison
 from ballbot.workflows.candidates import UserController
-from ballbot.workflows.comparison import OrderedResults
 from tests.support.control_examples import alten
 
 PLAIN = """
@@ -153,15 +152,15 @@ def test_comparison_is_not_resumed_after_an_imported_module_changed(tmp_path, mo
     write(Path(), "import gain")
     words = ["compare", "alten", "none", "mine.py:Mine", "--scenarios", "courses.toml", "--seeds", "1"]
     words += ["--processes", "1", "--out", "league"]
-    played, play = [], league_module._run
+    made, whole = [], comparison._result
 
-    def one_game(*game):
-        if played:
+    def one_run(run):
+        if made:
             raise KeyboardInterrupt
-        played.append(game)
-        return play(*game)
+        made.append(run)
+        return whole(run)
 
-    monkeypatch.setattr(league_module, "_run", one_game)
+    monkeypatch.setattr(comparison, "_result", one_run)
     assert main(words) == 130
     capsys.readouterr()
     Path("gain.py").write_text("value = 1.0")
@@ -172,21 +171,23 @@ def test_comparison_is_not_resumed_after_an_imported_module_changed(tmp_path, mo
 def test_finished_runs_survive_a_killed_worker(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("courses.toml").write_text(COURSE)
-    whole = OrderedResults.result
 
-    def killed_after_one(ahead, place):
-        if place == 0:
-            return whole(ahead, place)
-        broken: Future = Future()
-        broken.set_exception(BrokenProcessPool())
-        ahead._pool, ahead._ahead = ThreadPoolExecutor(1), {place: broken}
-        return whole(ahead, place)
+    class Killed(ThreadPoolExecutor):
+        """A pool whose processes are killed after the first piece of work."""
 
-    monkeypatch.setattr(OrderedResults, "result", killed_after_one)
+        def submit(self, work, run):  # pyright: ignore[reportIncompatibleMethodOverride]
+            if run.candidate == "none":
+                return super().submit(work, run)
+            broken = Future()
+            broken.set_exception(BrokenProcessPool())
+            return broken
+
+    whole = comparison.worker_pool
+    monkeypatch.setattr(comparison, "worker_pool", Killed)
     words = ["compare", "alten", "none", "full", "--scenarios", "courses.toml", "--seeds", "1"]
-    words += ["--processes", "1", "--out", "league"]
+    words += ["--processes", "2", "--out", "league"]
     assert main(words) == 2
     assert "continue with --resume" in capsys.readouterr().err
     assert Path("league/checkpoint.jsonl").exists()
-    monkeypatch.setattr(OrderedResults, "result", whole)
+    monkeypatch.setattr(comparison, "worker_pool", whole)
     assert main([*words, "--resume"]) == 0

@@ -1,30 +1,35 @@
-"""Comparing controllers on one plant and one reference; the league has many of both.
+"""One comparison of controllers: the same courses, plants and seeds for each, run, scored and summarised.
 
-The statistics of a few seeds are here: means, medians, paired differences and fractions with their 95 % intervals;
-and the processes that compute runs ahead, so that a checkpoint gets their results in order.
+A study, the league and every campaign list their runs as `ComparedRun` and give them to `run_comparison`, which
+computes them in processes or threads, keeps each result in the checkpoint and returns a `Comparison`. The result of a
+run follows from its controller, plant, course and seed alone, wherever and in whatever order it is computed.
+
+The statistics of a few runs are here too: means, medians and fractions with their 95 % intervals, and `Paired`, two
+controllers compared run by run. What a seed does to both, it does not do to their difference or ratio: the interval
+is narrower than that of two means.
 """
 
 from __future__ import annotations
 
 import copy
 import os
-import threading
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import product
-from types import TracebackType
-from typing import Generic, TypeVar
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ballbot.control.interface import Feedback
+from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
-from ballbot.fitting.run import ExecutorError
+from ballbot.estimation.interface import EstimatorName
+from ballbot.fitting.run import DEFAULT_RUN, Arrays, ExecutorError, Run
+from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
@@ -101,13 +106,43 @@ def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Media
     )
 
 
-def paired_difference(values: Sequence[float], others: Sequence[float]) -> Estimate:
-    """Return the mean of values - others, seed by seed, with Student's interval.
+@dataclass(frozen=True, eq=False)
+class Paired:
+    """One number of two controllers on the same runs; a run with NaN for either does not count.
 
-    Both have the same seeds in the same order. What a seed does to both, it does not do to their difference: the
-    interval is narrower than that of two means. A seed at which either is NaN does not count.
+    Parameters
+    ----------
+    values, others : ndarray
+        (runs,) or (courses, runs), in the same order of runs. A run is what both have in common: a seed, or a plant.
     """
-    return mean_with_interval(np.subtract(values, others, dtype=np.float64))
+
+    values: NDArray[np.float64]
+    others: NDArray[np.float64]
+
+    @staticmethod
+    def of(
+        values: Sequence[float] | NDArray[np.float64], others: Sequence[float] | NDArray[np.float64]
+    ) -> Paired:
+        """Return the pairs of two sequences of numbers."""
+        return Paired(np.asarray(values, dtype=np.float64), np.asarray(others, dtype=np.float64))
+
+    @property
+    def difference(self) -> Estimate:
+        """Mean of values - others, with Student's interval."""
+        return mean_with_interval(self.values - self.others)
+
+    @property
+    def ratio(self) -> Estimate:
+        """Geometric mean of values / others, over courses and runs; the interval is over the runs."""
+        logs = np.ma.masked_invalid(np.atleast_2d(np.log(self.values / self.others)))
+        found = mean_with_interval(logs.mean(axis=0).filled(np.nan))
+        mean, low, high = np.exp([found.mean, found.low, found.high]).tolist()
+        return Estimate(mean=mean, low=low, high=high, runs=found.runs)
+
+    @property
+    def median_ratio(self) -> MedianEstimate:
+        """Median of values / others, with the interval between two of them by rank."""
+        return median_with_interval(self.values / self.others)
 
 
 def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:
@@ -119,72 +154,80 @@ def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-Job = TypeVar("Job")
-Result = TypeVar("Result")
+#: largest lean of an initial state [rad]
+_MAX_INITIAL_LEAN = 0.02
 
 
-class OrderedResults(Generic[Job, Result]):
-    """Results of jobs, in order: from the first that is asked for, the rest are computed in other processes.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ComparedRun:
+    """One run of a comparison; it is pickled if there is more than one process."""
 
-    A job whose result is on file is not asked for, and not computed. Use it in a `with` block.
+    candidate: str  #: the controller's name
+    controller: Feedback  #: the run gets a copy
+    plant: Callable[[EstimatorName], Plant | Model]  #: makes the plant, its state by that estimator
+    reference: Callable[[], Reference]  #: makes the reference
+    duration: float  #: [s]
+    seed: int  #: of the initial state and of all that is random in the plant
+    course: str = ""  #: its name, if there is more than one
+    settle: float = SETTLE  #: see `ballbot.workflows.metrics.settled` [s]
+    disturbed: tuple[float, ...] = ()  #: when something pushes the robot [s]
+    measure: Callable[[Log], NDArray[np.float64]] | None = None  #: what else is kept of the run's log
 
-    Parameters
-    ----------
-    work : callable
-        Returns a job's result; it and the jobs are pickled if there is more than one process.
-    jobs : sequence
-    processes : int, optional
-        One for each core by default; with one, all is computed in this process.
-    """
-
-    def __init__(
-        self, work: Callable[[Job], Result], jobs: Sequence[Job], *, processes: int | None = None
-    ) -> None:
-        self._work, self._jobs, self._processes = work, jobs, processes or os.cpu_count() or 1
-        self._pool: ProcessPoolExecutor | None = None
-        self._ahead: dict[int, Future[Result]] = {}
-
-    def __enter__(self) -> OrderedResults[Job, Result]:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._pool:
-            self._pool.shutdown(wait=kind is None, cancel_futures=True)
-
-    def result(self, place: int) -> Result:
-        """Return the result of the job at that place; those before it are not computed any more.
+    def log(self) -> Log:
+        """Make the run: from rest at the origin, leaning by up to 0.02 rad.
 
         Raises
         ------
-        SpreadError
-            If a process was killed.
+        InputError
+            If the plant or the reference cannot be made, or the controller fails.
         """
-        workers = min(self._processes, len(self._jobs) - place)
-        if workers < 2 and not self._pool:
-            return self._work(self._jobs[place])
-        if not self._pool:
-            self._pool = worker_pool(workers)
-            with uninterrupted():
-                for later in range(place, len(self._jobs)):
-                    self._ahead[later] = self._pool.submit(self._work, self._jobs[later])
+        return simulate(
+            self.plant(estimator_of(self.controller)),
+            copy.deepcopy(self.controller),
+            self.reference(),
+            duration=self.duration,
+            initial_state=initial_state_of(self.seed),
+            seed=self.seed,
+        )
+
+    def result(self) -> RunResult:
+        """Make the run and return what is kept of it.
+
+        Raises
+        ------
+        InputError
+            As `log`, or if the run cannot be scored.
+        """
+        log = self.log()
         try:
-            return self._ahead.pop(place).result()
-        except BrokenProcessPool:
-            raise ExecutorError(
-                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
-                "continue with --resume."
-            ) from None
+            found = score(log, settle=self.settle, disturbed=self.disturbed)
+        except InputError as error:
+            place = f"Course {self.course!r}: " if self.course else ""
+            raise InputError(f"{place}{error}") from None
+        return RunResult(score=found, measured=self.measure(log) if self.measure else np.empty(0))
 
 
-#: largest lean of a start [rad]
-_MAX_INITIAL_LEAN = 0.02
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunResult:
+    """What is kept of a run."""
+
+    score: Score
+    measured: NDArray[np.float64]  #: by the run's `measure`; empty without one
+
+    def to_arrays(self) -> Arrays:
+        """Return it as a checkpoint keeps it."""
+        return *self.score.to_arrays(), self.measured
+
+    @staticmethod
+    def from_arrays(arrays: Arrays) -> RunResult:
+        """Return the result of arrays."""
+        numbers, codes, measured = arrays
+        return RunResult(score=Score.from_arrays(numbers, codes), measured=measured)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """A controller's scores over all seeds: means over the runs that did not end early, NaN where all did."""
+    """A controller's scores over all seeds: means over the runs that did not end early, NaN if all did."""
 
     peak_position_error: float  #: [m]
     worst_position_error: float  #: the largest peak of any run that did not end early [m]
@@ -195,16 +238,34 @@ class Summary:
     runs: int
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """What `compare` returns."""
+    """Runs with their results."""
 
-    seeds: tuple[int, ...]
-    scores: Mapping[str, tuple[Score, ...]]  #: by controller, in the order of the seeds
+    runs: tuple[ComparedRun, ...]
+    results: tuple[RunResult, ...]  #: in the order of the runs
 
-    def summary(self, name: str) -> Summary:
-        """Return one controller's scores over all seeds."""
-        scores = self.scores[name]
+    def of(self, candidate: str, course: str = "") -> tuple[RunResult, ...]:
+        """Return the results of a controller on a course, in the order of the runs."""
+        return tuple(
+            result
+            for run, result in zip(self.runs, self.results, strict=True)
+            if (run.candidate, run.course) == (candidate, course)
+        )
+
+    def scores_of(self, candidate: str, course: str = "") -> tuple[Score, ...]:
+        """Return the scores of a controller on a course, in the order of the runs."""
+        return tuple(result.score for result in self.of(candidate, course))
+
+    @property
+    def scores(self) -> Mapping[str, tuple[Score, ...]]:
+        """Scores of a comparison on one course, by controller, in the order of the runs."""
+        names = dict.fromkeys(run.candidate for run in self.runs)
+        return MappingProxyType({name: self.scores_of(name) for name in names})
+
+    def summary(self, candidate: str) -> Summary:
+        """Return one controller's scores over all seeds of a comparison on one course."""
+        scores = self.scores_of(candidate)
         stood = [score for score in scores if score.ended is None]
         return Summary(
             peak_position_error=_mean([score.peak_position_error for score in stood]),
@@ -215,6 +276,47 @@ class Comparison:
             falls=len(scores) - len(stood),
             runs=len(scores),
         )
+
+
+def run_comparison(
+    runs: Sequence[ComparedRun],
+    *,
+    processes: int | None = None,
+    threads: int | None = None,
+    run: Run = DEFAULT_RUN,
+) -> Comparison:
+    """Make all runs and score them.
+
+    Parameters
+    ----------
+    runs : sequence of ComparedRun
+        In the order in which their results enter the checkpoint.
+    processes : int, optional
+        One for each core by default; with one, all is computed in this process. The result does not depend on it.
+    threads : int, optional
+        Runs at a time in this process, instead of processes; plants and controllers need not be picklable then.
+    run : Run, optional
+        Its checkpoint keeps each result, so that the comparison can be resumed; its seed is not used.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to run, a plant or controller fails, or a run cannot be scored.
+    ExecutorError
+        If a process was killed.
+    """
+    if not runs:
+        raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
+    done, whole = 0.0, sum(one.duration for one in runs)
+    results = []
+    with _results_ahead(runs, processes=processes, threads=threads) as result_at:
+        for place, one in enumerate(runs):
+            question = np.array([place, one.seed], dtype=np.float64)
+            answer = run.memoize("run", question, lambda place=place: result_at(place).to_arrays())
+            results.append(RunResult.from_arrays(answer))
+            done += one.duration
+            run.progress(Progress(stage="comparing controllers", done=done, total=whole))
+    return Comparison(runs=tuple(runs), results=tuple(results))
 
 
 def compare(
@@ -228,15 +330,15 @@ def compare(
     threads: int = 1,
     progress: ProgressCallback = ignore_progress,
 ) -> Comparison:
-    """Run every controller with every seed and score the runs.
+    """Run every controller with every seed on one plant of any kind, and score the runs.
 
-    A seed gives all that is random in the plant, and a start at rest at the origin with a lean of up to 0.02 rad,
-    so that a plant without noise is tried more than once, too.
+    A seed gives all that is random in the plant, and an initial state at rest at the origin with a lean of up to 0.02
+    rad, so that a plant without noise is tried more than once, too.
 
     Parameters
     ----------
     plant_factory : callable
-        Makes a plant; each thread makes one of its own.
+        Makes a plant; each run gets one of its own.
     controllers : mapping of str to Feedback
         By name; every run gets a copy.
     reference : callable
@@ -249,45 +351,78 @@ def compare(
     threads : int
         Runs at a time. Plants whose work is compiled gain from it.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+        Called after each run.
 
     Raises
     ------
     InputError
-        Where there is nothing to run, or a run cannot be scored.
+        If there is nothing to run, or a run cannot be scored.
     """
-    if not controllers or not seeds:
-        raise InputError("There is nothing to compare: at least one controller and one seed are needed.")
-    own = threading.local()
-    runs = list(product(controllers, seeds))
-
-    def run(job: tuple[str, int]) -> Score:
-        name, seed = job
-        if not hasattr(own, "plant"):
-            own.plant = plant_factory()
-        log = simulate(
-            own.plant,
-            copy.deepcopy(controllers[name]),
-            reference,
+    runs = [
+        ComparedRun(
+            candidate=name,
+            controller=controller,
+            plant=lambda _: plant_factory(),
+            reference=lambda: reference,
             duration=duration,
-            initial_state=initial_state_of(seed),
             seed=seed,
+            settle=settle,
         )
-        return score(log, settle=settle)
-
-    scores: dict[str, list[Score]] = {name: [] for name in controllers}
-    with ThreadPoolExecutor(threads) as pool:
-        for done, ((name, _), result) in enumerate(zip(runs, pool.map(run, runs), strict=True), start=1):
-            scores[name].append(result)
-            progress(Progress(stage="comparing controllers", done=done, total=len(runs)))
-    return Comparison(seeds=tuple(seeds), scores={name: tuple(found) for name, found in scores.items()})
+        for name, controller in controllers.items()
+        for seed in seeds
+    ]
+    return run_comparison(runs, threads=threads, run=Run(progress=progress))
 
 
 def initial_state_of(seed: int) -> NDArray[np.float64]:
-    """Return a start (10,) at rest at the origin: theta and phi ~ U(-0.02, 0.02) rad."""
+    """Return an initial state (10,) at rest at the origin: theta and phi ~ U(-0.02, 0.02) rad."""
     state = np.zeros(10)
     state[2:4] = np.random.default_rng(seed).uniform(-_MAX_INITIAL_LEAN, _MAX_INITIAL_LEAN, 2)
     return state
+
+
+def _result(run: ComparedRun) -> RunResult:
+    return run.result()
+
+
+@contextmanager
+def _results_ahead(
+    runs: Sequence[ComparedRun], *, processes: int | None, threads: int | None
+) -> Iterator[Callable[[int], RunResult]]:
+    """Give a function that returns the result of the run at a place.
+
+    From the first place that is asked for, the rest are computed ahead. A run whose result is on file is not asked
+    for, and not computed.
+    """
+    pool: Executor | None = None
+    ahead: dict[int, Future[RunResult]] = {}
+    count = threads or processes or os.cpu_count() or 1
+
+    def result_at(place: int) -> RunResult:
+        nonlocal pool
+        workers = min(count, len(runs) - place)
+        if workers < 2 and pool is None:
+            return _result(runs[place])
+        if pool is None:
+            pool = ThreadPoolExecutor(workers) if threads else worker_pool(workers)
+            with uninterrupted():
+                for later in range(place, len(runs)):
+                    ahead[later] = pool.submit(_result, runs[later])
+        try:
+            return ahead.pop(place).result()
+        except BrokenProcessPool:
+            raise ExecutorError(
+                "A worker process was killed, perhaps because memory ran out. Finished runs are kept; "
+                "continue with --resume."
+            ) from None
+
+    finished = False
+    try:
+        yield result_at
+        finished = True
+    finally:
+        if pool is not None:
+            pool.shutdown(wait=finished, cancel_futures=True)
 
 
 def _mean(values: Sequence[float]) -> float:

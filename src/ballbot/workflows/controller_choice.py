@@ -13,8 +13,9 @@ paired ratios of peak errors say what that part gains by itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +24,20 @@ from ballbot.control.controller import Controller
 from ballbot.control.overcompensation import cautious_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Arrays
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Identification
 from ballbot.log import Log
-from ballbot.progress import Progress
 from ballbot.robot import Robot
-from ballbot.workflows.comparison import MedianEstimate, OrderedResults, median_with_interval
+from ballbot.workflows.comparison import (
+    ComparedRun,
+    MedianEstimate,
+    Paired,
+    RunResult,
+    median_with_interval,
+    run_comparison,
+)
 from ballbot.workflows.courses import ReferenceSpec
-from ballbot.workflows.metrics import Performance, Score, performance_of, score
+from ballbot.workflows.metrics import Performance, Score, performance_of
 from ballbot.workflows.plant_draws import PlantDraw, parameter_covariance
 
 #: the first is what the others are compared with
@@ -45,8 +51,6 @@ ABLATIONS = (
     "disturbance observer",
     "friction compensation",
 )
-
-ChoiceProgress = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +107,7 @@ class Trial:
 
     def ratio_to(self, other: Trial) -> MedianEstimate:
         """Return the median of this trial's peak error over the other's, draw by draw, with its 95 % interval."""
-        return median_with_interval(self.peaks / other.peaks)
+        return Paired(self.peaks, other.peaks).median_ratio
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,7 +137,7 @@ class ControllerChoice:
     def share_of(self, part: str) -> MedianEstimate:
         """Return the peak error without a part over that of the whole precise controller, plant by plant."""
         without, whole = self.ablation[part], self.trials["precise"]
-        return median_with_interval(without.peaks / whole.peaks[: len(without.peaks)])
+        return Paired(without.peaks, whole.peaks[: len(without.peaks)]).median_ratio
 
 
 def candidates(found: Identification, *, sample_time: float) -> dict[str, Controller]:
@@ -211,7 +215,7 @@ def choose_controller(
     processes : int, optional
         One for each core by default. The result does not depend on it.
     run : Run, optional
-        Its checkpoint answers for each trial; its seed is not used.
+        Its checkpoint keeps each run's result; its seed is not used.
 
     Raises
     ------
@@ -219,24 +223,16 @@ def choose_controller(
         If a plant cannot be made or a run cannot be scored.
     """
     parts = {part: without_part(controllers["precise"], part) for part in ABLATIONS if ablation_plants}
-    jobs = [
-        _Job(name=name, controller=controller, plant=plant, course=course)
-        for plant in plants
-        for name, controller in controllers.items()
+    runs = [
+        _run(name, controller, plant, course) for plant in plants for name, controller in controllers.items()
     ]
-    jobs += [
-        _Job(name=part, controller=controller, plant=plant, course=course)
+    runs += [
+        _run(part, controller, plant, course)
         for plant in plants[:ablation_plants]
         for part, controller in parts.items()
     ]
-    trials: dict[str, list[tuple[Score, Performance]]] = {name: [] for name in (*controllers, *parts)}
-    with OrderedResults(_run, jobs, processes=processes) as ahead:
-        for place, job in enumerate(jobs):
-            question = np.array([place, job.plant.seed], dtype=np.float64)
-            numbers, codes, seen = run.memoize("trial", question, lambda place=place: ahead.result(place))
-            trials[job.name].append((Score.from_arrays(numbers, codes), Performance.from_array(seen)))
-            run.progress(Progress(stage="comparing controllers", done=place + 1, total=len(jobs)))
-    made = {name: _trial(one, trials[name]) for name, one in {**controllers, **parts}.items()}
+    found = run_comparison(runs, processes=processes, run=run)
+    made = {name: _trial(one, found.of(name)) for name, one in {**controllers, **parts}.items()}
     named = {name: made[name] for name in controllers}
     equals = equal_best(named)
     return ControllerChoice(
@@ -246,7 +242,7 @@ def choose_controller(
         equals=equals,
         chosen=min(equals, key=lambda name: named[name].roughness.median, default=None),
         ablation={part: made[part] for part in parts},
-        runs={name: _log(controller, plants[0], course) for name, controller in controllers.items()},
+        runs={name: _run(name, one, plants[0], course).log() for name, one in controllers.items()},
     )
 
 
@@ -259,26 +255,25 @@ def equal_best(trials: Mapping[str, Trial]) -> tuple[str, ...]:
     return tuple(name for name in standing if trials[name].peak.overlaps(trials[standing[0]].peak))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Job:
-    name: str
-    controller: Controller
-    plant: PlantDraw
-    course: NamedCourse
+def _run(name: str, controller: Controller, plant: PlantDraw, course: NamedCourse) -> ComparedRun:
+    return ComparedRun(
+        candidate=name,
+        controller=controller,
+        plant=plant.make,
+        reference=course.asked.reference,
+        duration=course.duration,
+        seed=plant.seed,
+        measure=partial(_performance, controller),
+    )
 
 
-def _run(job: _Job) -> Arrays:
-    log = _log(job.controller, job.plant, job.course)
-    return *score(log).to_arrays(), performance_of(log, job.controller).to_array()
+def _performance(controller: Controller, log: Log) -> NDArray[np.float64]:
+    return performance_of(log, controller).to_array()
 
 
-def _log(controller: Controller, plant: PlantDraw, course: NamedCourse) -> Log:
-    return plant.run(controller, course.asked.reference(), duration=course.duration)
-
-
-def _trial(controller: Controller, results: Sequence[tuple[Score, Performance]]) -> Trial:
+def _trial(controller: Controller, results: Sequence[RunResult]) -> Trial:
     return Trial(
         controller=controller,
-        scores=tuple(score for score, _ in results),
-        performances=tuple(seen for _, seen in results),
+        scores=tuple(one.score for one in results),
+        performances=tuple(Performance.from_array(one.measured) for one in results),
     )

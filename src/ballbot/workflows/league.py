@@ -1,13 +1,11 @@
 """The league: every controller on the same courses with the same seeds, and what the differences are worth.
 
-The result of a run follows from robot, controller, course and seed alone, wherever and in whatever order it is
-computed. The runs have an order, seeds outermost, in which their scores enter the checkpoint. The standings are means
-over the seeds, and every controller against the first one, with intervals.
+A comparison (`ballbot.workflows.comparison`) of many controllers on many courses; its runs have an order, seeds
+outermost. The standings are means over the seeds, and every controller against the first one, with intervals.
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass
 from functools import partial
@@ -15,24 +13,24 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.interface import Feedback, estimator_of
-from ballbot.errors import InputError
-from ballbot.fitting.checkpoint import Arrays
+from ballbot.control.interface import Feedback
+from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
-from ballbot.progress import Progress
+from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.run import simulate
+from ballbot.simulation.plant import Plant
 from ballbot.workflows.comparison import (
+    ComparedRun,
     Estimate,
-    OrderedResults,
+    Paired,
+    RunResult,
     fraction_with_interval,
-    initial_state_of,
     mean_with_interval,
-    paired_difference,
+    run_comparison,
 )
 from ballbot.workflows.courses import Course
-from ballbot.workflows.metrics import Score, score, true_place
+from ballbot.workflows.metrics import Score, true_place
 
 #: points of a track in a second, and the decimals they are kept with [m, rad]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
@@ -48,10 +46,16 @@ class Track:
     psi: NDArray[np.float64]  #: (N,) [rad]
     ended: str | None  #: why the run stopped early
 
+    @staticmethod
+    def of(result: RunResult) -> Track:
+        """Return the track that a run's `_track` measured."""
+        t, x, y, psi = result.measured
+        return Track(t=t, x=x, y=y, psi=psi, ended=result.score.ended)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class League:
-    """What became of every game."""
+    """What became of every run."""
 
     robot: str  #: its name
     courses: tuple[Course, ...]
@@ -88,80 +92,47 @@ def run_league(
     processes : int, optional
         One for each core where not given; with one, all is done in this process.
     run : Run, optional
-        Its checkpoint answers for each run; its seed is not used.
+        Its checkpoint keeps each run's result; its seed is not used.
 
     Raises
     ------
     InputError
-        Where there is nothing to play, a controller fails, or a run cannot be scored.
+        If there is nothing to run, a controller fails, or a run cannot be scored.
     """
-    if not (controllers and courses and seeds):
-        raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
-    games = [
-        _Run(
-            course=course,
-            name=name,
+    runs = [
+        ComparedRun(
+            candidate=name,
             controller=controller,
+            plant=partial(_plant, course, robot),
+            reference=course.asked.reference,
+            duration=course.duration,
             seed=seed,
-            tracked=seed == seeds[0],
+            course=course.name,
+            settle=course.settle,
+            disturbed=course.disturbed,
+            measure=_track if seed == seeds[0] else None,
         )
         for seed in seeds
         for course in courses
         for name, controller in controllers.items()
     ]
-    scores: dict[tuple[str, str], list[Score]] = {(g.course.name, g.name): [] for g in games}
-    tracks: dict[tuple[str, str], Track] = {}
-    done, whole = 0.0, sum(game.course.duration for game in games)
-    with OrderedResults(partial(_run, robot), games, processes=processes) as ahead:
-        for place, game in enumerate(games):
-            question = np.array([place, game.seed], dtype=np.float64)
-            numbers, codes, track = run.memoize("game", question, lambda place=place: ahead.result(place))
-            key, found = (game.course.name, game.name), Score.from_arrays(numbers, codes)
-            scores[key].append(found)
-            if game.tracked:
-                tracks[key] = Track(t=track[0], x=track[1], y=track[2], psi=track[3], ended=found.ended)
-            done += game.course.duration
-            run.progress(Progress(stage="comparing controllers", done=done, total=whole))
+    found = run_comparison(runs, processes=processes, run=run)
     return League(
         robot=robot.name,
         courses=tuple(courses),
         controllers=tuple(controllers),
         seeds=tuple(seeds),
-        scores={key: tuple(found) for key, found in scores.items()},
-        tracks=tracks,
+        scores={(c.name, name): found.scores_of(name, c.name) for c in courses for name in controllers},
+        tracks={(c.name, name): Track.of(found.of(name, c.name)[0]) for c in courses for name in controllers},
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Run:
-    course: Course
-    name: str
-    controller: Feedback
-    seed: int
-    tracked: bool
+def _plant(course: Course, robot: Robot, estimator: EstimatorName) -> Plant | Model:
+    return course.plant(robot, estimator=estimator)
 
 
-def _run(robot: Robot, game: _Run) -> Arrays:
-    """Return the score's numbers, the codes of why the run ended, and the track (4, N), empty unless tracked."""
-    course = game.course
-    log = simulate(
-        course.plant(robot, estimator=estimator_of(game.controller)),
-        copy.deepcopy(game.controller),
-        course.asked.reference(),
-        duration=course.duration,
-        initial_state=initial_state_of(game.seed),
-        seed=game.seed,
-    )
-    try:
-        found = score(log, settle=course.settle, disturbed=course.disturbed)
-    except InputError as error:
-        raise InputError(f"Course {course.name!r}: {error}") from None
-    return *found.to_arrays(), _track(log, game.tracked)
-
-
-def _track(log: Log, wanted: bool) -> NDArray[np.float64]:
-    if not wanted:
-        return np.empty((4, 0))
+def _track(log: Log) -> NDArray[np.float64]:
+    """Return t, x, y and psi (4, N) of where the robot really was, as a `Track` has them."""
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     place = true_place(log)
     return np.round(np.array([place[name][::step] for name in ("t", "x", "y", "psi")]), _TRACK_DECIMALS)
@@ -257,7 +228,7 @@ def standing(league: League, course: str, controller: str) -> Standing:
         arrived=sum(score.arrived for score in scores),
         means={name: mean_with_interval(_values(scores, name)) for name in numbers},
         differences={
-            name: paired_difference(_values(scores, name), _values(first, name))
+            name: Paired.of(_values(scores, name), _values(first, name)).difference
             for name in numbers
             if controller != league.controllers[0]
         },
@@ -318,7 +289,4 @@ def _falls(scores: Sequence[Score]) -> int:
 
 def _ratio(mine: Sequence[Sequence[Score]], first: Sequence[Sequence[Score]], name: str) -> Estimate:
     own, others = (np.array([_values(scores, name) for scores in part]) for part in (mine, first))
-    logs = np.ma.masked_invalid(np.log(own / others)).mean(axis=0).filled(np.nan)  # over courses, (seeds,)
-    found = mean_with_interval(logs)
-    mean, low, high = np.exp([found.mean, found.low, found.high]).tolist()
-    return Estimate(mean=mean, low=low, high=high, runs=found.runs)
+    return Paired(own, others).ratio

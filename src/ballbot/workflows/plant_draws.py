@@ -12,7 +12,6 @@ the physics-engine twin. Estimator and controller know the robot as identified.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -21,22 +20,17 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.controller import Controller
-from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.identification import Identification
 from ballbot.identification.quantities import BY_NAME, RIGID, with_friction, with_rigid_body
-from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
-from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
-from ballbot.workflows.comparison import initial_state_of
 from ballbot.workflows.courses import PlantName
 
 
@@ -75,25 +69,6 @@ class PlantDraw:
             return SensedPlant(Model(self.robot), imperfections, known=self.known, estimator=estimator)
         state = named_estimator(estimator, self.known, sample_time=self.scenario.sensors.sample_time)
         return Twin(self.robot, self.scenario, estimator=state)
-
-    def run(self, controller: Controller, reference: Reference, *, duration: float) -> Log:
-        """Run a controller in closed loop, with the on-board state that it is made for.
-
-        The run starts at rest at the origin, leaning by up to 0.02 rad as the seed says.
-
-        Raises
-        ------
-        InputError
-            If the plant cannot be made, or the duration is shorter than a sample.
-        """
-        return simulate(
-            self.make(controller.estimator),
-            copy.deepcopy(controller),
-            reference,
-            duration=duration,
-            initial_state=initial_state_of(self.seed),
-            seed=self.seed,
-        )
 
 
 def draw_plants(

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
 from ballbot.thesis.reproduce.bench import Bench
-from ballbot.thesis.reproduce.item import Check, Item, Rows, median_interval, over_runs
+from ballbot.thesis.reproduce.item import Check, Item, Rows, over_runs
 from ballbot.thesis.reproduce.mistakes.conclusions import LEANING_PAIRS, NAMED_PAIRS, clear_correlation
 from ballbot.thesis.reproduce.runs import AHEAD, MODELS, RESTART, Validated, above
 from ballbot.validation.statistics import Correlations
+from ballbot.workflows.comparison import median_with_interval
 from ballbot.workflows.metrics import rms
 
 #: (4.1) with friction and without, as Tables 4.1 and 4.2 print them, in the order of the states
@@ -241,7 +242,7 @@ def _largest_other(found: Correlations) -> tuple[float, str]:
 def _better(found: Sequence[Validated], ratios: Ratios) -> str:
     """Return in how many states friction lowers the error, and in how many that is sure."""
     table = np.array([ratios(one) for one in found])
-    sure = sum(median_interval(column)[0] > 1.0 for column in table.T.tolist())
+    sure = sum(median_with_interval(column).low > 1.0 for column in table.T.tolist())
     lower = int((np.median(table, axis=0) > 1.0).sum())
     return (
         f"friction lowers the error in {lower} of {table.shape[1]} states by the median of {len(found)} runs, in "

@@ -8,42 +8,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import comb
-from statistics import median
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
+from ballbot.workflows.comparison import median_with_interval
+
 #: runs that a verdict on the twin or on a model with friction is taken over
 RUNS = 9
 #: three-minute runs that the sensors are judged by; the fewest whose whole range is an interval of 95 %
 LONG_RUNS = 6
-#: coverage asked of an interval
-_COVERAGE = 0.95
 
 
 def run_seed(seed: int, number: int) -> int:
     """Return the seed of a run by the command's seed and the run's number."""
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
-
-
-def median_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return an interval that holds the median of what the values are drawn from with at least 95 %, if six are given.
-
-    It lies between order statistics: k values lie below the median as often as k of n coins show heads, whatever the
-    distribution is (W. R. Thompson, Ann. Math. Statist. 7 (1936) 122-128). With fewer than six it is their range.
-    """
-    ordered, n = sorted(values), len(values)
-    first = 0
-    while first + 1 < n // 2 and 1.0 - 2.0 * _probability_below(n, first + 2) >= _COVERAGE:
-        first += 1
-    return ordered[first], ordered[n - 1 - first]
-
-
-def _probability_below(n: int, count: int) -> float:
-    """Return the probability of fewer than `count` heads of n coins."""
-    return sum(comb(n, k) for k in range(count)) / 2.0**n
 
 
 Verdict = Literal["agrees", "agrees in part", "does not agree", "undecided", "drawn"]
@@ -88,15 +68,16 @@ class Check:
         lowest: float = -math.inf,
         highest: float = math.inf,
     ) -> Check:
-        """Return the check of a number that several runs have each a value of; see `seeds.median_interval`."""
+        """Return the check of the median of a number over several runs, with its 95 % interval by rank."""
+        found = median_with_interval(values)
         return Check(
             claim=claim,
             quantity=quantity,
-            value=float(median(values)),
+            value=found.median,
             unit=unit,
             lowest=lowest,
             highest=highest,
-            interval=median_interval(values),
+            interval=(found.low, found.high),
             runs=len(values),
         )
 
@@ -144,7 +125,8 @@ def spread_text(value: float, interval: tuple[float, float]) -> str:
 
 def over_runs(values: Sequence[float]) -> str:
     """Return the median of several runs' values with its interval, in words."""
-    return spread_text(float(median(values)), median_interval(values))
+    found = median_with_interval(values)
+    return spread_text(found.median, (found.low, found.high))
 
 
 @dataclass(frozen=True, kw_only=True)
