@@ -3,6 +3,9 @@
 import os
 from pathlib import Path
 
+# one thread of BLAS: several processes test side by side, and waiting threads would take the cores from each other
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported
+
 import hypothesis
 import pytest
 
