@@ -40,7 +40,7 @@ NOT_COMPILED = {
     },
     "a law, whose methods for arrays are in NumPy": {
         f"ballbot.mechanics.friction_laws.{name}"
-        for name in ("Armstrong", "Classical", "Dahl", "FrictionLaw", "Karnopp", "LuGre", "Smoothed")
+        for name in ("Armstrong", "Classical", "Dahl", "FrictionLaw", "LuGre", "Smoothed")
     },
     "made by the package, from a log or a design": {
         *(f"ballbot.workflows.excite.{name}" for name in ("Design", "Trial", "excite", "task")),

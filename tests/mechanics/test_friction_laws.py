@@ -13,7 +13,6 @@ from ballbot.mechanics.friction_laws import (
     Armstrong,
     Classical,
     Dahl,
-    Karnopp,
     Smoothed,
     advance,
     follow,
@@ -61,7 +60,7 @@ def test_classical_is_the_robots_law():
     )
 
 
-@pytest.mark.parametrize("name", ["classical", "karnopp"])
+@pytest.mark.parametrize("name", ["classical"])
 @pytest.mark.parametrize("applied", [0.0, 0.05, -0.16, 0.159999])
 def test_at_rest_friction_balances_what_is_applied_up_to_its_limit(name, applied):
     assert friction_at(LAWS[name], 0.0, applied=applied) == applied
@@ -85,30 +84,6 @@ def test_no_law_gives_energy(law, seed):
     # quadrature over 0.1 ms of a spring that may swing: second order, and c * w * h = 1e-5 J is one sample's work
     assert work.min() > -1e-5
     assert work[-1] > 0.01
-
-
-class TestKarnopp:
-    law = Karnopp(viscous=0.0, coulomb=1.0, static=1.5, dead_zone=0.01)
-
-    def test_mass_counts_as_at_rest_below_the_zone(self):
-        # m = 1, 4 N against c = 1, then 0.45 N, which decelerate by 0.55 m/s^2
-        forces = np.concatenate([np.full(100, 4.0), np.full(2000, 0.45)])
-        motion = push(self.law, forces, 1e-3)
-        top = motion[99, 0]
-        # in the zone only F_s = 1.5 acts against 4 N, 2.5 m/s^2; then c = 1, 3 m/s^2
-        assert top == pytest.approx(0.01 + 3.0 * (0.1 - 0.01 / 2.5), rel=1e-12)
-        stops_after = (top - 0.01) / 0.55
-        moving = np.flatnonzero(motion[:, 0])
-        assert moving[-1] == 99 + math.floor(stops_after / 1e-3)
-        distance = motion[99, 1] + (top**2 - 0.01**2) / (2 * 0.55)
-        assert motion[-1, 1] == pytest.approx(distance, rel=1e-12)
-
-    def test_holds_up_to_exactly_its_static_friction(self):
-        assert not push(self.law, np.full(5000, 1.5), 1e-3)[:, :2].any()
-        beyond = push(self.law, np.full(5000, 1.5 + 1e-3), 1e-3)
-        # the excess of 1 mN needs 10 s to leave the zone of 0.01 m/s, and what is above c throws it on from there
-        assert not beyond[:, 0].any()
-        assert push(self.law, np.full(11_000, 1.5 + 1e-3), 1e-3)[-1, 0] > 0.4
 
 
 class TestArmstrong:
@@ -170,8 +145,6 @@ NONSENSE = [
     (Classical, {"viscous": -0.1, "coulomb": 1.0}, "viscous"),
     (Classical, {"viscous": 0.0, "coulomb": math.nan}, "coulomb"),
     (Classical, {"viscous": 0.0, "coulomb": 1.0, "stribeck_speed": 0.0}, "stribeck_speed"),
-    (Karnopp, {"viscous": 0.0, "coulomb": 1.0, "static": 1.5, "dead_zone": 0.0}, "dead_zone"),
-    (Karnopp, {"viscous": 0.0, "coulomb": 1.0, "static": 0.9, "dead_zone": 0.01}, "static"),
     (Dahl, {"coulomb": 0.0, "stiffness": 1.0}, "coulomb"),
     (Dahl, {"coulomb": 1.0, "stiffness": 1.0, "shape": -1.0}, "shape"),
     (Smoothed, {"viscous": 0.0, "coulomb": 1.0, "width": 0.0}, "width"),

@@ -5,15 +5,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numba
 import pytest
 from numba import config, types
 from numba.core.registry import cpu_target
 
 from ballbot.errors import CompiledCodeNotKept
 from ballbot.mechanics.engine.compiled import (
+    SUPPORTED_NUMBA,
+    InnerCompiler,
     called,
     compiled,
     compiled_alone,
+    compiler_of_inner_code,
     inlined,
     shared,
     warn_that_code_is_not_kept,
@@ -148,3 +152,10 @@ def test_a_full_disk_leaves_code_unkept(tmp_path: Path) -> None:
         folder.touch()  # a file stands where the folder of code should be
     with pytest.warns(CompiledCodeNotKept):
         assert halving(3.0) == 1.5
+
+
+def test_supported_numba_versions_compile_inner_code_without_the_fallback():
+    version = ".".join(numba.__version__.split(".")[:2])
+    if version not in SUPPORTED_NUMBA:
+        pytest.skip(f"Numba {version} is not one of {SUPPORTED_NUMBA}; the fallback is allowed")
+    assert compiler_of_inner_code() is InnerCompiler

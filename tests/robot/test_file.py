@@ -99,7 +99,11 @@ def robots(draw: st.DrawFn) -> Robot:
             rolling=draw(size(0.0, 0.1)),
         ),
         gravity=draw(size(1.6, 25.0)),
-        sources={one.name: f'{draw(st.sampled_from(SOURCES))}: "by" me' for one in PARAMETERS[::3]},
+        sources={
+            one.name: f'{draw(st.sampled_from(SOURCES))}: "by" me'
+            for one in PARAMETERS[::3]
+            if one.default != ()
+        },
     )
 
 

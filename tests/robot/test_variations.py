@@ -43,7 +43,7 @@ class TestFile:
     def test_what_is_written_reads_back_as_the_same_floats(
         self, data, tmp_path_factory: pytest.TempPathFactory
     ):
-        able = [one for one in PARAMETERS if one.shape != "whole number"]
+        able = [one for one in PARAMETERS if one.shape != "whole number" and one.default != ()]
         size = st.floats(0.0, 10.0, allow_subnormal=False)
         chosen = data.draw(st.lists(st.sampled_from(able), unique_by=lambda one: one.name))
         deviations = {

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ballbot.mechanics.engine.compiled import compiled
-from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, Karnopp, LuGre, Smoothed
-from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, friction_of, move, visible_speed
+from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, LuGre, Smoothed
+from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, friction_of, move
 
 #: Table I of Canudas de Wit et al. 1995; its friction can drive (Barabanov and Ortega 2000), hence the last word
 PAPER_LUGRE = LuGre(
@@ -23,7 +23,6 @@ STRIBECK = {"stribeck": 0.05, "stribeck_speed": 0.6}
 #: one of each, of a driveline's size; units N m and rad
 LAWS = {
     "classical": Classical(**DRIVELINE, **STRIBECK, stribeck_exponent=1.1),
-    "karnopp": Karnopp(**DRIVELINE, static=0.16, dead_zone=0.01),
     "armstrong": Armstrong(
         **DRIVELINE, **STRIBECK, stiffness=50.0, memory=0.003, rise_time=0.2, rest_damping=0.05
     ),
@@ -47,7 +46,7 @@ def pushed(law, mass, state, forces, h):
     for k in range(len(forces)):
         speed, travel = move(law, mass, forces[k], state, speed, h)
         distance += travel
-        out[k, 0] = visible_speed(law, speed)
+        out[k, 0] = speed
         out[k, 1] = distance
         out[k, 2] = friction_of(law, state, speed, forces[k])
     return out

@@ -378,7 +378,9 @@ def _band(robot: Robot, log: CheckedLogs) -> PredictionBand:
 def _results(checked: _Checked) -> dict[str, object]:
     return {
         "robot": checked.robot.name,
-        "parameters": {one.name: value_of(checked.robot, one) for one in PARAMETERS},
+        "parameters": {
+            one.name: value for one in PARAMETERS if (value := value_of(checked.robot, one)) != ()
+        },
         "derived": {one.name: one.value for one in checked.derived},
         "matrices": {name: matrix.tolist() for name, matrix in checked.matrices.items()},
         "mistaken_matrices": {

@@ -32,8 +32,9 @@ from ballbot.control.controller import Controller
 from ballbot.control.parts import Parts
 from ballbot.control.parts.load_scaling import HIGHEST_LOAD
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import wheel_friction
+from ballbot.mechanics.friction import stribeck_decay, wheel_friction
 from ballbot.robot import Friction, Robot
+from ballbot.robot.robot import scaled_friction
 
 #: speeds of a wheel over which the curve is looked at [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
@@ -76,13 +77,8 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
     shares = np.array([_certain_fraction(_curve_parameters(friction, i), P[np.ix_(places, places)], z)
                        for i, places in enumerate(_parameter_places(n))])  # fmt: skip
     rolling_error = float(np.sqrt(P[-1, -1]))
-    return replace(
-        friction,
-        viscous=tuple((shares * friction.viscous).tolist()),
-        coulomb=tuple((shares * friction.coulomb).tolist()),
-        stribeck=tuple((shares * friction.stribeck).tolist()),
-        rolling=max(friction.rolling - z * rolling_error, 0.0),
-    )
+    rolling = max(friction.rolling - z * rolling_error, 0.0)
+    return replace(scaled_friction(friction, shares.tolist(), rolling=1.0), rolling=rolling)
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
@@ -136,7 +132,7 @@ def _certain_fraction(values: NDArray[np.float64], P: NDArray[np.float64], z: fl
 
 def _stribeck_curve(values: NDArray[np.float64]) -> NDArray[np.float64]:
     b, c, s, v_s, delta = values
-    return b * _CONFIDENCE_SPEEDS + c + s * np.exp(-((_CONFIDENCE_SPEEDS / v_s) ** delta))
+    return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 
 #: amplitudes of a wheel's swing that are looked at [rad/s]

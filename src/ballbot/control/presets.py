@@ -182,7 +182,7 @@ def grip_torque_limit(robot: Robot) -> float:
 
     `GRIP_FRACTION` of the load that presses a wheel, times its radius; and friction, which never reaches the contact.
     """
-    friction = max(c + s for c, s in zip(robot.friction.coulomb, robot.friction.stribeck, strict=True))
+    friction = max(robot.friction.breakaway)
     return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
 
 

@@ -136,6 +136,7 @@ def identify(
         logs=fitted,
         findings=checked.findings,
         window=window,
+        law=law,
         options=options,
         run=run,
     )
@@ -164,6 +165,7 @@ def _result(
     logs: Sequence[Log],
     findings: tuple[Finding, ...],
     window: float,
+    law: LawName,
     options: IdentificationOptions,
     run: Run,
 ) -> Identification:
@@ -181,7 +183,14 @@ def _result(
     values, sure = final.values, final.uncertainty
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
-        robot=found_robot(predictor.robot, layout, values, sure.standard_errors, log_count=len(logs)),
+        robot=found_robot(
+            predictor.robot,
+            layout,
+            values,
+            sure.standard_errors,
+            log_count=len(logs),
+            asymmetric=law == "asymmetric" and "torque_offset" in layout.extra,
+        ),
         predictor=predictor,
         values=values,
         parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),

@@ -30,6 +30,7 @@ from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.friction import PlainLaw
 from ballbot.mechanics.parameters import (
     PLACE_PIVOTING,
     PLACE_ROLLING,
@@ -216,9 +217,11 @@ class Predictor:
         """Return the rows of numbers (sets, size) that compiled code reads."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(self._with_rigid_body(one), self.formulation) for one in values])
+            rows = np.stack(
+                [pack(self._with_rigid_body(one), self.formulation, law=PlainLaw()) for one in values]
+            )
         else:
-            rows = np.repeat(pack(robot, self.formulation)[None], len(values), axis=0)
+            rows = np.repeat(pack(robot, self.formulation, law=PlainLaw())[None], len(values), axis=0)
         n = robot.wheel_count
         friction, places = values[:, : 3 * n + 3], friction_places(n)
         rows[:, places] = friction

@@ -69,14 +69,41 @@ def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> R
     return robot.replace(ball=ball, body=_body(robot, found), wheels=wheels, drive=_drive(robot, found))
 
 
-def with_friction(robot: Robot, values: NDArray[np.float64]) -> Robot:
-    """Return the robot with the friction [b_1 .., c_1 .., s_1 .., v_s, delta, C_rr] (3 n + 3,)."""
+def with_friction(
+    robot: Robot,
+    values: NDArray[np.float64],
+    *,
+    load: NDArray[np.float64] | None = None,
+    torque_offset: NDArray[np.float64] | None = None,
+) -> Robot:
+    """Return the robot with this friction and no other term.
+
+    Parameters
+    ----------
+    robot : Robot
+    values : ndarray (p,)
+        [b_1 .., c_1 .., s_1 .., v_s, delta, C_rr] first.
+    load : ndarray (n,), optional
+        mu of each wheel.
+    torque_offset : ndarray (n,), optional
+        The torque that acts where none is logged [N m], in place of Coulomb friction that is as much smaller forward as
+        backward is larger; as far as it is no more than c: beyond, it is no friction.
+    """
     n = robot.wheel_count
     b, c, s = (tuple(values[k * n : (k + 1) * n].tolist()) for k in range(3))
     v_s, delta, C_rr = values[3 * n : 3 * n + 3].tolist()
     return robot.replace(
         friction=Friction(
-            viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=delta, rolling=C_rr
+            viscous=b,
+            coulomb=c,
+            stribeck=s,
+            stribeck_speed=v_s,
+            stribeck_exponent=delta,
+            rolling=C_rr,
+            coulomb_asymmetry=()
+            if torque_offset is None
+            else tuple(np.clip(-torque_offset, np.negative(c), c).tolist()),
+            load=() if load is None else tuple(load.tolist()),
         )
     )
 
@@ -215,6 +242,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="dry friction that each wheel's drive adds for each N m of its torque",
         each="wheels",
         bounds=(0.0, 0.5),
+        before=lambda robot: robot.friction.load or (0.0,) * robot.wheel_count,
     ),
     Quantity(
         name="pivoting",

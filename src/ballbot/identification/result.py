@@ -181,15 +181,20 @@ def found_robot(
     standard_errors: NDArray[np.float64],
     *,
     log_count: int,
+    asymmetric: bool = False,
 ) -> Robot:
     """Return the robot with friction and rigid body out of parameters (p,); its sources tell the standard errors (p,).
 
     Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
-    numbers; they stand in the result alone, and so do mu and T_p.
+    numbers; they stand in the result alone, and so does T_p. With the law "asymmetric" the offsets are friction.
     """
     rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
     logs = "1 log" if log_count == 1 else f"{log_count} logs"
     lines = {name: (f"friction.{name}",) for name in FRICTION} | {name: _LINES[name] for name in rigid}
+    if layout.part("load", values) is not None:
+        lines["load"] = ("friction.load",)
+    if asymmetric:
+        lines["torque_offset"] = ("friction.coulomb_asymmetry",)
     sources = {}
     for name, places in lines.items():
         part = layout.part(name, standard_errors)
@@ -198,8 +203,18 @@ def found_robot(
             told = ", ".join(f"{one:.2g}" if np.isfinite(one) else "none" for one in part)
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
             sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {told}")
-    moved = with_rigid_body(with_friction(robot, values), rigid) if rigid else with_friction(robot, values)
+    moved = estimated_robot(robot, layout, values, asymmetric=asymmetric)
     return moved.replace(sources={**robot.sources, **sources})
+
+
+def estimated_robot(
+    robot: Robot, layout: Layout, values: NDArray[np.float64], *, asymmetric: bool = False
+) -> Robot:
+    """Return the robot with friction and rigid body out of parameters (p,); see `found_robot`."""
+    rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
+    offset = layout.part("torque_offset", values) if asymmetric else None
+    rubbing = with_friction(robot, values, load=layout.part("load", values), torque_offset=offset)
+    return with_rigid_body(rubbing, rigid) if rigid else rubbing
 
 
 #: beyond this correlation, the logs tell two parameters' sum or ratio and not each

@@ -19,7 +19,7 @@ from ballbot.mechanics.equations import (
     wheel_force,
     wheel_speeds,
 )
-from ballbot.mechanics.friction import dry_friction
+from ballbot.mechanics.friction import dry_friction, friction_shift, has_directions
 from ballbot.mechanics.parameters import Pivoting
 
 
@@ -128,9 +128,16 @@ class FreeMotion(NamedTuple):
     limits: tuple  #: of the boxes: the wheels' c + s exp(..), and pivoting [N m]
 
 
-@inlined
-def _free_torque(wheel, u, speed):
-    return u - wheel.b * speed
+def _free_torque(wheel, u, speed) -> float:  # pragma: no cover (compiled form below)
+    """Return a motor's torque less all friction that is a function of speed; the rest is in the symmetric box."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(_free_torque)
+def _free_torque_of(wheel, u, speed):
+    if not has_directions(wheel):  # not "- 0.0": what is written decides how it is rounded
+        return lambda wheel, u, speed: u - wheel.b * speed
+    return lambda wheel, u, speed: u - wheel.b * speed - friction_shift(wheel, speed)
 
 
 @inlined

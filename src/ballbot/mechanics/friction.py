@@ -1,22 +1,124 @@
-"""The classical friction law (thesis 3.3 and 3.8) and rolling friction (3.7).
+"""The friction law of a robot's wheels (thesis 3.3 and 3.8) and rolling friction (3.7); the formula stands here only.
 
-    tau(w) = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)        F = -N C_rr v/|v|
+    tau(w) = b w + (c + mu |u| + s E) sgn(w) + d + e E,    E = exp(-|w/v_s|^delta)        F = -N C_rr v/|v|
 
-Both are set-valued at rest: there the friction is whatever holds, up to c + s and N C_rr. The compiled
-functions take the sign from outside, because who integrates must know when it may change.
+c + d and s + e act on a wheel that turns forward, c - d and s - e on one that turns backward; mu |u| is what a drive's
+teeth rub under the motor's torque u. d, e and mu are absent from most robots, and then from compiled code as well
+(`PlainLaw`). Both frictions are set-valued at rest: there the friction is whatever holds, from
+-(c - d + s - e + mu |u|) to c + d + s + e + mu |u|, and up to N C_rr.
+
+A dry friction that differs with direction is a symmetric one, c + mu |u| + s E, about the torque d + e E. So the convex
+step's asymmetric box is a symmetric box, with that torque taken from the motor's: the minimiser is the same.
+
+NumPy's form is the reference of the compiled one. The compiled functions take the sign from outside, because who
+integrates must know when it may change.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.compiled import by_types_of, inlined
 from ballbot.mechanics.engine.elementary import binary_logarithm, power_of_two
 from ballbot.robot import Friction
 
 
-def wheel_friction(speed: ArrayLike, friction: Friction) -> NDArray[np.float64]:
+def stribeck_decay(ratio: NDArray[np.float64], exponent: float) -> NDArray[np.float64]:
+    """Return E = exp(-|w/v_s|^delta) for the ratio w/v_s (...); 1 at rest. Numba compiles it as it stands."""
+    return np.exp(-(np.abs(ratio) ** exponent))
+
+
+def stribeck_curve(
+    speed: ArrayLike,
+    *,
+    viscous: ArrayLike,
+    coulomb: ArrayLike,
+    stribeck: ArrayLike,
+    stribeck_speed: float,
+    stribeck_exponent: float,
+) -> NDArray[np.float64]:
+    """Return b w + (c + s exp(-|w/v_s|^delta)) sgn(w), 0 at rest.
+
+    Parameters
+    ----------
+    speed : array_like (...)
+        w [rad/s].
+    viscous : float or array_like
+        b [N m s/rad].
+    coulomb, stribeck : float or array_like
+        c and s [N m].
+    stribeck_speed : float
+        v_s [rad/s].
+    stribeck_exponent : float
+        delta [-].
+    """
+    w = np.asarray(speed, dtype=float)
+    b, c, s = (np.asarray(value) for value in (viscous, coulomb, stribeck))
+    return b * w + (c + s * stribeck_decay(w / stribeck_speed, stribeck_exponent)) * np.sign(w)
+
+
+def dry_friction_size(
+    speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
+) -> NDArray[np.float64]:
+    """Return the size of each wheel's dry friction in the direction that it turns; at rest the mean of both.
+
+    Parameters
+    ----------
+    speed, friction, torque
+        As in `wheel_friction`.
+
+    Returns
+    -------
+    ndarray (..., n)
+        [N m].
+    """
+    w = np.asarray(speed, dtype=float)
+    E = stribeck_decay(w / friction.stribeck_speed, friction.stribeck_exponent)
+    size = np.asarray(friction.coulomb) + np.asarray(friction.stribeck) * E
+    if friction.is_plain:
+        return size
+    terms = friction_terms(friction)
+    size = size + np.sign(w) * (terms.coulomb_asymmetry + terms.stribeck_asymmetry * E)
+    return size if torque is None else size + terms.load * np.abs(torque)
+
+
+def stribeck_gradient(
+    speed: NDArray[np.float64], *, stribeck: float, stribeck_speed: float, stribeck_exponent: float
+) -> NDArray[np.float64]:
+    """Return the derivatives (..., 5) of `stribeck_curve` by b, c, s, v_s and delta at speeds (...) other than zero."""
+    sign, ratio = np.sign(speed), np.abs(speed / stribeck_speed)
+    power, E = ratio**stribeck_exponent, stribeck_decay(ratio, stribeck_exponent)
+    by_speed = stribeck * E * power * stribeck_exponent / stribeck_speed * sign
+    by_exponent = -stribeck * E * power * np.log(np.abs(speed) / stribeck_speed) * sign
+    return np.stack([speed, sign, E * sign, by_speed, by_exponent], axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrictionTerms:
+    """The terms that a robot's friction may lack, an array (n,) of each; zeros where it lacks them."""
+
+    coulomb_asymmetry: NDArray[np.float64]  #: d [N m]
+    stribeck_asymmetry: NDArray[np.float64]  #: e [N m]
+    load: NDArray[np.float64]  #: mu [-]
+
+
+def friction_terms(friction: Friction) -> FrictionTerms:
+    """Return a friction's optional terms."""
+    n = len(friction.coulomb)
+    d, e, mu = (
+        np.asarray(values or (0.0,) * n, dtype=np.float64)
+        for values in (friction.coulomb_asymmetry, friction.stribeck_asymmetry, friction.load)
+    )
+    return FrictionTerms(coulomb_asymmetry=d, stribeck_asymmetry=e, load=mu)
+
+
+def wheel_friction(
+    speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
+) -> NDArray[np.float64]:
     """Return the friction torque of each wheel, zero at zero speed.
 
     Parameters
@@ -24,16 +126,58 @@ def wheel_friction(speed: ArrayLike, friction: Friction) -> NDArray[np.float64]:
     speed : array_like (..., n)
         Wheel speeds [rad/s].
     friction : Friction
+    torque : array_like (..., n), optional
+        The motors' torques at the wheel [N m], which the load term follows; without them it counts as zero.
 
     Returns
     -------
     ndarray (..., n)
-        tau(w) [N m]; it acts against the speed. NumPy's form, and the reference of the compiled one.
+        tau(w) [N m]; it acts against the speed where it is positive.
     """
     w = np.asarray(speed, dtype=float)
-    b, c, s = (np.asarray(value) for value in (friction.viscous, friction.coulomb, friction.stribeck))
-    decay = np.exp(-(np.abs(w / friction.stribeck_speed) ** friction.stribeck_exponent))
-    return b * w + (c + s * decay) * np.sign(w)
+    return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)
+
+
+def breakaway_torques(
+    friction: Friction, *, torque: ArrayLike | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the largest torques (..., n) that hold a wheel from turning forward and from turning backward [N m].
+
+    Parameters
+    ----------
+    friction : Friction
+    torque : array_like (..., n), optional
+        As in `wheel_friction`.
+    """
+    terms = friction_terms(friction)
+    size = np.add(friction.coulomb, friction.stribeck)
+    if torque is not None:
+        size = size + terms.load * np.abs(torque)
+    shift = terms.coulomb_asymmetry + terms.stribeck_asymmetry
+    return size + shift, size - shift
+
+
+class PlainLaw(NamedTuple):
+    """Selects wheels without optional terms: tau = b w + (c + s E) sgn(w)."""
+
+    terms: int = 0  # a type needs a member
+
+
+class DirectedLaw(NamedTuple):
+    """Selects wheels whose dry friction differs with direction and follows the motor's torque."""
+
+    terms: int = 0
+
+
+WheelLaw = PlainLaw | DirectedLaw
+
+
+def wheel_law(*frictions: Friction) -> WheelLaw:
+    """Return the leanest law that has every term of these frictions."""
+    return PlainLaw() if all(friction.is_plain for friction in frictions) else DirectedLaw()
+
+
+# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta, and perhaps both asymmetries ---
 
 
 _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
@@ -44,8 +188,8 @@ _LARGEST_EXPONENT = (
 
 @inlined
 def dry_friction(wheel, speed):
-    """Return c + s exp(-|w/v_s|^delta): the size of the friction that has the speed's sign."""
-    return with_decay(wheel, power_of_two(decay_exponent(wheel, speed)))
+    """Return c + s exp(-|w/v_s|^delta): the size of the friction, the mean of both directions."""
+    return _with_decay(wheel, power_of_two(decay_exponent(wheel, speed)))
 
 
 @inlined
@@ -56,41 +200,54 @@ def decay_exponent(wheel, speed):
 
 
 @inlined
-def with_decay(wheel, power):
+def _with_decay(wheel, power):
     """Return c + s 2^-power."""
     return wheel.c + wheel.s * power_of_two(-power)
+
+
+def with_decay(wheel, power, direction) -> float:  # pragma: no cover (compiled form below)
+    """Return the size of the friction in a direction (1, -1; 0 for the mean of both), E being 2^-power."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(with_decay)
+def _with_decay_in_direction(wheel, power, direction):
+    if not has_directions(wheel):
+        return lambda wheel, power, direction: _with_decay(wheel, power)
+    return lambda wheel, power, direction: (
+        wheel.c
+        + direction * wheel.coulomb_asymmetry
+        + (wheel.s + direction * wheel.stribeck_asymmetry) * power_of_two(-power)
+    )
+
+
+@inlined
+def directed_friction(wheel, speed, direction):
+    """Return the size of the dry friction of a wheel that turns in a direction: what `direction` is multiplied by."""
+    return with_decay(wheel, power_of_two(decay_exponent(wheel, speed)), direction)
+
+
+def friction_shift(wheel, speed) -> float:  # pragma: no cover (compiled form below)
+    """Return d + e E: the torque about which the dry friction is the same in both directions."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(friction_shift)
+def _friction_shift(wheel, speed):
+    if not has_directions(wheel):
+        return lambda wheel, speed: 0.0
+    return lambda wheel, speed: (
+        wheel.coulomb_asymmetry
+        + wheel.stribeck_asymmetry * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
+    )
+
+
+def has_directions(wheel) -> bool:
+    """Return whether a type of wheel has the terms by direction."""
+    return "coulomb_asymmetry" in wheel.instance_class._fields
 
 
 @inlined
 def sign(value):
     """Return -1, 0 or 1."""
     return (1.0 if value > 0.0 else 0.0) - (1.0 if value < 0.0 else 0.0)
-
-
-def stribeck_curve(
-    speed: ArrayLike,
-    *,
-    viscous: float,
-    coulomb: float,
-    stribeck: float,
-    stribeck_speed: float,
-    stribeck_exponent: float,
-) -> NDArray[np.float64]:
-    """Return b w + (c + s exp(-|w/v_s|^delta)) sgn(w), 0 at rest.
-
-    Parameters
-    ----------
-    speed : array_like (...)
-        w [rad/s].
-    viscous : float
-        b [N m s/rad].
-    coulomb, stribeck : float
-        c and s [N m].
-    stribeck_speed : float
-        v_s [rad/s].
-    stribeck_exponent : float
-        delta [-].
-    """
-    w = np.asarray(speed, dtype=float)
-    decay = np.exp(-(np.abs(w / stribeck_speed) ** stribeck_exponent))
-    return viscous * w + (coulomb + stribeck * decay) * np.sign(w)

@@ -28,6 +28,7 @@ from ballbot.mechanics.engine.arrays import (
 )
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, Thesis, pack, selector
 from ballbot.robot import Robot
 
@@ -101,10 +102,10 @@ class Model:
             raise InputError(
                 f"The pivoting friction is {self.pivoting!r}; it must be a torque in N m, not negative."
             )
-        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0)
-        object.__setattr__(
-            self, "_selected", selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots)
-        )
+        law = wheel_law(self.robot.friction)
+        row = pack(self.robot, self.formulation, pivoting=self.pivoting or 0.0, law=law)
+        chosen = selector(self.formulation, self.robot.wheel_count, pivoting=self.pivots, law=law)
+        object.__setattr__(self, "_selected", chosen)
         object.__setattr__(self, "_row", row)
 
     @property

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import by_types_of, inlined
-from ballbot.mechanics.engine.lanes import restored
-from ballbot.mechanics.engine.vector import each_with, second, written
+from ballbot.mechanics.engine.lanes import TORQUE, entry, restored
+from ballbot.mechanics.engine.vector import each, each_with, second, written
+from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw, friction_terms, wheel_law
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -23,6 +24,7 @@ Formulation = Literal["exact", "thesis"]
 
 RIGID_SIZE = 26  # numbers before the wheels' own
 WHEEL_SIZE = 6  # axle (3), b, c, s
+TERMS_SIZE = 3  # after all wheels, for each of a `DirectedLaw`: d, e, mu
 
 # Places in a row of packed numbers that identification changes
 PLACE_SPEED_SCALE = 8  # 1/v_s
@@ -30,29 +32,35 @@ PLACE_EXPONENT = 9  # delta
 PLACE_ROLLING = 10  # N C_rr
 PLACE_PIVOTING = 13  # limit of the pivoting friction
 
+_PLAIN = PlainLaw()
+
 # How compiled code takes a row apart
 _SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _COMMON = (0.0, 0.0)  # 1/v_s and delta
 _RIGID = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _COMMON, 0.0, 0.0, 0.0, 0.0, _SIX, _SIX)
 _WHEEL = ((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+_TERMS = (0.0, 0.0, 0.0)
 
 
 class Exact(NamedTuple):
-    """Selects the exact equations of design section 5; `wheels` carries the number of wheels in its length."""
+    """Selects the exact equations; `wheels` carries their number in its length, `law` their friction's terms."""
 
     wheels: tuple[int, ...]
+    law: WheelLaw
 
 
 class Thesis(NamedTuple):
-    """Selects the equations of the thesis's Appendix II as printed; `wheels` as in `Exact`."""
+    """Selects the equations of the thesis's Appendix II as printed; its members as in `Exact`."""
 
     wheels: tuple[int, ...]
+    law: WheelLaw
 
 
 class Pivoting(NamedTuple):
-    """Selects the exact equations with a sixth velocity, the ball's spin about the vertical; `wheels` as in `Exact`."""
+    """Selects the exact equations with a sixth velocity, the ball's spin about the vertical; members as in `Exact`."""
 
     wheels: tuple[int, ...]
+    law: WheelLaw
 
 
 class Wheel(NamedTuple):
@@ -64,6 +72,20 @@ class Wheel(NamedTuple):
     s: float
     inv_vs: float  #: 1/v_s [s/rad]
     delta: float
+
+
+class DirectedWheel(NamedTuple):
+    """One wheel's numbers, in compiled code, with every term of the friction."""
+
+    axle: tuple[float, float, float]  #: its row of A
+    b: float
+    c: float  #: the motor's load included
+    s: float
+    inv_vs: float  #: 1/v_s [s/rad]
+    delta: float
+    coulomb_asymmetry: float  #: d
+    stribeck_asymmetry: float  #: e
+    load: float  #: mu
 
 
 class Parameters(NamedTuple):
@@ -83,13 +105,13 @@ class Parameters(NamedTuple):
     pivoting: float  #: largest pivoting friction [N m], where the ball pivots
     J: tuple[float, float, float, float, float, float]  #: body inertia: J_0, or the printed j_r
     D: tuple[float, float, float, float, float, float]  #: A^T A
-    wheels: tuple[Wheel, ...]
+    wheels: tuple[Wheel | DirectedWheel, ...]
 
 
 def selector(
-    formulation: Formulation, wheel_count: int, *, pivoting: bool = False
+    formulation: Formulation, wheel_count: int, *, pivoting: bool = False, law: WheelLaw = _PLAIN
 ) -> Exact | Thesis | Pivoting:
-    """Return the value that selects the compiled equations.
+    """Return the value that selects the compiled equations and, by `law`, the terms of the wheels' friction.
 
     Raises
     ------
@@ -100,11 +122,19 @@ def selector(
     if pivoting and formulation == "thesis":
         raise InputError("The thesis's equations have no pivoting ball; use the formulation 'exact'.")
     if pivoting:
-        return Pivoting(wheels)
-    return Exact(wheels) if formulation == "exact" else Thesis(wheels)
+        return Pivoting(wheels, law)
+    return Exact(wheels, law) if formulation == "exact" else Thesis(wheels, law)
 
 
-def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> NDArray[np.float64]:
+def row_size(selected: Exact | Thesis | Pivoting) -> int:
+    """Return how many numbers a packed robot has."""
+    own = WHEEL_SIZE + (TERMS_SIZE if isinstance(selected.law, DirectedLaw) else 0)
+    return RIGID_SIZE + own * len(selected.wheels)
+
+
+def pack(
+    robot: Robot, formulation: Formulation, *, pivoting: float = 0.0, law: WheelLaw | None = None
+) -> NDArray[np.float64]:
     """Return one robot's numbers as the row that compiled code reads.
 
     Parameters
@@ -114,11 +144,13 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
         "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the rotors out.
     pivoting : float
         Largest pivoting friction [N m]; read where the ball pivots.
+    law : PlainLaw or DirectedLaw, optional
+        That of the selector: the leanest for the robot where not given. `PlainLaw` leaves out what else the robot has.
 
     Returns
     -------
-    ndarray (26 + 6 n,)
-        In the order of `Parameters`; wheels last, one after another.
+    ndarray (26 + 6 n,), or (26 + 9 n,) for a `DirectedLaw`
+        In the order of `Parameters`; wheels one after another, then their further terms.
     """
     ball, body, wheels = robot.ball, robot.body, robot.wheels
     A = transforms(robot).T_owb
@@ -151,7 +183,22 @@ def pack(robot: Robot, formulation: Formulation, *, pivoting: float = 0.0) -> ND
         *_symmetric(D),
     ]
     own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck])
-    return np.concatenate([rigid, own.ravel()])
+    if isinstance(law or wheel_law(friction), PlainLaw):
+        return np.concatenate([rigid, own.ravel()])
+    terms = friction_terms(friction)
+    more = np.column_stack([terms.coulomb_asymmetry, terms.stribeck_asymmetry, terms.load])
+    return np.concatenate([rigid, own.ravel(), more.ravel()])
+
+
+def row_count(selected) -> int:  # pragma: no cover (compiled form below)
+    """Return `row_size` in compiled code."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(row_count)
+def _row_count(selected):
+    size = np.int64(RIGID_SIZE + len(selected.types[0]) * (WHEEL_SIZE + TERMS_SIZE * _is_directed(selected)))
+    return lambda selected: size
 
 
 def friction_places(wheel_count: int) -> NDArray[np.int64]:
@@ -175,15 +222,129 @@ def _wheel_of(own, common):
 
 
 @inlined
-def load_wheel(work, wheel, lane):
-    """Return the `Wheel` of that number of one lane."""
+def _directed_wheel_of(wheel, terms):
+    return DirectedWheel(
+        wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, terms[0], terms[1], terms[2]
+    )
+
+
+@inlined
+def _loaded_wheel(wheel, torque):
+    return DirectedWheel(
+        wheel.axle,
+        wheel.b,
+        wheel.c + wheel.load * abs(torque),
+        wheel.s,
+        wheel.inv_vs,
+        wheel.delta,
+        wheel.coulomb_asymmetry,
+        wheel.stribeck_asymmetry,
+        wheel.load,
+    )
+
+
+@inlined
+def _load_plain_wheel(work, wheel, lane):
     own = restored(_WHEEL, work, RIGID_SIZE + WHEEL_SIZE * wheel, lane)
     return _wheel_of(own, restored(_COMMON, work, PLACE_SPEED_SCALE, lane))
 
 
+def load_wheel(selected, work, wheel, lane) -> Wheel:  # pragma: no cover (compiled form below)
+    """Return the `Wheel` or `DirectedWheel` of that number of one lane, under the torque in the lane."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(load_wheel)
+def _load_wheel(selected, work, wheel, lane):
+    if not _is_directed(selected):
+        return lambda selected, work, wheel, lane: _load_plain_wheel(work, wheel, lane)
+
+    def directed(selected, work, wheel, lane):
+        first = RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
+        terms = restored(_TERMS, work, first + TERMS_SIZE * wheel, lane)
+        return _loaded_wheel(
+            _directed_wheel_of(_load_plain_wheel(work, wheel, lane), terms),
+            entry(work, TORQUE + wheel, lane),
+        )
+
+    return directed
+
+
+def _is_directed(selected) -> bool:
+    """Return whether the type of a selector selects a `DirectedLaw`."""
+    return selected.types[1].instance_class is DirectedLaw
+
+
+def load_parameters(selected, work, lane) -> Parameters:  # pragma: no cover (compiled form below)
+    """Return the `Parameters` of one lane without a motor's load."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(load_parameters)
+def _load_parameters(selected, work, lane):
+    if not _is_directed(selected):
+        return lambda selected, work, lane: _load_plain(selected, work, lane)
+
+    def directed(selected, work, lane):
+        first = RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
+        terms = restored(each_with(second, selected.wheels, _TERMS), work, first, lane)
+        P = _load_plain(selected, work, lane)
+        return _with_wheels(P, each(_directed_wheel_of, P.wheels, terms))
+
+    return directed
+
+
+def under_torque(selected, P, u) -> Parameters:  # pragma: no cover (compiled form below)
+    """Return the `Parameters` with the friction that the motors' torques u load the drives with."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(under_torque)
+def _under_torque(selected, P, u):
+    if not _is_directed(selected):
+        return lambda selected, P, u: P
+    return lambda selected, P, u: _with_wheels(P, each(_loaded_wheel, P.wheels, u))
+
+
+def load(selected, work, lane) -> Parameters:  # pragma: no cover (compiled form below)
+    """Return the `Parameters` of one lane of a whole block's work array, under the torques in the lane."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(load)
+def _load(selected, work, lane):
+    if not _is_directed(selected):
+        return lambda selected, work, lane: _load_plain(selected, work, lane)
+    return lambda selected, work, lane: under_torque(
+        selected,
+        load_parameters(selected, work, lane),
+        restored(selected.wheels, work, TORQUE, lane),
+    )
+
+
 @inlined
-def load(selected, work, lane):
-    """Return the `Parameters` of one lane."""
+def _with_wheels(P, wheels):
+    return Parameters(
+        P.inv_rb,
+        P.k,
+        P.m_t,
+        P.ml,
+        P.g,
+        P.d1,
+        P.d2,
+        P.d3,
+        P.rolling,
+        P.ml2,
+        P.j_b,
+        P.pivoting,
+        P.J,
+        P.D,
+        wheels,
+    )
+
+
+@inlined
+def _load_plain(selected, work, lane):
     rigid = restored(_RIGID, work, 0, lane)
     inv_rb, k, m_t, ml, g, d1, d2, d3, common, rolling, ml2, j_b, pivoting, J, D = rigid
     own = restored(each_with(second, selected.wheels, _WHEEL), work, RIGID_SIZE, lane)

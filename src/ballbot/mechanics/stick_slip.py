@@ -2,7 +2,9 @@
 
     nu+ = argmin 1/2 (nu - nu_free)^T M (nu - nu_free) + h sum_i g_i |C_i nu| + h rho |nu_xy|
 
-with C_i the row that gives wheel i's speed, g_i = c_i + s_i exp(..) at the step's start and rho = N C_rr. Where the
+with C_i the row that gives wheel i's speed, g_i its dry friction at the step's start and rho = N C_rr. A friction that
+differs with direction, g+ and g-, is the symmetric one of (g+ + g-)/2 about the force (g+ - g-)/2, which belongs to
+nu_free: g+ max(v, 0) + g- max(-v, 0) = (g+ + g-)/2 |v| + (g+ - g-)/2 v. Where the
 ball may pivot, its spin is a sixth velocity and pivoting friction one more box (a row of C and its limit, after the
 wheels'). It is the implicit Euler step of set-valued friction (J. J. Moreau, Unilateral contact and dry friction in
 finite freedom dynamics, 1988). It dissipates always and needs no smoothing.
@@ -328,8 +330,9 @@ def minimise(
         Velocities that the step would end with without dry friction.
     C : array_like (n, 5) or (n + 1, 6)
         Rows that give the wheel speeds and, where the ball may pivot, its spin.
-    limits : array_like (n,) or (n + 1,)
-        g_i and the largest pivoting friction [N m], not negative.
+    limits : array_like (n,) or (n + 1,), or of as many pairs
+        g_i and the largest pivoting friction [N m], not negative; a pair is what acts on a forward speed, and on a
+        backward one.
     rolling : float
         N C_rr [N], not negative.
     h : float
@@ -352,13 +355,17 @@ def minimise(
     if mass.shape not in ((5, 5), (6, 6)):
         raise InputError(f"The mass matrix has the shape {mass.shape}; it must be (5, 5) or (6, 6).")
     rows = real_array(C, ("contacts", m), "The array of the contacts' rows")
-    sizes = real_array(limits, (len(rows),), "The array of friction limits")
+    by_direction = np.ndim(limits) == 2
+    sizes = real_array(limits, (len(rows), 2)[: 1 + by_direction], "The array of friction limits")
     first, end = real_array(start, (m,), "The start"), real_array(free, (m,), "The array of free velocities")
     rolls, step = real_number(rolling, "The rolling friction"), real_number(h, "The step")
     if min(sizes.min(), rolls, step) < 0.0:
         raise InputError(
             "A friction limit, the rolling friction or the step is negative; each must be zero or more."
         )
+    if by_direction:  # an asymmetric box is a symmetric one about a force of its own
+        end = end - step * np.linalg.solve(mass, rows.T @ (0.5 * (sizes[:, 0] - sizes[:, 1])))
+        sizes = 0.5 * sizes.sum(axis=1)
     return _minimise(mass, end, rows, sizes, rolls, step, first)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
+from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.axis import panels_over_time
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import (
@@ -99,11 +100,7 @@ def curve_figure(fits: Sequence[DrivelineFit], limit: float) -> Figure:
 def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the standard error [N m] of the friction at speeds (k,) above zero, by the delta method."""
     _, _, s, v_s, delta = fit.values
-    decay = (speed / v_s) ** delta
-    E = np.exp(-decay)
-    gradient = np.column_stack(
-        [speed, np.ones_like(speed), E, s * E * decay * delta / v_s, -s * E * decay * np.log(speed / v_s)]
-    )
+    gradient = stribeck_gradient(speed, stribeck=s, stribeck_speed=v_s, stribeck_exponent=delta)
     errors = np.nan_to_num(fit.standard_errors)
     covariance = np.nan_to_num(fit.correlation) * np.outer(errors, errors)
     return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradient, covariance, gradient), 0.0))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.identification.laws import Candidate, ModelSelection
 from ballbot.identification.result import Identification
-from ballbot.mechanics.friction import wheel_friction
+from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
 from ballbot.workflows.study import StudiedLog
 
@@ -39,13 +39,14 @@ def friction_curve(found: Identification, wheel: int, speed: NDArray[np.float64]
     friction = found.robot.friction
     n = found.robot.wheel_count
     gradient = np.zeros((len(speed), len(found.labels)))
-    sign, decay = np.sign(speed), np.abs(speed / friction.stribeck_speed) ** friction.stribeck_exponent
-    E, s = np.exp(-decay), friction.stribeck[wheel]
-    gradient[:, wheel] = speed
-    gradient[:, n + wheel] = sign
-    gradient[:, 2 * n + wheel] = E * sign
-    gradient[:, 3 * n] = s * E * decay * friction.stribeck_exponent / friction.stribeck_speed * sign
-    gradient[:, 3 * n + 1] = -s * E * decay * np.log(np.abs(speed) / friction.stribeck_speed) * sign
+    gradient[:, [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1]] = stribeck_gradient(
+        speed,
+        stribeck=friction.stribeck[wheel],
+        stribeck_speed=friction.stribeck_speed,
+        stribeck_exponent=friction.stribeck_exponent,
+    )
+    if friction.coulomb_asymmetry:  # found as a torque against it
+        gradient[:, found.labels.index(f"offset{wheel + 1}")] = -1.0
     C = parameter_covariance(found)
     variance = np.einsum("ki,ij,kj->k", gradient, C, gradient)
     torque = wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]

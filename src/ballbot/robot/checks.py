@@ -30,7 +30,7 @@ from ballbot.robot.parameters import (
 )
 
 if TYPE_CHECKING:
-    from ballbot.robot.robot import Ball, Body, Drive, Robot, Wheels
+    from ballbot.robot.robot import Ball, Body, Drive, Friction, Robot, Wheels
 
 #: share by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -58,6 +58,7 @@ def check_robot(robot: Robot) -> None:
     _check_body(robot.body)
     _check_wheels(robot.wheels)
     _check_drive(robot.drive)
+    _check_friction(robot.friction)
 
 
 def check_source(name: str, source: str) -> None:
@@ -126,7 +127,7 @@ def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]
         raise InputError(f"{parameter.name} is {value!r}; it must be a tuple with a number for each wheel.")
     if parameter.name == "wheels.azimuths" and len(value) not in (3, 4):
         raise InputError(f"wheels.azimuths lists {len(value)} wheels; a robot must have three or four.")
-    if len(value) != robot.wheel_count:
+    if len(value) != robot.wheel_count and value != parameter.default:
         raise InputError(
             f"{parameter.name} has {len(value)} numbers, but wheels.azimuths lists "
             f"{robot.wheel_count} wheels; give one for each wheel."
@@ -272,6 +273,17 @@ def _axles(wheels: Wheels) -> NDArray[np.float64]:
     return np.column_stack(
         [-lean * np.cos(azimuths), -lean * np.sin(azimuths), np.full(len(azimuths), rise)],
     )
+
+
+def _check_friction(friction: Friction) -> None:
+    for name in ("coulomb", "stribeck"):
+        for index, difference in enumerate(getattr(friction, f"{name}_asymmetry")):
+            size = getattr(friction, name)[index]
+            if abs(difference) > size:
+                raise InputError(
+                    f"friction.{name}_asymmetry[{index}] is {difference:g} N m; it must be from {-size:g} to "
+                    f"{size:g} N m (friction.{name}[{index}]), or the friction would drive the wheel in one direction."
+                )
 
 
 def _check_drive(drive: Drive) -> None:

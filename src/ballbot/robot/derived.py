@@ -187,7 +187,7 @@ def _of_drive(robot: Robot) -> list[Derived]:
         supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
     )
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
-    break_away = max(c + s for c, s in zip(friction.coulomb, friction.stribeck, strict=True))
+    break_away = max(friction.breakaway)
     rolling = friction.rolling * (robot.ball.mass + robot.body.mass) * robot.gravity
     return [
         _derived("speed_ratio", robot.ball.radius / wheels.radius, "1", "r_b / r_w"),

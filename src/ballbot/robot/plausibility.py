@@ -433,7 +433,7 @@ def _of_sensors(robot: Robot) -> Iterator[Finding]:
 
 def _of_friction(robot: Robot) -> Iterator[Finding]:
     friction, drive = robot.friction, robot.drive
-    dry = max(c + s for c, s in zip(friction.coulomb, friction.stribeck, strict=True))
+    dry = max(friction.breakaway)
     names = ("friction.coulomb", "friction.stribeck", "drive.torque_limit")
     yield from _within(
         "robot-friction",

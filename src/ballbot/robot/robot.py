@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -186,11 +186,15 @@ class Sensors:
     )
 
 
+def _asymmetry(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="N m", least=-math.inf, most=200.0, written="if changed")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Friction:
-    """Wheel friction tau(w) = b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr.
+    """The friction of a robot's wheels and of its ball on the floor; `ballbot.mechanics.friction` has the law.
 
-    Equations (3.7) and (3.8) of the thesis; the tuples hold a value for each wheel.
+    The tuples hold a value for each wheel. Those of the last three terms are empty where a robot lacks the term.
     """
 
     viscous: tuple[float, ...] = field(
@@ -207,6 +211,35 @@ class Friction:
     )
     stribeck_exponent: float = field(metadata=parameter("delta, how sharply it falls"))
     rolling: float = field(metadata=parameter("C_rr, ball on floor", least=0.0, most=1.0))
+    coulomb_asymmetry: tuple[float, ...] = field(
+        default=(),
+        metadata=_asymmetry("c_i forward less its mean of both directions"),
+    )
+    stribeck_asymmetry: tuple[float, ...] = field(
+        default=(),
+        metadata=_asymmetry("s_i forward less its mean of both directions"),
+    )
+    load: tuple[float, ...] = field(
+        default=(),
+        metadata=parameter(
+            "mu_i, dry friction for each N m of the motor's torque", least=0.0, most=1.0, written="if changed"
+        ),
+    )
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the dry friction is the same in both directions, whatever the motors' torques."""
+        return not any((*self.coulomb_asymmetry, *self.stribeck_asymmetry, *self.load))
+
+    @property
+    def breakaway(self) -> tuple[float, ...]:
+        """The torque [N m] that each wheel takes to start, in its harder direction and without load."""
+        start = tuple(c + s for c, s in zip(self.coulomb, self.stribeck, strict=True))
+        none = (0.0,) * len(start)
+        shifts = zip(self.coulomb_asymmetry or none, self.stribeck_asymmetry or none, strict=True)
+        return (
+            start if self.is_plain else tuple(g + abs(d + e) for g, (d, e) in zip(start, shifts, strict=True))
+        )
 
     @staticmethod
     def none(wheel_count: int) -> Friction:
@@ -381,12 +414,36 @@ def scaled_body(body: Body, *, mass: float, height: float) -> Body:
     )
 
 
-def scaled_friction(friction: Friction, factor: float) -> Friction:
-    """Return friction whose torques and whose rolling resistance are that many times as large; speeds stay."""
+def scaled_friction(
+    friction: Friction, factor: float | Sequence[float], *, rolling: float | None = None
+) -> Friction:
+    """Return friction whose torques and whose rolling resistance are that many times as large; speeds stay.
+
+    Parameters
+    ----------
+    friction : Friction
+    factor : float or sequence of float
+        Of every term, of all wheels or of each.
+    rolling : float, optional
+        Of the rolling resistance; needed where each wheel has a factor of its own, `factor` where not given.
+    """
+    count = len(friction.coulomb)
+    if isinstance(factor, Sequence):
+        factors, of_floor = factor, rolling
+    else:
+        factors, of_floor = (factor,) * count, factor if rolling is None else rolling
+    assert of_floor is not None
+
+    def each(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(one * value for one, value in zip(factors, values, strict=True)) if values else values
+
     return replace(
         friction,
-        viscous=tuple(factor * one for one in friction.viscous),
-        coulomb=tuple(factor * one for one in friction.coulomb),
-        stribeck=tuple(factor * one for one in friction.stribeck),
-        rolling=factor * friction.rolling,
+        viscous=each(friction.viscous),
+        coulomb=each(friction.coulomb),
+        stribeck=each(friction.stribeck),
+        rolling=of_floor * friction.rolling,
+        coulomb_asymmetry=each(friction.coulomb_asymmetry),
+        stribeck_asymmetry=each(friction.stribeck_asymmetry),
+        load=each(friction.load),
     )

@@ -32,8 +32,9 @@ from ballbot.mechanics.engine.run import (
 )
 from ballbot.mechanics.engine.smooth import pose
 from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import load, pack
+from ballbot.mechanics.parameters import load, pack, selector
 from ballbot.robot import Robot
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking
@@ -191,8 +192,10 @@ def simulate_batch(
     ended, settled = np.full((2, lanes), samples, np.int64)
     lifted, slipped = np.zeros((2, lanes), np.bool_)
     changes = np.zeros(lanes)
+    law = wheel_law(*(robot.friction for robot in bodies))
+    selected = selector(model.formulation, n, pivoting=model.pivots, law=law)
     inputs = (
-        _rows(lambda robot: pack(robot, model.formulation, pivoting=model.pivoting or 0.0), bodies),
+        _rows(lambda robot: pack(robot, model.formulation, pivoting=model.pivoting or 0.0, law=law), bodies),
         _rows(lift_off, bodies),
         np.stack([one.packed for one in controllers]),
         pack_conditions(borne, bodies),
@@ -208,7 +211,7 @@ def simulate_batch(
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
         out = (states, torques, ended, settled, lifted, slipped, changes)
-        run_closed_loop_block(model.selected, *inputs, first, width, sample_time / steps, steps, every, *out)
+        run_closed_loop_block(selected, *inputs, first, width, sample_time / steps, steps, every, *out)
 
     over_threads(run, lanes, threads)
     decided = np.minimum(ended, settled)

@@ -32,7 +32,6 @@ from ballbot.mechanics.friction_laws.interface import (
     clamped,
     move,
     slide,
-    visible_speed,
 )
 from ballbot.mechanics.friction_laws.smoothed import Smoothed
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -47,7 +46,7 @@ _VECTOR = 8  # lanes are filled up to whole vectors, so that a lane rounds alike
 
 @compiled
 def run_lane(law, inertia, state, speed, torques, sample_time, steps, every, out):
-    """Turn one driveline; `out` (3, records) takes visible speed, angle and integrated speed.
+    """Turn one driveline; `out` (3, records) takes speed, angle and integrated speed.
 
     Parameters
     ----------
@@ -70,7 +69,7 @@ def run_lane(law, inertia, state, speed, torques, sample_time, steps, every, out
             angle += travel
         if (sample + 1) % every == 0:
             record = (sample + 1) // every - 1
-            out[0, record] = clamped(inertia, visible_speed(law, speed))
+            out[0, record] = clamped(inertia, speed)
             out[1, record] = angle
             out[2, record] = speed
 

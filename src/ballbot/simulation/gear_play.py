@@ -34,13 +34,13 @@ from ballbot.mechanics.accelerations import solve
 from ballbot.mechanics.contacts import finished, free_motion
 from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
 from ballbot.mechanics.engine.compiled import called, compiled
-from ballbot.mechanics.engine.lanes import LANES, ROWS, STATE, stored
+from ballbot.mechanics.engine.lanes import LANES, ROWS, STATE, TORQUE, stored
 from ballbot.mechanics.engine.run import load_state, start_lane, velocity_in, write_state
 from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, balancing_attitude
-from ballbot.mechanics.friction import dry_friction
+from ballbot.mechanics.friction import dry_friction, friction_shift
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import friction_places, load
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, friction_places, load
 from ballbot.mechanics.stick_slip import solve_in_place
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -194,6 +194,7 @@ def _row_without_motors(model: Model) -> NDArray[np.float64]:
     row, n = model.packed.copy(), model.robot.wheel_count
     row[_INERTIA_PLACES] -= _rotor_inertia(model.robot)
     row[friction_places(n)[: 3 * n]] = 0.0
+    row[RIGID_SIZE + WHEEL_SIZE * n :] = 0.0
     return row
 
 
@@ -223,6 +224,8 @@ def run_with_play(
         work[i * LANES] = wheel_side[i]
         friction[i * LANES] = whole[i]
     start_lane(selected, work, 0, state, h)
+    for i in range(n):
+        friction[(TORQUE + i) * LANES] = torques[i]
     P, drivelines = load(selected, work, 0), load(selected, friction, 0).wheels
     burden = np.empty(n)
     for i in range(n):
@@ -262,7 +265,8 @@ def run_with_play(
 def _load_motors(drivelines, inertia, play, motors, torques, h, motor):
     """Fill `motor`, but for the speeds, with what the motors bring into a step."""
     for i, driveline in enumerate(drivelines):
-        motor[_MOMENTUM, i] = inertia * motors[0, i] + h * torques[i]
+        shift = friction_shift(driveline, motors[0, i])
+        motor[_MOMENTUM, i] = inertia * motors[0, i] + h * (torques[i] - shift)
         motor[_INERTIA, i] = inertia + h * driveline.b
         motor[_DRY, i] = h * dry_friction(driveline, motors[0, i])
         motor[_LOW, i] = (-0.5 * play - motors[1, i]) / h

@@ -36,10 +36,10 @@ from ballbot.mechanics.engine.smooth import (
 )
 from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
-from ballbot.mechanics.friction import dry_friction, sign
+from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.geometry import body_rates_matrix, contact_directions, rolling_directions
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, load
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, load_parameters, under_torque
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Measurement
 
@@ -58,7 +58,8 @@ def sinking(selected, P, state, u):
     """
     a, speeds = pose(selected, P, state)
     v, w = ball_velocity(state), body_velocity(state)
-    signs, dry = each(sign, speeds), each(dry_friction, P.wheels, speeds)
+    signs = each(sign, speeds)
+    dry = each(directed_friction, P.wheels, speeds, signs)
     _, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
@@ -78,8 +79,9 @@ def sinking_of(selected, row, state, u):
     for i in range(len(row)):
         work[i * LANES] = row[i]
     start_lane(selected, work, 0, state, 0.0)
-    moving = load_state(selected, work, 0)
-    return sinking(selected, load(selected, work, 0), moving, each_with(_torque_at, selected.wheels, u))
+    moving, torques = load_state(selected, work, 0), each_with(_torque_at, selected.wheels, u)
+    P = under_torque(selected, load_parameters(selected, work, 0), torques)
+    return sinking(selected, P, moving, torques)
 
 
 @inlined
@@ -106,7 +108,8 @@ def friction_needed(selected, P, state, u, row, pushes):
     """
     a, speeds = pose(selected, P, state)
     v, w = ball_velocity(state), (state[7], state[8], state[9])
-    signs, dry = each(sign, speeds), each(dry_friction, P.wheels, speeds)
+    signs = each(sign, speeds)
+    dry = each(directed_friction, P.wheels, speeds, signs)
     v_dot, w_dot = acceleration(selected, P, a, v, w, u, speeds, signs, dry, floor_friction(P, v))
     z_dot = rotate_back(a.R, ball_rate(P, v_dot))
     for i, wheel in enumerate(P.wheels):
@@ -138,10 +141,11 @@ def friction_needed_along(selected, parameters, contacts, states, torques, out):
     work, pushes = np.zeros(ROWS * LANES), np.zeros(torques.shape[1])
     for i in range(len(parameters)):
         work[i * LANES] = parameters[i]
-    P = load(selected, work, 0)
+    bare = load_parameters(selected, work, 0)
     for k in range(len(states)):
         start_lane(selected, work, 0, states[k], 0.0)
         u = each_with(_wheel_torque_at, selected.wheels, torques[k])
+        P = under_torque(selected, bare, u)
         out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts, pushes)
 
 

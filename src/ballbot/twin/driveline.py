@@ -22,12 +22,14 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.compiled import compiled_alone
+from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
 from ballbot.mechanics.friction_laws import advance, friction_at
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.robot.robot import Robot
+from ballbot.robot.robot import Friction, Robot
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import BristleLaw, Scenario, Supply
 
@@ -211,6 +213,9 @@ class Shafts:
 _AT_REST = 1e-3  # [rad/s]
 
 
+_decay = njit(error_model="numpy")(stribeck_decay)
+
+
 @compiled_alone
 def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> float:
     """Write c + s exp(-|w/v_s|^delta) of each wheel into `sizes` and return the largest |w|.
@@ -221,7 +226,7 @@ def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> flo
     for i in range(len(speeds)):
         speed = abs(speeds[i])
         largest = max(largest, speed)
-        sizes[i] = coulomb[i] + stribeck[i] * math.exp(-((speed * slowness) ** exponent))
+        sizes[i] = coulomb[i] + stribeck[i] * _decay(speed * slowness, exponent)
     return largest
 
 
@@ -252,6 +257,8 @@ class Driveline:
         )
         self._bristles = Bristles(scenario.driveline_laws, engine) if scenario.driveline_laws else None
         self._scalings: list[Callable[[NDArray[np.float64]], None]] = []
+        if not friction.is_plain:
+            self._scalings.append(DirectedTerms(friction, self.speeds, engine.torques))
         if scenario.asymmetry:
             self._scalings.append(Asymmetry(scenario.asymmetry, self.speeds, engine.torques))
         if scenario.load_dependence:
@@ -276,6 +283,21 @@ class Driveline:
         if self._bristles:
             self._dry_friction[:] = 0.0
             self._bristles.prepare_step()
+
+
+class DirectedTerms:
+    """The terms of a robot's friction by direction of turning and by the motors' torques."""
+
+    def __init__(self, friction: Friction, speeds: NDArray[np.float64], torques: NDArray[np.float64]) -> None:
+        self._friction = friction
+        self._speeds = speeds
+        self._torques = torques
+
+    def __call__(self, sizes: NDArray[np.float64]) -> None:
+        """Set the sizes (n,) in the direction in which each wheel turns, or is about to."""
+        moves = np.abs(self._speeds) > _AT_REST
+        towards = np.where(moves, self._speeds, np.copysign(_AT_REST, self._torques))
+        sizes[:] = dry_friction_size(towards, self._friction, torque=self._torques)
 
 
 class Asymmetry:

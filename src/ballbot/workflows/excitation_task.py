@@ -35,6 +35,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 
 PEAK_UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}
@@ -306,16 +307,4 @@ def _frictionless(robot: Robot) -> bool:
 
 
 def _with_friction_times(robot: Robot, factor: float) -> Robot:
-    def times(values: Sequence[float]) -> tuple[float, ...]:
-        return tuple(factor * value for value in values)
-
-    friction = robot.friction
-    return robot.replace(
-        friction=replace(
-            friction,
-            viscous=times(friction.viscous),
-            coulomb=times(friction.coulomb),
-            stribeck=times(friction.stribeck),
-            rolling=factor * friction.rolling,
-        )
-    )
+    return robot.replace(friction=scaled_friction(robot.friction, factor))

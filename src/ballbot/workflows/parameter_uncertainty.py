@@ -19,6 +19,7 @@ from ballbot.errors import InputError
 from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import simulate_lanes
+from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot import Robot
@@ -159,10 +160,12 @@ def prediction_band(
         )
     count = min(MAX_WINDOWS, len(windows))
     windows = windows.take(np.linspace(0, len(windows) - 1, count).astype(np.int64))
-    rows = [pack(one, "exact") for one in (robot, *draw_robots(robot, draws, seed=seed))]
+    robots = (robot, *draw_robots(robot, draws, seed=seed))
+    law = wheel_law(*(one.friction for one in robots))
+    rows = [pack(one, "exact", law=law) for one in robots]
     lanes = np.arange(len(rows) * count)
     states = simulate_lanes(
-        selector("exact", robot.wheel_count),
+        selector("exact", robot.wheel_count, law=law),
         parameters=np.array(rows),
         initial=windows.initial,
         torques=windows.torques,

@@ -20,6 +20,7 @@ from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
 from ballbot.errors import InputError
+from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
@@ -153,9 +154,7 @@ def _demand(model: Model, q: NDArray[np.float64], sample_time: float, rest: int)
     torques = np.einsum("kij,kj->ki", np.linalg.pinv(np.swapaxes(W, 1, 2)), _forces(model, q, q_dot, q_ddot))
     speeds = np.einsum("kij,kj->ki", W, q_dot)
     friction = model.robot.friction
-    stribeck = np.exp(-((np.abs(speeds) / friction.stribeck_speed) ** friction.stribeck_exponent))
-    dry = np.array(friction.coulomb) + np.array(friction.stribeck) * stribeck
-    torques += dry * np.clip(speeds / _SLOW, -1.0, 1.0)
+    torques += dry_friction_size(speeds, friction, torque=torques) * np.clip(speeds / _SLOW, -1.0, 1.0)
     return Demand(
         t=sample_time * np.arange(-rest, len(q) - rest, dtype=np.float64),
         states=np.hstack([q, q_dot]),

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
-from ballbot.robot.robot import scaled_body
+from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import MAX_SLOPE, Conditions
 
@@ -118,18 +118,7 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
 def _scaled(robot: Robot, mass: float, height: float, friction: list[float]) -> Robot:
     """Return the robot with these factors on its body, and on the friction of each wheel and of the rolling ball."""
     *wheels, rolling = friction
-    old = robot.friction
-
-    def each(values: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(factor * value for factor, value in zip(wheels, values, strict=True))
-
-    new = replace(
-        old,
-        viscous=each(old.viscous),
-        coulomb=each(old.coulomb),
-        stribeck=each(old.stribeck),
-        rolling=rolling * old.rolling,
-    )
+    new = scaled_friction(robot.friction, wheels, rolling=rolling)
     return robot.replace(body=scaled_body(robot.body, mass=mass, height=height), friction=new)
 
 

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.identification import Identification
-from ballbot.identification.quantities import BY_NAME, RIGID, with_friction, with_rigid_body
+from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.result import estimated_robot
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
@@ -125,6 +126,11 @@ def _parameters(
 ) -> Sequence[NDArray[np.float64]]:
     """Return parameter vectors (p,) drawn about the identified robot's, each within its quantity's bounds."""
     mean = found.layout.nominal(found.robot)
+    if found.robot.friction.coulomb_asymmetry:  # estimated as a torque offset against it
+        offsets = np.array(
+            [name == "torque_offset" for name in found.layout.names for _ in _numbers_of(found, name)]
+        )
+        mean[offsets] = np.negative(found.robot.friction.coulomb_asymmetry)
     bounds = np.concatenate([BY_NAME[name].default_bounds(found.robot) for name in found.layout.names])
     drawn = random.multivariate_normal(mean, parameter_covariance(found), size=count, method="eigh")
     # a value identified beyond the default bounds, by bounds of the user's own, stays where it is
@@ -132,8 +138,10 @@ def _parameters(
     return list(np.clip(drawn, lower, upper))
 
 
+def _numbers_of(found: Identification, name: str) -> tuple[str, ...]:
+    return BY_NAME[name].labels(found.layout.wheel_count)
+
+
 def _with_parameters(found: Identification, values: NDArray[np.float64]) -> Robot:
-    layout = found.layout
-    rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
-    robot = with_friction(found.robot, values)
-    return with_rigid_body(robot, rigid) if rigid else robot
+    asymmetric = bool(found.robot.friction.coulomb_asymmetry)
+    return estimated_robot(found.robot, found.layout, values, asymmetric=asymmetric)

@@ -171,7 +171,7 @@ def _outward(model: Model, lean: float, direction: float) -> float:
     """Return the lean's least acceleration outward [rad/s^2] from rest under any torques and friction of the motors."""
     towards = np.array([0.0, 0.0, math.cos(direction), math.sin(direction), 0.0])
     robot, n = model.robot, model.robot.wheel_count
-    most = robot.drive.torque_limit + np.add(robot.friction.coulomb, robot.friction.stribeck)
+    most = robot.drive.torque_limit + np.array(robot.friction.breakaway)
     torques = np.concatenate([np.zeros((1, n)), np.eye(n)])
     accelerations = model.acceleration(lean * towards, np.zeros(5), torques) @ towards
     return float(accelerations[0] - np.abs(accelerations[1:] - accelerations[0]) @ most)

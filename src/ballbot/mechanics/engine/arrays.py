@@ -20,7 +20,7 @@ from ballbot.mechanics.equations import (
     wheel_force,
     wheel_speeds,
 )
-from ballbot.mechanics.parameters import Pivoting, Thesis, load
+from ballbot.mechanics.parameters import Pivoting, Thesis, load_parameters
 
 
 @inlined
@@ -121,7 +121,7 @@ def _load_row(selected, row):
     work = np.zeros(len(row) * LANES)
     for i in range(len(row)):
         work[i * LANES] = row[i]
-    return load(selected, work, 0)
+    return load_parameters(selected, work, 0)
 
 
 @inlined

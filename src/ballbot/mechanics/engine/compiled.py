@@ -40,6 +40,9 @@ _OVERRIDDEN_OR_CALLED = (
     (newpassmanagers.ModulePassManager, "add_always_inliner_pass"),
     (CompileResultCacheImpl, "rebuild"),
 )
+#: versions of Numba with which inner functions are known to be compiled so, by their first two numbers
+SUPPORTED_NUMBA = ("0.68",)
+
 _NUMBA_IS_AS_EXPECTED = all(hasattr(owner, name) for owner, name in _OVERRIDDEN_OR_CALLED)
 
 
@@ -245,7 +248,7 @@ def _kept(
 
 @cache
 def _sources_stamp(package: str) -> str:
-    folders = _PACKAGES[: _PACKAGES.index(package) + 1] if package in _PACKAGES else _PACKAGES
+    folders = _PACKAGES[: _PACKAGES.index(package) + 1] if package in _PACKAGES else (*_PACKAGES, package)
     files = [
         file for folder in folders for file in sorted((Path(__file__).parents[2] / folder).rglob("*.py"))
     ]

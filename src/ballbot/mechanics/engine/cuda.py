@@ -20,7 +20,7 @@ from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.smooth import runge_kutta_step
 from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, attitude, rates_from_angles, rates_of_angles
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, load
+from ballbot.mechanics.parameters import Exact, load_parameters, row_size, under_torque
 
 # numba.cuda decorates at run time what its types do not say
 # pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false
@@ -45,13 +45,14 @@ def _advance(selected, parameters, states, torques, h, steps, unsettled):
     robot = cuda.grid(1)
     if robot >= states.shape[0]:
         return
-    P = load(selected, parameters[robot // LANES], robot % LANES)
+    robot_alone = load_parameters(selected, parameters[robot // LANES], robot % LANES)
     x = states[robot]
     w = rates_from_angles(selected, attitude((x[2], x[3], x[4])), (x[7], x[8], x[9]))
     state = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], w[0], w[1], w[2])
     missed = 0
     for sample in range(torques.shape[0]):
         u = each_with(_at, selected.wheels, torques[sample])
+        P = under_torque(selected, robot_alone, u)
         for _ in range(steps):
             end, margin = runge_kutta_step(selected, P, state, u, h)
             if not margin > 0.0:
@@ -108,7 +109,7 @@ def simulate_on_gpu(
     n = len(selected.wheels)
     initial = real_array(initial, ("robots", 10), "The array of initial states")
     torques = real_array(torques, ("samples", n), "The array of torques")
-    parameters = real_array(parameters, ("robots", RIGID_SIZE + WHEEL_SIZE * n), "The array of parameters")
+    parameters = real_array(parameters, ("robots", row_size(selected)), "The array of parameters")
     if len(parameters) not in (1, len(initial)):
         raise InputError(
             f"There are {len(parameters)} rows of parameters for {len(initial)} robots; give one row, or one "

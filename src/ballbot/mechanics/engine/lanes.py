@@ -20,7 +20,7 @@ from ballbot.mechanics.engine.vector import written
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MAX_PARAMETERS = np.int64(50)  # a plain integer would have each row compiled as a function of its own
+MAX_PARAMETERS = np.int64(62)  # a plain integer would have each row compiled as a function of its own
 STATE = MAX_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11

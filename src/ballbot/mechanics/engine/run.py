@@ -27,7 +27,6 @@ from ballbot.mechanics.engine.lanes import (
     GROUP,
     LANES,
     MARGIN,
-    MAX_PARAMETERS,
     ROBOT,
     STATE,
     STEP,
@@ -50,7 +49,7 @@ from ballbot.mechanics.equations import (
     rates_from_angles,
     rates_of_angles,
 )
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, Exact, Pivoting, Thesis, load, state_like
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, load, row_count, row_size, state_like
 from ballbot.mechanics.stick_slip import minimiser
 
 
@@ -104,7 +103,7 @@ def take_steps(selected, work, width, steps):
         begin_steps(selected, work, width)
         resting = _count_open(work, 0, width)
         if resting > 0:
-            _sort(work, width)
+            _sort(selected, work, width)
         if resting < width:
             smooth_block(selected, work, _whole_groups(width - resting, width))
         _take_open_steps(selected, work, width)
@@ -133,7 +132,7 @@ def _is_open(work, lane):
 
 
 @called
-def _sort(work, width):
+def _sort(selected, work, width):
     """Bring the open lanes to the end."""
     last = width
     for lane in range(width):
@@ -142,12 +141,12 @@ def _sort(work, width):
             while lane < last and _is_open(work, last):
                 last -= 1
             if lane < last:
-                _swap_lanes(work, lane, last)
+                _swap_lanes(selected, work, lane, last)
 
 
 @inlined
-def _swap_lanes(work, first, second):
-    for row in range(MAX_PARAMETERS):
+def _swap_lanes(selected, work, first, second):
+    for row in range(row_count(selected)):
         swap(work, row, first, second)
     for row in range(STATE, STATE + 11):
         swap(work, row, first, second)
@@ -323,7 +322,7 @@ def simulate_lanes(
     size = 11 if isinstance(selected, Pivoting) else 10
     finite = not lost_lanes
     parameters = real_array(
-        parameters, ("sets", RIGID_SIZE + WHEEL_SIZE * n), "The array of parameters", finite=finite
+        parameters, ("sets", row_size(selected)), "The array of parameters", finite=finite
     )
     initial = real_array(initial, ("starts", size), "The array of initial states", finite=finite)
     torques = real_array(torques, ("inputs", "samples", n), "The array of torques", finite=finite)

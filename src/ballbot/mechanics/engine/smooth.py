@@ -40,7 +40,7 @@ from ballbot.mechanics.equations import (
     wheel_force,
     wheel_speeds,
 )
-from ballbot.mechanics.friction import decay_exponent, dry_friction, sign, with_decay
+from ballbot.mechanics.friction import decay_exponent, directed_friction, sign, with_decay
 from ballbot.mechanics.parameters import load, load_wheel, state_like
 
 #: a ball slower than this [m/s, rad/s] is at rest
@@ -190,7 +190,7 @@ def rate_of_change(selected, P, a, state, u, speeds, signs, dry):
 def derivative(selected, P, state, u, signs):
     """Return the state's rate of change, and the wheel speeds."""
     a, speeds = pose(selected, P, state)
-    dry = each(dry_friction, P.wheels, speeds)
+    dry = each(directed_friction, P.wheels, speeds, signs)
     return rate_of_change(selected, P, a, state, u, speeds, signs, dry), speeds
 
 
@@ -315,15 +315,16 @@ def _begin(selected, work, width):
 def _dry_friction(selected, work, width):
     for wheel in range(len(selected.wheels)):
         for lane in range(width):
-            one = load_wheel(work, wheel, lane)
+            one = load_wheel(selected, work, wheel, lane)
             put(work, _DRY + wheel, lane, decay_exponent(one, entry(work, SPEEDS + wheel, lane)))
     for wheel in range(len(selected.wheels)):
         for lane in range(width):
             put(work, _DRY + wheel, lane, power_of_two(entry(work, _DRY + wheel, lane)))
     for wheel in range(len(selected.wheels)):
         for lane in range(width):
-            one = load_wheel(work, wheel, lane)
-            put(work, _DRY + wheel, lane, with_decay(one, entry(work, _DRY + wheel, lane)))
+            one = load_wheel(selected, work, wheel, lane)
+            power, direction = entry(work, _DRY + wheel, lane), entry(work, _SIGNS + wheel, lane)
+            put(work, _DRY + wheel, lane, with_decay(one, power, direction))
 
 
 @inlined

@@ -1,6 +1,6 @@
 """Friction laws behind one interface; the classical one is the default, and the robot's engine has only that.
 
-`Classical`, `Karnopp`, `Armstrong`, `LuGre`, `Dahl` and, for comparison, `Smoothed` are values. `friction_at`,
+`Classical`, `Armstrong`, `LuGre`, `Dahl` and, for comparison, `Smoothed` are values. `friction_at`,
 `advance` and `follow` evaluate them; `ballbot.simulation.driveline` moves an inertia under them.
 """
 
@@ -8,7 +8,6 @@ from ballbot.mechanics.friction_laws.armstrong import Armstrong
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.mechanics.friction_laws.dahl import Dahl
 from ballbot.mechanics.friction_laws.interface import FrictionLaw, advance, follow, friction_at
-from ballbot.mechanics.friction_laws.karnopp import Karnopp
 from ballbot.mechanics.friction_laws.lugre import LuGre
 from ballbot.mechanics.friction_laws.smoothed import Smoothed
 
@@ -17,7 +16,6 @@ __all__ = [
     "Classical",
     "Dahl",
     "FrictionLaw",
-    "Karnopp",
     "LuGre",
     "Smoothed",
     "advance",

@@ -281,9 +281,4 @@ def _move(law, inertia, torque, state, speed, h):
     return speed, travel
 
 
-@inlined
-def _visible(law, speed):
-    return speed
-
-
-register(ArmstrongNumbers, friction=_friction, settling=_settle, moving=_move, visible=_visible)
+register(ArmstrongNumbers, friction=_friction, settling=_settle, moving=_move)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.friction import dry_friction, sign, stribeck_curve
-from ballbot.mechanics.friction_laws.interface import available, check_values, register, slide, time_to_slow
+from ballbot.mechanics.friction_laws.interface import available, check_values, register, slide, time_to_stop
 
 
 class ClassicalNumbers(NamedTuple):
@@ -112,7 +112,7 @@ def _move(law, inertia, torque, state, speed, h):
     end, travel = slide(law, inertia, torque, speed, direction, h)
     if direction * end > 0.0 or speed == 0.0:
         return end, travel
-    stop = time_to_slow(law, inertia, torque, speed, direction, 0.0, h)
+    stop = time_to_stop(law, inertia, torque, speed, direction, h)
     _, travel = slide(law, inertia, torque, speed, direction, stop)
     if _holds(law, inertia, torque):
         return 0.0, travel
@@ -120,9 +120,4 @@ def _move(law, inertia, torque, state, speed, h):
     return end, travel + back
 
 
-@inlined
-def _visible(law, speed):
-    return speed
-
-
-register(ClassicalNumbers, friction=_friction, settling=_settle, moving=_move, visible=_visible)
+register(ClassicalNumbers, friction=_friction, settling=_settle, moving=_move)

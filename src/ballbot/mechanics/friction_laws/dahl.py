@@ -120,9 +120,4 @@ def _move(law, inertia, torque, state, speed, h):
     return end, travel
 
 
-@inlined
-def _visible(law, speed):
-    return speed
-
-
-register(DahlNumbers, friction=_friction, settling=_settle, moving=_move, visible=_visible)
+register(DahlNumbers, friction=_friction, settling=_settle, moving=_move)

@@ -1,4 +1,4 @@
-"""What every friction law is: values, a steady curve, and four compiled functions on one interface.
+"""What every friction law is: values, a steady curve, and three compiled functions on one interface.
 
 A law may carry internal states (a bristle's deflection, a dwell time); at constant speed it settles on its steady
 curve. Laws that can stick read the torque that is applied: at rest their friction is what balances it, up to a
@@ -15,7 +15,7 @@ are far away. Laws share two ways to move it:
 
 - Sliding one way (`slide`): friction is a smooth function of speed there, and RK4 has order four. For laws whose
   numbers name b, c, s, inv_vs and delta. Under a held torque the speed of one inertia is monotone, so within a step it
-  passes a level (zero, or the edge of a dead zone) at most once; `time_to_slow` finds when, to rounding.
+  passes zero at most once; `time_to_stop` finds when, to rounding.
 - Bristles (`linear_motion`), however stiff they are:
 
       z_dot = rho (w - r z)          J w_dot = T - sigma_0 z - sigma_1 z_dot - b w          r >= 0, rho > 0
@@ -79,18 +79,12 @@ def move(law, inertia, torque, state, speed, h) -> tuple[float, float]:  # pragm
     raise NotImplementedError("compiled code only")
 
 
-def visible_speed(law, speed) -> float:  # pragma: no cover
-    """Return the speed at which the law lets the inertia turn: 0 where it counts a small one as rest."""
-    raise NotImplementedError("compiled code only")
-
-
 def register(
     numbers: type,
     *,
     friction: Callable,
     settling: Callable,
     moving: Callable,
-    visible: Callable,
 ) -> None:
     """Make compiled functions those of the laws whose numbers are of that type.
 
@@ -98,8 +92,8 @@ def register(
     ----------
     numbers : type
         A named tuple.
-    friction, settling, moving, visible : callable
-        Inlined functions with the arguments of `friction_of`, `settle`, `move` and `visible_speed`.
+    friction, settling, moving : callable
+        Inlined functions with the arguments of `friction_of`, `settle` and `move`.
     """
 
     @by_types_of(friction_of)
@@ -118,12 +112,6 @@ def register(
     def _move(law, inertia, torque, state, speed, h):
         if law.instance_class is numbers:
             return lambda law, inertia, torque, state, speed, h: moving(law, inertia, torque, state, speed, h)
-        return None
-
-    @by_types_of(visible_speed)
-    def _visible_speed(law, speed):
-        if law.instance_class is numbers:
-            return lambda law, speed: visible(law, speed)
         return None
 
 
@@ -322,15 +310,15 @@ def slide(law, inertia, torque, speed, direction, h) -> tuple[float, float]:
 
 
 @inlined
-def _above_level(h, context):
-    law, inertia, torque, speed, direction, level = context
-    return direction * slide(law, inertia, torque, speed, direction, h)[0] - level
+def _speed_ahead(h, context):
+    law, inertia, torque, speed, direction = context
+    return direction * slide(law, inertia, torque, speed, direction, h)[0]
 
 
 @inlined
-def time_to_slow(law, inertia, torque, speed, direction, level, h):
-    """Return when, within h [s], the speed in `direction` has fallen to `level`, which it does by then."""
-    return crossing(_above_level, (law, inertia, torque, speed, direction, level), 0.0, h)
+def time_to_stop(law, inertia, torque, speed, direction, h):
+    """Return when, within h [s], the speed in `direction` has fallen to zero, which it does by then."""
+    return crossing(_speed_ahead, (law, inertia, torque, speed, direction), 0.0, h)
 
 
 @inlined

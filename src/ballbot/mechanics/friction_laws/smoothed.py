@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import exponential
-from ballbot.mechanics.friction import dry_friction
+from ballbot.mechanics.friction import dry_friction, stribeck_decay
 from ballbot.mechanics.friction_laws.interface import available, check_values, clamped, crossing, register
 
 SmoothSign = Literal["tanh", "root"]
@@ -86,7 +86,7 @@ class Smoothed:
         """Return tau(w) [N m] at speeds (...)."""
         w = np.asarray(speed, dtype=float)
         smooth = np.tanh(w / self.width) if self.sign == "tanh" else w / np.hypot(w, self.width)
-        decay = np.exp(-(np.abs(w / self.stribeck_speed) ** self.stribeck_exponent))
+        decay = stribeck_decay(w / self.stribeck_speed, self.stribeck_exponent)
         return self.viscous * w + (self.coulomb + self.stribeck * decay) * smooth
 
     def explicit_slope(self) -> float:
@@ -142,9 +142,4 @@ def _move(law, inertia, torque, state, speed, h):
     return end, travel
 
 
-@inlined
-def _visible(law, speed):
-    return speed
-
-
-register(SmoothedNumbers, friction=_friction, settling=_settle, moving=_move, visible=_visible)
+register(SmoothedNumbers, friction=_friction, settling=_settle, moving=_move)

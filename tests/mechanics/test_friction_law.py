@@ -1,0 +1,241 @@
+"""The robot's friction law: its optional terms in file, model, convex step, gear play, batch and GPU alike."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ballbot import Model, Robot
+from ballbot.control.overcompensation import cautious_friction
+from ballbot.errors import InputError
+from ballbot.identification.quantities import Layout
+from ballbot.identification.result import found_robot
+from ballbot.mechanics.friction import (
+    breakaway_torques,
+    friction_terms,
+    stribeck_curve,
+    stribeck_gradient,
+    wheel_friction,
+)
+from ballbot.mechanics.stick_slip import minimise
+from ballbot.robot import Friction
+from ballbot.robot.file import read_robot, robot_text, write_robot
+from ballbot.robot.robot import scaled_friction
+from ballbot.simulation.gear_play import GearPlayPlant
+from tests.mechanics.test_stick_slip import random_problem
+
+PLAIN = Friction(
+    viscous=(0.014, 0.016, 0.013),
+    coulomb=(0.11, 0.09, 0.12),
+    stribeck=(0.05, 0.04, 0.06),
+    stribeck_speed=0.6,
+    stribeck_exponent=1.1,
+    rolling=0.007,
+)
+COULOMB = (0.03, -0.02, 0.04)
+STRIBECK = (-0.02, 0.01, 0.05)
+LOAD = (0.2, 0.1, 0.3)
+FULL = replace(PLAIN, coulomb_asymmetry=COULOMB, stribeck_asymmetry=STRIBECK, load=LOAD)
+STATE = np.array([0.0, 0.0, 0.02, 0.01, 0.3, 0.1, 0.0, 0.0, 0.0, 0.3])
+TORQUES = np.array([0.3, -0.2, 0.25])
+
+
+def robot_with(friction: Friction) -> Robot:
+    return Robot.load("alten").replace(friction=friction)
+
+
+def test_terms_survive_the_robot_file_and_absent_terms_are_not_written(tmp_path):
+    write_robot(robot_with(FULL), tmp_path / "robot.toml")
+    assert read_robot(tmp_path / "robot.toml").friction == FULL
+    text = robot_text(robot_with(PLAIN))
+    assert "asymmetry" not in text
+    assert "load" not in text.split("[friction]")[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            {"coulomb_asymmetry": (0.0, 0.0, 0.2)},
+            "coulomb_asymmetry[2] is 0.2 N m; it must be from -0.12 to 0.12",
+        ),
+        ({"stribeck_asymmetry": (-0.06, 0.0, 0.0)}, "stribeck_asymmetry[0] is -0.06 N m"),
+        ({"load": (0.1, 0.1)}, "friction.load has 2 numbers"),
+        ({"load": (1.1, 0.0, 0.0)}, "friction.load[0] is 1.1"),
+        ({"load": (-0.1, 0.0, 0.0)}, "friction.load[0] is -0.1; it cannot be negative"),
+    ],
+)
+def test_terms_that_no_friction_has_are_refused(change, words):
+    with pytest.raises(InputError) as refusal:
+        robot_with(replace(PLAIN, **change))
+    assert words in str(refusal.value)
+
+
+def test_wheel_friction_is_that_of_the_direction_plus_the_load():
+    speeds = np.array([[-2.0, -0.3, 0.4], [1.5, 0.2, -0.1], [0.0, 0.0, 0.0]])
+    expected = np.zeros((3, 3))
+    for row, wheel in np.ndindex(3, 3):
+        w = speeds[row, wheel]
+        sign = np.sign(w)
+        expected[row, wheel] = stribeck_curve(
+            w,
+            viscous=PLAIN.viscous[wheel],
+            coulomb=PLAIN.coulomb[wheel] + sign * COULOMB[wheel] + LOAD[wheel] * abs(TORQUES[wheel]),
+            stribeck=PLAIN.stribeck[wheel] + sign * STRIBECK[wheel],
+            stribeck_speed=0.6,
+            stribeck_exponent=1.1,
+        )
+    np.testing.assert_allclose(wheel_friction(speeds, FULL, torque=TORQUES), expected, rtol=1e-14)
+
+
+def test_holding_torques_are_the_friction_at_vanishing_speed():
+    forward, backward = breakaway_torques(FULL, torque=TORQUES)
+    slow = np.full(3, 1e-300)
+    np.testing.assert_allclose(wheel_friction(slow, FULL, torque=TORQUES), forward, rtol=1e-12)
+    np.testing.assert_allclose(-wheel_friction(-slow, FULL, torque=TORQUES), backward, rtol=1e-12)
+
+
+def test_gradient_is_that_of_central_differences():
+    speed = np.array([-1.3, 0.2, 4.0])
+    values = np.array([0.014, 0.11, 0.05, 0.6, 1.1])
+    names = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent")
+    curve = lambda v: stribeck_curve(speed, **dict(zip(names, v, strict=True)))  # noqa: E731
+    steps = 1e-6 * np.eye(5)
+    differences = np.stack([(curve(values + step) - curve(values - step)) / 2e-6 for step in steps], axis=1)
+    found = stribeck_gradient(speed, stribeck=0.05, stribeck_speed=0.6, stribeck_exponent=1.1)
+    np.testing.assert_allclose(found, differences, rtol=1e-7, atol=1e-10)
+
+
+def test_coulomb_asymmetry_is_a_constant_torque_against_the_motor():
+    directed = Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB)))
+    plain = Model(robot_with(PLAIN))
+    ours, theirs = directed.advance(STATE, TORQUES, 0.5), plain.advance(STATE, TORQUES - COULOMB, 0.5)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
+
+
+def test_load_is_added_to_the_coulomb_friction():
+    loaded = Model(robot_with(replace(PLAIN, load=LOAD)))
+    coulomb = tuple((np.array(PLAIN.coulomb) + np.array(LOAD) * np.abs(TORQUES)).tolist())
+    plain = Model(robot_with(replace(PLAIN, coulomb=coulomb)))
+    ours, theirs = loaded.advance(STATE, TORQUES, 0.5), plain.advance(STATE, TORQUES, 0.5)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
+
+
+def test_moving_wheels_decelerate_by_the_friction_of_their_direction():
+    model, frictionless = Model(robot_with(FULL)), Model(robot_with(Friction.none(3)))
+    q_dot = np.array([0.3, -0.2, 0.1, 0.0, 0.5])
+    state = np.concatenate([np.zeros(5), q_dot])
+    h = 1e-6
+    rate = (model.advance(state, TORQUES, h)[5:] - q_dot) / h
+    speeds = model.wheel_speed(np.zeros(5), q_dot)
+    net = TORQUES - wheel_friction(speeds, FULL, torque=TORQUES)
+    expected = frictionless.acceleration(np.zeros(5), q_dot, net)
+    ball = (model.robot.ball.mass + model.robot.body.mass) * model.robot.gravity * FULL.rolling
+    force = np.concatenate([-ball * q_dot[:2] / np.hypot(*q_dot[:2]), np.zeros(3)])
+    expected = expected + np.linalg.solve(frictionless.mass_matrix(np.zeros(5)), force)
+    np.testing.assert_allclose(rate, expected, rtol=0, atol=2e-4)
+
+
+def asymmetric_violation(nu, M, free, C, limits, rolling, h):
+    """Return the largest violation of the optimality conditions; rows of `limits` act forward and backward."""
+    from scipy.optimize import lsq_linear
+
+    force, speeds, speed = M @ (free - nu) / h, C @ nu, np.hypot(nu[0], nu[1])
+    tiny = 1e-9 * (np.abs(C) @ np.abs(nu)).max() if np.abs(nu).any() else 0.0
+    forward, backward = limits.T
+    low, high = np.where(speeds > tiny, forward, -backward), np.where(speeds < -tiny, -backward, forward)
+    r = rolling * nu[:2] / speed if speed > tiny else np.full(2, rolling)
+    low, high = np.concatenate([low, r if speed > tiny else -r]), np.concatenate([high, r])
+    columns = np.concatenate([C.T, np.eye(5)[:, :2]], axis=1)
+    widen = 1e-12 * (1 + np.abs(high))
+    found = lsq_linear(columns, force, (low - widen, high + widen), tol=1e-15)
+    return np.abs(columns @ found.x - force).max() / (1.0 + np.abs(force).max())
+
+
+@pytest.mark.parametrize("wheel_count", [3, 4])
+def test_minimiser_of_asymmetric_boxes_satisfies_the_optimality_conditions(wheel_count):
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        M, free, C, limits, rolling, h = random_problem(rng, wheel_count)
+        pairs = np.stack([limits, limits * rng.uniform(0.0, 1.0, wheel_count)], axis=1)
+        nu = minimise(M, free, C, pairs, rolling, h, free)
+        assert asymmetric_violation(nu, M, free, C, pairs, rolling, h) < 1e-9
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("excess", [-1e-6, 1e-6])
+def test_a_wheel_breaks_away_at_the_limit_of_its_direction(direction, excess):
+    """Equal wheels, heading torque only: the robot turns about the vertical once the torque passes the limit."""
+    friction = replace(PLAIN, coulomb=(0.1,) * 3, stribeck=(0.04,) * 3, coulomb_asymmetry=(0.03,) * 3)
+    friction = replace(friction, stribeck_asymmetry=(0.01,) * 3, load=(0.2,) * 3)
+    model = Model(robot_with(friction))
+    # T = g + mu T at the limit
+    limit = (0.18 if direction > 0 else 0.10) / (1.0 - 0.2)
+    torque = direction * limit * (1.0 + excess)
+    end = model.advance(np.zeros(10), np.full(3, torque), 0.1)
+    assert end.any() == (excess > 0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_full_law_only_takes_energy(seed):
+    rng = np.random.default_rng(seed)
+    model = Model(robot_with(scaled_friction(FULL, 10.0 ** rng.uniform(-1, 0.3))))
+    state = np.concatenate(
+        [np.zeros(2), rng.uniform(-0.1, 0.1, 2), rng.uniform(-3, 3, 1), rng.normal(size=5) * 0.2]
+    )
+    energy = model.energy(state[:5], state[5:])
+    for _ in range(20):
+        state = model.advance(state, np.zeros(3), 2e-3)
+        after = model.energy(state[:5], state[5:])
+        assert after <= energy + 1e-7
+        energy = after
+
+
+def test_gear_play_has_the_whole_law_at_its_motors():
+    directed = GearPlayPlant(
+        Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB, load=LOAD))), play=0.02
+    )
+    coulomb = tuple((np.array(PLAIN.coulomb) + np.array(LOAD) * np.abs(TORQUES)).tolist())
+    plain = GearPlayPlant(Model(robot_with(replace(PLAIN, coulomb=coulomb))), play=0.02)
+    ours, theirs = (one.reset(STATE, seed=3) for one in (directed, plain))
+    for _ in range(40):
+        ours, theirs = directed.step(TORQUES, 0.005), plain.step(TORQUES - COULOMB, 0.005)
+    np.testing.assert_allclose(ours.state, theirs.state, rtol=0, atol=1e-10)
+
+
+def test_identified_terms_stand_in_the_robot(tmp_path):
+    """The ladder's offsets are friction by direction, as far as c; its load is the friction's load."""
+    values = np.array(
+        [*PLAIN.viscous, *PLAIN.coulomb, *PLAIN.stribeck, 0.6, 1.1, 0.007, *LOAD, -0.03, 0.02, 0.5]
+    )
+    layout = Layout(wheel_count=3, extra=("load", "torque_offset"))
+    errors = np.full(len(values), 0.001)
+    robot = found_robot(robot_with(Friction.none(3)), layout, values, errors, log_count=1, asymmetric=True)
+    assert robot.friction == replace(PLAIN, load=LOAD, coulomb_asymmetry=(0.03, -0.02, -0.12))
+    assert robot.sources["friction.load"].startswith("identified: from 1 log")
+    write_robot(robot, tmp_path / "found.toml")
+    assert read_robot(tmp_path / "found.toml").friction == robot.friction
+    # without the law, an offset is the motor's, and no friction
+    motor = found_robot(robot_with(Friction.none(3)), layout, values, errors, log_count=1)
+    assert motor.friction == replace(PLAIN, load=LOAD)
+
+
+def test_cautious_friction_scales_every_term():
+    covariance = np.diag([*(0.002,) * 3, *(0.02,) * 3, *(0.02,) * 3, 0.0, 0.0, 0.001]) ** 2
+    cautious = cautious_friction(FULL, covariance)
+    factors = np.divide(cautious.coulomb, FULL.coulomb)
+    assert (factors < 1.0).all()
+    np.testing.assert_allclose(cautious.coulomb_asymmetry, factors * COULOMB, rtol=1e-14)
+    np.testing.assert_allclose(cautious.load, factors * LOAD, rtol=1e-14)
+    robot_with(cautious)
+
+
+def test_absent_and_zero_terms_are_the_plain_law():
+    zeros = replace(PLAIN, coulomb_asymmetry=(0.0,) * 3, load=(0.0,) * 3)
+    assert zeros.is_plain
+    assert not FULL.is_plain
+    assert not friction_terms(PLAIN).load.any()
+    assert Model(robot_with(zeros)).packed.tolist() == Model(robot_with(PLAIN)).packed.tolist()
