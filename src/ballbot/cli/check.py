@@ -1,4 +1,4 @@
-"""`ballbot check`: whether a robot is plausible, and what follows from its parameters; `ballbot new` writes one.
+"""`ballbot check`: whether a robot is plausible, and what follows from its parameters.
 
 With `--swing` the body's inertia from a free swing; with `--reference` whether the robot can follow a reference.
 """
@@ -6,9 +6,8 @@ With `--swing` the body's inertia from a free swing; with `--reference` whether 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,51 +18,21 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.cli.context import CommandResult, input_files, open_result
 from ballbot.cli.findings import Accept, check_input, finding_line, show_findings
 from ballbot.cli.output import as_text, matrix_text, standard_output, table
-from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import is_reference_file, reference_from
 from ballbot.errors import InputError
 from ballbot.files import check_file, write_text
-from ballbot.findings import Finding, by_severity, check_codes, finding_results, no_command, stop_on_errors
-from ballbot.identification.inertia import (
-    Pivot,
-    SwingInertia,
-    inertia_of_swing,
-    recording_findings,
-    swing_findings,
-    swing_results,
-    swing_rows,
-    swing_sentences,
-)
-from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
-from ballbot.log import Log
-from ballbot.log.checks.time_and_rates import check_gaps, check_jitter
-from ballbot.log.formats import is_log_file
-from ballbot.report.design import MISTAKEN_MATRICES, state_order
-from ballbot.report.page import as_json
-from ballbot.result_folder import ResultFolder, result_folder
+from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
 from ballbot.robot import Robot
-from ballbot.robot.derived import Derived, derived_quantities
+from ballbot.robot.derived import Derived
 from ballbot.robot.drawing import robot_drawing
-from ballbot.robot.parameters import value_of
 from ballbot.robot.plausibility import robot_findings
-from ballbot.robot.robot import PARAMETERS
-from ballbot.robot.variations import uncertain
-from ballbot.workflows.reference_check import (
-    MARGIN_HEADINGS,
-    ReferenceMargins,
-    check_reference,
-    margin_results,
-    margin_rows,
-    reference_verdict,
-)
 
 if TYPE_CHECKING:
     from ballbot.log.checks import CheckedLogs
-    from ballbot.mechanics.model import LinearModel
     from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
+    from ballbot.workflows.robot_check import CheckedReference, CheckedRobot, CheckedSwing
 
 
 @Parameter(name="*")
@@ -85,117 +54,7 @@ class SwingOptions:
     """Standard deviation of that distance, in m."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CheckedSwing:
-    """A swing with all that `ballbot check` says about it."""
-
-    robot: Robot
-    pivot: Pivot
-    fit: SwingFit
-    found: SwingInertia
-    findings: tuple[Finding, ...]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        said: dict[str, object] = {
-            "findings": finding_results(self.findings),
-            "remarks": swing_sentences(self.fit, self.found, self.robot),
-        }
-        return said | swing_results(self.fit, self.found, self.pivot)
-
-    def parts(self, *, framed: bool) -> list[RenderableType]:
-        """Return what is printed."""
-        headings = ("quantity", "value, 95 %", "unit")
-        title = f"Swing from {self.fit.swing.source}"
-        margin_rows = swing_rows(self.fit, self.found)
-        return [
-            Text(""),
-            table(title, headings, margin_rows, framed=framed),
-            *(finding_line(one, accepted=one.severity == "error") for one in self.findings),
-            *(Text(one) for one in swing_sentences(self.fit, self.found, self.robot)),
-        ]
-
-
-def examine_swing(
-    robot: Robot, file: Path, options: SwingOptions, *, accept: list[str] | None
-) -> CheckedSwing:
-    """Return what the swing in a file says of a robot's inertia.
-
-    Raises
-    ------
-    InputError
-        If the file has no free swing, or the swing has an error that is not accepted.
-    """
-    pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
-    of_log: list[Finding] = []
-    if is_log_file(file):  # every other is a video
-        log = Log.read(file)
-        of_log = [*check_gaps(log), *check_jitter(log)]
-        swing = swing_in_log(log, column=options.swing_column)
-    else:
-        from ballbot.vision.swing import swing_in_video
-
-        swing = swing_in_video(file)
-    of_recording = recording_findings(swing)
-    _stop_on_swing_errors(of_recording, file, accept)
-    fit = fit_swing(swing)
-    found = inertia_of_swing(fit, robot, pivot)
-    findings = by_severity([*of_log, *of_recording, *swing_findings(fit, found, robot, pivot)])
-    _stop_on_swing_errors(findings, file, accept)
-    return CheckedSwing(robot=robot, pivot=pivot, fit=fit, found=found, findings=findings)
-
-
-def _stop_on_swing_errors(findings: Sequence[Finding], file: Path, accept: list[str] | None) -> None:
-    named = [replace(one, where=replace(one.where, file=str(file))) for one in findings]
-    stop_on_errors(named, accept=check_codes(accept or ()), more=no_command)
-
-
-#: how long a reference that has a name is looked at [s]: the longest of them goes once around
-_DURATION = 40.0
-#: and one in a file beyond its last row
-_BEYOND = 3.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckedReference:
-    """A reference with what it takes of a robot."""
-
-    name: str
-    margins: ReferenceMargins
-
-    def parts(self, *, framed: bool) -> list[RenderableType]:
-        """Return the parts of what is printed."""
-        words = [Text(line) for line in reference_verdict(self.margins, self.name)]
-        found = table("Largest use of each limit", MARGIN_HEADINGS, margin_rows(self.margins), framed=framed)
-        return [Text(f"\nFollowing {self.name}", style="bold"), *words, found]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {"name": self.name, **margin_results(self.margins)}
-
-
-def checked_reference(robot: Robot, source: str, controller: Path | None) -> CheckedReference:
-    """Return what following the reference of that name or file takes, by a controller file or the nominal one."""
-    reference = reference_from(source)
-    duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
-    chosen = read_controller(controller, robot) if controller else nominal_controller(robot)
-    return CheckedReference(name=source, margins=check_reference(robot, chosen, reference, duration=duration))
-
-
 _WRITTEN = ("results.json", "check.txt", "swing.svg")
-
-#: the thesis's names of the matrices, with what each does
-_MATRICES = {
-    "T_tbw": "torque on the ball from torque on the wheels (II.10)",
-    "T_trw": "torque on the body from torque on the wheels (II.11)",
-    "T_tbg": "torque on the ball from force on the ground (II.12)",
-    "T_fgb": "force on the ground from torque on the ball",
-    "T_owb": "wheel speed from the ball's angular velocity (II.13, V.2)",
-    "T_obw": "the ball's angular velocity from wheel speed (V.3)",
-    "T_owr": "wheel speed from the body's angular velocity (II.14)",
-    "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
-}
-
 
 _SWING = SwingOptions()
 
@@ -244,49 +103,39 @@ def check(
     findings = _robot_findings(hung, accept)
     if figure is not None:
         check_file(figure)
-    named = (robot, predict, reference, controller, swinging.swing)
-    inputs = [Path(one) for one in named if one is not None and Path(one).is_file()]
-    held = result_folder(out, command="check", names=_WRITTEN, inputs=inputs) if out else nullcontext()
-    with held as folder:
-        swung = _swing_result(hung, swinging, accept)
-        log = None if predict is None else _log(hung, robot, predict, accept)
-        checked = _examine(hung, findings, log, swung, _followed(hung, reference, controller))
+    from ballbot.workflows.robot_check import (
+        check_robot,  # compiled code, once the robot has passed its checks
+    )
+
+    inputs = input_files(robot, predict, reference, controller, swinging.swing)
+    held = open_result(out, command="check", writes=_WRITTEN, inputs=inputs) if out else nullcontext()
+    with held as result:
+        checked = check_robot(
+            hung,
+            findings,
+            swing=_swing(hung, swinging, accept),
+            log=None if predict is None else _log(hung, robot, predict, accept),
+            following=_following(hung, reference, controller),
+        )
         for part in _report(checked, framed=console.is_terminal):
             console.print(part)
         if figure is not None:
             _save_figure(checked.robot, figure)
             console.print(f"Wrote {figure}.", soft_wrap=True)
-        if folder is not None:
-            for path in _write(checked, folder):
+        if result is not None:
+            for path in _write(checked, result):
                 console.print(f"Wrote {path}.", soft_wrap=True)
 
 
-def _write(checked: _Checked, folder: ResultFolder) -> list[Path]:
+def _write(checked: CheckedRobot, result: CommandResult) -> list[Path]:
     """Write the result and return its files."""
-    with folder.replaced() as new:
-        write_text(new / "results.json", as_json(_results(checked)))
+    with result.replaced() as new:
+        result.write_json(checked.to_dict(), new)
         write_text(new / "check.txt", as_text(_report(checked, framed=False)))
         if checked.swing is not None:
             _save_swing_figure(checked.swing, new / "swing.svg")
         names = [name for name in _WRITTEN if (new / name).exists()]
-    return [folder.path / name for name in names]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Checked:
-    """A robot with all that `ballbot check` says about it."""
-
-    robot: Robot
-    derived: list[Derived]
-    matrices: dict[str, NDArray[np.float64]]
-    linear: LinearModel  #: the exact model about upright
-    linearization: dict[str, object]  #: the same for results.json, with the thesis's beside it
-    poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
-    spread: PoleSpread | None  #: None where no value has a standard deviation
-    band: PredictionBand | None
-    findings: tuple[Finding, ...]  #: of the robot, and of the log that is predicted
-    swing: CheckedSwing | None
-    following: CheckedReference | None
+    return [result.folder.path / name for name in names]
 
 
 def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ...]:
@@ -304,7 +153,7 @@ def _robot_findings(robot: Robot, accept: list[str] | None) -> tuple[Finding, ..
     return findings
 
 
-def _followed(robot: Robot, reference: str | None, controller: Path | None) -> CheckedReference | None:
+def _following(robot: Robot, reference: str | None, controller: Path | None) -> CheckedReference | None:
     if reference is None:
         if controller is not None:
             raise InputError(
@@ -312,11 +161,12 @@ def _followed(robot: Robot, reference: str | None, controller: Path | None) -> C
                 "give the reference with --reference NAME or FILE."
             )
         return None
+    from ballbot.workflows.robot_check import follow_reference
 
-    return checked_reference(robot, reference, controller)
+    return follow_reference(robot, reference, controller)
 
 
-def _swing_result(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
+def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
     if options.swing is None:
         if options != _SWING:
             raise InputError(
@@ -324,38 +174,12 @@ def _swing_result(robot: Robot, options: SwingOptions, accept: list[str] | None)
                 "describe a swing; give the swing with --swing FILE."
             )
         return None
-    return examine_swing(robot, options.swing, options, accept=accept)
+    from ballbot.identification.inertia import Pivot
+    from ballbot.workflows.robot_check import check_swing
 
-
-def _examine(
-    robot: Robot,
-    findings: tuple[Finding, ...],
-    log: CheckedLogs | None,
-    swing: CheckedSwing | None,
-    following: CheckedReference | None,
-) -> _Checked:
-    # the compiled model is imported only once the robot has passed its checks
-    from ballbot.mechanics.geometry import transforms
-    from ballbot.mechanics.model import Model
-    from ballbot.report.design import linearization_results
-    from ballbot.workflows.parameter_uncertainty import pole_spread
-
-    found, model = transforms(robot), Model(robot)
-    linear = model.linearize()
-    poles = np.asarray(linear.poles(), dtype=np.complex128)
-    return _Checked(
-        robot=robot,
-        spread=pole_spread(robot) if uncertain(robot) else None,
-        findings=by_severity([*findings, *(log.findings if log else ())]),
-        band=None if log is None else _band(robot, log),
-        swing=swing,
-        following=following,
-        derived=derived_quantities(robot),
-        matrices={name: getattr(found, name) for name in _MATRICES},
-        linear=linear,
-        linearization=linearization_results(model),
-        poles=poles[np.argsort(-poles.real)],
-    )
+    pivot = Pivot.of(robot, distance=options.pivot_distance, deviation=options.pivot_deviation)
+    codes = check_codes(accept or ())
+    return check_swing(robot, options.swing, pivot, column=options.swing_column, accept=codes)
 
 
 def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> CheckedLogs:
@@ -368,50 +192,23 @@ def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> Che
     )
 
 
-def _band(robot: Robot, log: CheckedLogs) -> PredictionBand:
-    from ballbot.workflows.parameter_uncertainty import prediction_band
-
-    (one,) = log.logs.values()
-    return prediction_band(robot, one)
-
-
-def _results(checked: _Checked) -> dict[str, object]:
-    return {
-        "robot": checked.robot.name,
-        "parameters": {
-            one.name: value for one in PARAMETERS if (value := value_of(checked.robot, one)) != ()
-        },
-        "derived": {one.name: one.value for one in checked.derived},
-        "matrices": {name: matrix.tolist() for name, matrix in checked.matrices.items()},
-        "mistaken_matrices": {
-            name: MISTAKEN_MATRICES[name] for name in checked.matrices if name in MISTAKEN_MATRICES
-        },
-        "linearization": checked.linearization,
-        "poles": [[float(pole.real), float(pole.imag)] for pole in checked.poles],
-        "unstable_pole": float(checked.poles[0].real),
-        "standard_deviations": dict(checked.robot.standard_deviations),
-        "unstable_pole_uncertainty": checked.spread.to_dict() if checked.spread else None,
-        "findings": finding_results(checked.findings),
-        "prediction": checked.band.to_dict() if checked.band else None,
-        "swing": checked.swing.to_dict() if checked.swing else None,
-        "reference": checked.following.to_dict() if checked.following else None,
-    }
-
-
-def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
+def _report(checked: CheckedRobot, *, framed: bool) -> list[RenderableType]:
     """Return the parts of what is printed, top to bottom."""
+    from ballbot.report.design import MISTAKEN_MATRICES
+    from ballbot.workflows.robot_check import MATRICES
+
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    margin_rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
+    rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
     parts: list[RenderableType] = [
         Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}."),
         *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
         Text(""),
-        table("Derived quantities", ("quantity", "value", "unit", "meaning"), margin_rows, framed=framed),
+        table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
         Text("\nTransformation matrices", style="bold"),
     ]
-    for name, meaning in _MATRICES.items():
+    for name, meaning in MATRICES.items():
         mistake = MISTAKEN_MATRICES.get(name)
         heading = f"\n{meaning}" + (f"\nMISTAKEN: {mistake}" if mistake else "")
         parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
@@ -419,9 +216,9 @@ def _report(checked: _Checked, *, framed: bool) -> list[RenderableType]:
     if checked.band:
         parts += [Text(""), _band_table(checked.band, framed=framed)]
     if checked.swing:
-        parts += checked.swing.parts(framed=framed)
+        parts += _swing_parts(checked.swing, framed=framed)
     if checked.following:
-        parts += checked.following.parts(framed=framed)
+        parts += _reference_parts(checked.following, framed=framed)
     return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
 
 
@@ -429,7 +226,9 @@ def _unit(one: Derived) -> str:
     return "" if one.unit == "1" else one.unit
 
 
-def _linear_lines(checked: _Checked) -> list[Text]:
+def _linear_lines(checked: CheckedRobot) -> list[Text]:
+    from ballbot.report.design import state_order
+
     return [
         Text("\nLinear model x_dot = A x + B u about upright, exact model", style="bold"),
         Text(state_order(checked.robot.wheel_count)),
@@ -466,11 +265,30 @@ def _uncertainty_line(spread: PoleSpread | None) -> str:
 
 
 def _band_table(band: PredictionBand, *, framed: bool) -> Table:
-    margin_rows = [
+    rows = [
         [state, f"{spread:.2g}", f"{band.error_at_end[state]:.2g}"] for state, spread in band.at_end.items()
     ]
     title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
-    return table(title, ("state", "spread by the standard deviations", "error"), margin_rows, framed=framed)
+    return table(title, ("state", "spread by the standard deviations", "error"), rows, framed=framed)
+
+
+def _swing_parts(swing: CheckedSwing, *, framed: bool) -> list[RenderableType]:
+    headings = ("quantity", "value, 95 %", "unit")
+    title = f"Swing from {swing.fit.swing.source}"
+    return [
+        Text(""),
+        table(title, headings, swing.rows(), framed=framed),
+        *(finding_line(one, accepted=one.severity == "error") for one in swing.findings),
+        *(Text(one) for one in swing.sentences()),
+    ]
+
+
+def _reference_parts(reference: CheckedReference, *, framed: bool) -> list[RenderableType]:
+    from ballbot.workflows.reference_check import MARGIN_HEADINGS
+
+    found = table("Largest use of each limit", MARGIN_HEADINGS, reference.rows(), framed=framed)
+    sentences = [Text(line) for line in reference.verdict()]
+    return [Text(f"\nFollowing {reference.name}", style="bold"), *sentences, found]
 
 
 def _save_figure(robot: Robot, path: Path) -> None:

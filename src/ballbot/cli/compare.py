@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
-from ballbot.cli.findings import warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.output import standard_output, table
 from ballbot.control.interface import Feedback
 from ballbot.control.references import is_reference_file

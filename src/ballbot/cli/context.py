@@ -19,28 +19,25 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, Token
 from rich.console import Console
 
 from ballbot.cli import ARGV
 from ballbot.cli.output import Bar, progress_bar, standard_output
-from ballbot.control.controller import Compensation, Controller
-from ballbot.control.file import read_controller
-from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
-from ballbot.fitting.checkpoint import CheckpointError, open_checkpoint
 from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
-from ballbot.log import Log
-from ballbot.log.pose import with_position
 from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
 from ballbot.report.page import Provenance, as_json, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
+
+if TYPE_CHECKING:
+    from ballbot.log import Log
 
 CHECKPOINT = "checkpoint.jsonl"
 
@@ -75,24 +72,6 @@ class RunOptions:
 
 #: no --resume and no --cluster
 RUN_HERE = RunOptions()
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ControllerOptions:
-    """The controller of a run."""
-
-    controller: Path | None = None
-    """A controller file, instead of the nominal gain and compensation."""
-
-    compensation: Compensation = "none"
-    """How the nominal controller compensates the friction in the robot's file: none, full or partial."""
-
-    def read(self, robot: Robot) -> Controller:
-        """Return the controller for a robot."""
-        if self.controller:
-            return read_controller(self.controller, robot)
-        return nominal_controller(robot, compensation=self.compensation)
 
 
 def argv() -> list[str]:
@@ -249,6 +228,10 @@ def long_run(
     KeyboardInterrupt
         With a sentence that says how to continue.
     """
+    from ballbot.fitting.checkpoint import (
+        open_checkpoint,  # with compiled code, which short commands do without
+    )
+
     checkpoint = open_checkpoint(folder / CHECKPOINT, belongs_to=belongs_to, resume=options.resume)
     try:
         with _executor(options.cluster) as executor:
@@ -266,6 +249,8 @@ def long_run(
 
 def _can_resume(refusal: InputError) -> bool:
     """Return whether the checkpoint is of use after a refusal; an input that is refused would be refused again."""
+    from ballbot.fitting.checkpoint import CheckpointError
+
     of_a_disk = isinstance(refusal.__context__, OSError)  # the inputs have been read, so that a write failed
     return of_a_disk or isinstance(refusal, CheckpointError | ExecutorError)
 
@@ -306,6 +291,8 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
     InputError
         Where there is none, one is named twice or cannot be read.
     """
+    from ballbot.log import Log
+
     return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
 
 
@@ -322,6 +309,9 @@ def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robo
 
 def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
     """Return one log with the ball's position; see `read_balancing_logs`."""
+    from ballbot.log import Log
+    from ballbot.log.pose import with_position
+
     log = Log.read(path, mapping=mapping)
     try:
         return with_position(log, robot)

@@ -13,7 +13,8 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, open_result
-from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation
+from ballbot.cli.controllers import warn_of_idle_compensation
+from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import matrix_text, table
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import controller_text, write_controller

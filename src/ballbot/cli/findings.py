@@ -12,9 +12,6 @@ from rich.console import Console
 from rich.text import Text
 
 from ballbot.cli.output import standard_output
-from ballbot.control.controller import Controller
-from ballbot.control.interface import Feedback
-from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.findings import Finding, as_options, check_codes, no_command, stop_on_errors
 from ballbot.printable import shell_line
 from ballbot.robot import Robot
@@ -148,26 +145,3 @@ def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
     file = f"{finding.where.file}: " if finding.where.file else ""
     word = f"{finding.severity}{' (accepted)' if accepted else ''}"
     return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
-
-
-def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot, console: Console) -> None:
-    """Print a sentence for each controller, by the name it goes by, that may feed the motion of this robot."""
-    for name, one in controllers.items():
-        sentence = overcompensation_warning(one, robot) if isinstance(one, Controller) else None
-        if sentence:
-            console.print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
-
-
-def warn_of_idle_compensation(controllers: Mapping[str, Feedback], console: Console) -> None:
-    """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
-    for name, one in controllers.items():
-        if not isinstance(one, Controller) or one.compensation == "none":
-            continue
-        friction = one.robot.friction
-        if any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
-            continue
-        sentence = (
-            f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
-            "friction. Identify it with `ballbot identify`, or write it into the robot file."
-        )
-        console.print(sentence, style="yellow", markup=False, soft_wrap=True)

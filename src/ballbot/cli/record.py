@@ -9,8 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from ballbot.cli.context import ControllerOptions, WholeNumber, parse_seeds
-from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.context import WholeNumber, parse_seeds
+from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import progress_bar, standard_output
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import ControllerOptions, WholeNumber, input_files, open_result
-from ballbot.cli.findings import Accept, check_robot, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.context import WholeNumber, input_files, open_result
+from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
+from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import standard_output
 from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName

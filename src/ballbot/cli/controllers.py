@@ -1,0 +1,58 @@
+"""The controller of a run: the options that choose it, and warnings about its compensation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.file import read_controller
+from ballbot.control.interface import Feedback
+from ballbot.control.overcompensation import overcompensation_warning
+from ballbot.control.presets import nominal_controller
+from ballbot.robot import Robot
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class ControllerOptions:
+    """The controller of a run."""
+
+    controller: Path | None = None
+    """A controller file, instead of the nominal gain and compensation."""
+
+    compensation: Compensation = "none"
+    """How the nominal controller compensates the friction in the robot's file: none, full or partial."""
+
+    def read(self, robot: Robot) -> Controller:
+        """Return the controller for a robot."""
+        if self.controller:
+            return read_controller(self.controller, robot)
+        return nominal_controller(robot, compensation=self.compensation)
+
+
+def warn_of_overcompensation(controllers: Mapping[str, Feedback], robot: Robot, console: Console) -> None:
+    """Print a sentence for each controller, by the name it goes by, that may feed the motion of this robot."""
+    for name, one in controllers.items():
+        sentence = overcompensation_warning(one, robot) if isinstance(one, Controller) else None
+        if sentence:
+            console.print(f"{name}: {sentence}.", style="yellow", markup=False, soft_wrap=True)
+
+
+def warn_of_idle_compensation(controllers: Mapping[str, Feedback], console: Console) -> None:
+    """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
+    for name, one in controllers.items():
+        if not isinstance(one, Controller) or one.compensation == "none":
+            continue
+        friction = one.robot.friction
+        if any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
+            continue
+        sentence = (
+            f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
+            "friction. Identify it with `ballbot identify`, or write it into the robot file."
+        )
+        console.print(sentence, style="yellow", markup=False, soft_wrap=True)
