@@ -214,7 +214,7 @@ def test_only_holdout_intervals_count():
     spoiled = np.where((log.t > 6.0) & (log.t < 12.0), log["theta"], log["theta"] + 0.3)
     held = [(6.5, 11.5)]
     clean, other = (
-        validate(true_robot(), one, held_out=held, accept=["jump", "lean-offset"])
+        validate(true_robot(), one, holdout=held, accept=["jump", "lean-offset"])
         for one in (log, log.with_columns({"theta": spoiled}))
     )
     np.testing.assert_array_equal(
@@ -316,8 +316,8 @@ def test_a_log_without_a_reference_has_no_closed_loop_and_says_why():
 
 def test_invalid_validations_are_refused():
     log = perfect_log()
-    with pytest.raises(InputError, match="held-out intervals"):
-        validate(true_robot(), log, held_out=[(100.0, 120.0)])
+    with pytest.raises(InputError, match="holdout intervals"):
+        validate(true_robot(), log, holdout=[(100.0, 120.0)])
     with pytest.raises(InputError, match="phi"):
         validate(true_robot(), log.with_columns({"phi": np.full(len(log), np.nan)}))
     with pytest.raises(InputError, match="4 wheels"):

@@ -120,26 +120,26 @@ Interval = tuple[float, float]
 _GAP = 1.5
 
 
-def stretches(log: Log, held_out: Sequence[Interval] | None = None) -> list[range]:
+def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range]:
     """Return the runs of rows that follow each other without a gap.
 
     Parameters
     ----------
     log : Log
-    held_out : sequence of (start, end), optional
+    holdout : sequence of (start, end), optional
         Times [s] that count, start <= t < end; without it, the whole log.
 
     Raises
     ------
     InputError
-        Where nothing of the log lies in `held_out`.
+        Where nothing of the log lies in `holdout`.
     """
     counts = np.ones(len(log), dtype=bool)
-    if held_out is not None:
-        counts = np.any([(log.t >= start) & (log.t < end) for start, end in held_out], axis=0)
+    if holdout is not None:
+        counts = np.any([(log.t >= start) & (log.t < end) for start, end in holdout], axis=0)
         if not np.any(counts):
             raise InputError(
-                "No row of the log lies in the held-out intervals; "
+                "No row of the log lies in the holdout intervals; "
                 f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
             )
     breaks = np.flatnonzero(np.diff(log.t) > _GAP * log.sample_time) + 1

@@ -65,7 +65,7 @@ def validate(
     *,
     accept: Collection[str] = (),
     controller: Feedback | None = None,
-    held_out: Sequence[Interval] | None = None,
+    holdout: Sequence[Interval] | None = None,
     formulation: Formulation = "exact",
     restart_every: float = 4.0,
     longest: float = 2.0,
@@ -82,7 +82,7 @@ def validate(
     accept : collection of str
         Codes of errors found in the log to go on in spite of; see `ballbot.findings.CODES`.
     controller : Feedback, optional
-    held_out : sequence of (start, end), optional
+    holdout : sequence of (start, end), optional
     formulation : {"exact", "thesis"}
         Of the model.
     restart_every : float
@@ -102,7 +102,7 @@ def validate(
         models,
         log,
         controller=controller,
-        held_out=held_out,
+        holdout=holdout,
         restart_every=restart_every,
         longest=longest,
         seed=seed,
@@ -115,7 +115,7 @@ def validate_pair(
     log: Log,
     *,
     controller: Feedback | None = None,
-    held_out: Sequence[Interval] | None = None,
+    holdout: Sequence[Interval] | None = None,
     restart_every: float = 4.0,
     longest: float = 2.0,
     seed: int = 0,
@@ -133,7 +133,7 @@ def validate_pair(
     controller : Feedback, optional
         The one that recorded the log. Without it, the gain of u = K S(psi) (r - x) is recovered from the log, and
         where that fails there is no closed-loop validation.
-    held_out : sequence of (start, end), optional
+    holdout : sequence of (start, end), optional
         Times [s] of the log that the models were not fitted to; only these count. Without it, the whole log does.
     restart_every : float
         Time from restart to restart in closed loop [s].
@@ -154,7 +154,7 @@ def validate_pair(
     # a heading kept within one turn would jump
     log = log.with_columns({"psi": np.unwrap(log["psi"])})
     check_wheels(models.first.model, log)
-    parts = stretches(log, held_out)
+    parts = stretches(log, holdout)
     prediction = predict(models, log, parts)
     covariance = prediction.start_covariance
     disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)

@@ -279,5 +279,5 @@ def _validate(robot: Robot, logs: Sequence[StudiedLog], run: Run) -> tuple[Valid
     validations, models = [], ModelPair.by_friction(Model(robot))
     for number, studied in enumerate(logs):
         run.progress(Progress(stage=f"validating on {studied.name}", done=number, total=len(logs)))
-        validations.append(validate_pair(models, studied.log, held_out=studied.held_out, seed=run.seed))
+        validations.append(validate_pair(models, studied.log, holdout=studied.held_out, seed=run.seed))
     return tuple(validations)

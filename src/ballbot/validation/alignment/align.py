@@ -75,7 +75,7 @@ class _Candidate:
     gain: float  #: logarithm of the likelihood over that of no relation
 
 
-def align(log: Log, film: Log) -> Alignment:
+def align(log: Log, mocap: Log) -> Alignment:
     """Return how a log and its motion capture belong together.
 
     Parameters
@@ -83,7 +83,7 @@ def align(log: Log, film: Log) -> Alignment:
     log : Log
         Needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles, their errors come too, and with x and y
         those of the position.
-    film : Log
+    mocap : Log
         Motion capture: t, and qw qx qy qz of a body, marker frame to the cameras'; x y z of a point of it, if it has.
 
     Raises
@@ -91,7 +91,7 @@ def align(log: Log, film: Log) -> Alignment:
     InputError
         Where they lack what is needed or are not of the same run.
     """
-    turning, poses = log_turning(log), read_poses(film).seen_only()
+    turning, poses = log_turning(log), read_poses(mocap).seen_only()
     best, rival = _best(turning, poses)
     unseen = _unseen(log, best.poses, best.motion.clock)
     if not all(name in log for name in ANGLE_NAMES):
