@@ -171,7 +171,7 @@ def markdown_table(kind: type, *, si_only: bool = False) -> str:
         unit = "" if one.unit == DIMENSIONLESS else one.unit
         if not si_only and one.written_in != one.unit:
             unit = f"{unit}; written in {one.written_in}"
-        default = "" if one.default is None else f"`{_shown(one.default)}`"
+        default = "" if one.default is None else _shown(one.default)
         meaning = one.meaning.replace("|", "\\|")
         lines.append(f"| `{one.name}` | {meaning} | {unit} | {_allowed(one)} | {default} |")
     return "\n".join(lines) + "\n"
@@ -179,8 +179,8 @@ def markdown_table(kind: type, *, si_only: bool = False) -> str:
 
 def _shown(default: Value | str) -> str:
     if isinstance(default, tuple):
-        return f"[{', '.join(f'{one:g}' for one in default)}]"
-    return str(default).lower() if isinstance(default, bool | str) else f"{default:g}"
+        return f"`[{', '.join(f'{one:g}' for one in default)}]`" if default else "zeros"
+    return f"`{str(default).lower()}`" if isinstance(default, bool | str) else f"`{default:g}`"
 
 
 def _allowed(one: Parameter) -> str:
