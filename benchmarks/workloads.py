@@ -20,7 +20,7 @@ NOISE = np.array([1e-4, 1e-4, 5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 7e-4, 7e-4, 7e-4])
 
 
 def nominal_robot() -> Robot:
-    """Return `alten` with the nominal scenario's friction (design section 11), full Stribeck on each wheel."""
+    """Return `alten` with the nominal scenario's friction, full Stribeck on each wheel."""
     robot = Robot.load("alten")
     return robot.replace(friction=Scenario.nominal(robot).friction)
 

@@ -70,7 +70,7 @@ def campaign() -> Section:
     return Section(
         title=f"The convex step's minimiser on {total:,} random problems",
         before="Distance of the velocities found to the reference's, over that of the friction-free ones, "
-        f"sqrt(nu^T M nu); the issue asks for {TARGET:g}. The reference is Clarabel {clarabel.__version__}'s answer, "
+        f"sqrt(nu^T M nu); the target is {TARGET:g}. The reference is Clarabel {clarabel.__version__}'s answer, "
         "refined and certified (`campaigns/convex_reference.py`): it proves how far it is from the minimiser at "
         "most. Three and four wheels, with and without a ball that pivots, a quarter each; attitudes, inertias (a "
         "tenth to ten times the thesis's robot's) and the guess of the signs are random.",

@@ -52,7 +52,7 @@ ATTITUDE_NOISE, GYRO_NOISE, WHEEL_NOISE = (
     6e-4,
     4e-3,
     9e-3,
-)  # [rad], [rad/s], [rad/s]: those of ../shared/data/bbr
+)  # [rad], [rad/s], [rad/s]: those of a robot with an AHRS, a gyro and encoders
 
 #: all of it at work; and without break-away friction, where v_s and delta have no influence
 TRUTHS = {

@@ -7,8 +7,7 @@ from ballbot.log import Log
 from ballbot.report.driveline import UNITS, driveline_findings
 from ballbot.report.tables import with_error
 from ballbot.robot import Robot
-from campaigns.one_axis import data_folder
-from campaigns.section import Section
+from campaigns.section import Section, data_folder
 
 
 def campaign() -> Section:
@@ -32,7 +31,8 @@ def campaign() -> Section:
     rows.append(["without friction", *(f"{fit.rmse_without:.1f}" for fit in fits)])
     return Section(
         title="Stage one: the drivelines, wheels free",
-        before="The stand-in's sweep, 1 N m and 62.83 s. The thesis's five parameters and cost (3.5), by an evolution "
+        before="A sweep of the test robot (see [errors with identified friction](#errors-with-identified-friction-"
+        "over-those-without)), 1 N m and 62.83 s. The thesis's five parameters and cost (3.5), by an evolution "
         "strategy and a polish; standard errors clustered in time.",
         columns=["", *(f"wheel {fit.wheel}" for fit in fits)],
         rows=rows,

@@ -170,8 +170,8 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
         title="The on-board state: the thesis's way and a Kalman filter on the same runs",
         before=f"{duration:g} s on the nominal twin, {count} seeds, steered by the thesis's way; means over the seeds "
         "of RMS errors against the truth. Position drift is the RMS change of the position's error within a minute; "
-        "the last column is the drift over the thesis's, the worst of the seeds. The issue asks for a third at most, "
-        "and for less than 0.3 degrees of lean. A fix has 1 cm and 1.1 degrees.",
+        "the last column is the drift over the thesis's, the worst of the seeds. The target is a third at most, "
+        "and less than 0.3 degrees of lean. A fix has 1 cm and 1.1 degrees.",
         columns=[
             "run",
             "lean (deg)",

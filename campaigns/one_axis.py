@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 from ballbot.identification.axis import AxisIdentification, AxisRecord, identify_axis
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.section import Section
+from campaigns.section import Section, data_folder
 
 #: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019: values and standard deviations
 PUBLISHED = {
@@ -19,13 +16,8 @@ PUBLISHED = {
 }
 
 
-def data_folder() -> Path:
-    """Return the folder of measured data beside the project."""
-    return Path(os.environ.get("BALLBOT_DATA") or Path(__file__).parents[2] / "shared" / "data")
-
-
 def emps_record() -> AxisRecord:
-    """Return the benchmark's training record."""
+    """Return the benchmark's training record, emps/DATA_EMPS.mat in `data_folder`."""
     columns = AxisColumns(
         position="qm",
         force="vir",

@@ -1,6 +1,6 @@
 """Is the model with friction better on logs that its friction was not found from? Ratios of errors, with intervals.
 
-Each of the stand-in robot's logs (`BALLBOT_DATA`, else ../shared/data) is judged by friction found from others.
+Each of the test robot's logs (`campaigns.section.data_folder`) is judged by friction found from others.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ r_s is the reference, or what `ballbot.control.parts.reference_shaping` and `.fe
 or by `.prediction` the one in which u will act; `.lean_limit` may bound r_s - x. The others are those of `.integral`
 with `.floor_adaptation`, `.compensation` with `.driveline_adaptation` and `.load_scaling`, and
 `.disturbance_observer`; all of it may pass a `.notch`. S(psi) turns the pairs (x y), (theta phi) of the error and their
-rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn with the body (design section 8). A
+rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn with the body. A
 law is one row of numbers, so that every robot in a batch can have one of its own, and what it remembers is another.
 """
 

@@ -1,4 +1,4 @@
-"""The equations of motion, compiled: both formulations of design section 5.
+"""The equations of motion, compiled: both formulations of docs/mechanics.md.
 
 Velocities are nu = (v, w): the ball's (v_x, v_y) in the world and three rates of the body, which are its
 angular velocity in its own frame in the exact formulation and the Euler angles' rates Phi_dot in the thesis's.
@@ -10,8 +10,9 @@ Either way the equations read
 The ball may also be let pivot on the floor (`Pivoting`): its spin about the vertical, sigma, is then a sixth velocity
 and v = (v_x, v_y, sigma), so that Omega = E v_xy / r_b + sigma e_z and W has one more column, A R^T e_z.
 
-Above, A^T tau is the wheels' torque on the ball in the body's frame. The thesis's approximations
-(design section 10, items 4 to 7) are the differences between the two functions `terms_exact` and `terms_thesis`.
+Above, A^T tau is the wheels' torque on the ball in the body's frame. The thesis's approximations (its
+mistakes 4 to 7, docs/generated/reproduce.md) are the differences between the two functions `terms_exact` and
+`terms_thesis`.
 """
 
 from typing import NamedTuple
@@ -153,7 +154,7 @@ def _mass_vv(P, a, spin_inertia):
 
 @inlined
 def terms_exact(P, a, v, w):
-    """Return the `Terms` of the exact formulation (design section 5), e = (0, 0, 1).
+    """Return the `Terms` of the exact formulation (docs/mechanics.md), e = (0, 0, 1).
 
     The wheels' rates A (z - w) are no derivatives of functions of q, so Lagrange's equation may not be given
     energies in which they are already put in: each wheel keeps its own momentum until d'Alembert's principle

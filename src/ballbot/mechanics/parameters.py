@@ -96,7 +96,7 @@ class Parameters(NamedTuple):
     m_t: float  #: m_b + j_b/r_b^2 + m_r [kg]
     ml: float  #: m_r l [kg m]
     g: float  #: [m/s^2]
-    d1: float  #: D1 = d1 D, likewise d2 and d3 (design section 5) [kg m^2]
+    d1: float  #: D1 = d1 D, likewise d2 and d3 (docs/mechanics.md) [kg m^2]
     d2: float
     d3: float
     rolling: float  #: N C_rr [N]

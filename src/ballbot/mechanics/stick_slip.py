@@ -1,4 +1,4 @@
-"""A step in which friction may stick: the minimiser of a strictly convex function (design section 5).
+"""A step in which friction may stick: the minimiser of a strictly convex function (docs/mechanics.md).
 
     nu+ = argmin 1/2 (nu - nu_free)^T M (nu - nu_free) + h sum_i g_i |C_i nu| + h rho |nu_xy|
 

@@ -82,7 +82,7 @@ def _slide(A, push, friction, u, omega, signs, h, end, rates, middle):
 
 @inlined
 def _convex(A, M, push, friction, u, omega, h, end):
-    """Fill `end` (3,) with the minimiser of design section 5, its first two unknowns, x and y, idle."""
+    """Fill `end` (3,) with the minimiser of docs/mechanics.md, its first two unknowns, x and y, idle."""
     n = len(u)
     mass, rows = np.zeros((5, 5)), np.zeros((n, 5))
     start, free, limits = np.zeros(5), np.zeros(5), np.zeros(n)

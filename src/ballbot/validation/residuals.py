@@ -174,7 +174,7 @@ _EXPECTED = {
     frozenset({"e_x", "e_x_dot"}): _INTEGRAL,
     frozenset({"e_y", "e_y_dot"}): _INTEGRAL,
 }
-#: what the thesis's section 4.2 names besides what kinematics couples (design section 10, item 13)
+#: what the thesis's section 4.2 names besides what kinematics couples (its mistake 13)
 _THESIS_ONLY = ("e_y_dot", "e_phi_dot")
 _KINEMATIC = (("e_x_dot", "e_phi_dot"), ("e_y_dot", "e_theta_dot"))
 

@@ -4,7 +4,7 @@
 
 Set-valued at rest: it holds up to exactly c + s. A step is RK4 of known sign; where the speed reaches zero within
 it, the moment is found, and from there the inertia rests exactly or leaves the other way. That is the minimiser of
-the convex step (design section 5) with the step ended where the sign changes, so that order four holds through
+the convex step (docs/mechanics.md) with the step ended where the sign changes, so that order four holds through
 stops (for v_s's power delta below four, the start from rest leaves order 1 + delta, because the law itself is no
 smoother there).
 """

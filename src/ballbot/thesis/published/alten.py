@@ -76,7 +76,7 @@ def mixtures() -> list[Mixture]:
 
 
 def nominal_lqr(robot: Robot, model: LinearModel) -> LqrDesign:
-    """Return the gain with the nominal scenario's weights, sampled (design section 11)."""
+    """Return the gain with the nominal scenario's weights, sampled."""
     weights = (NOMINAL_TORQUE_WEIGHT,) * robot.wheel_count
     return lqr(model, NOMINAL_STATE_WEIGHTS, weights, sample_time=robot.sensors.sample_time)
 
@@ -220,7 +220,7 @@ def _gain_part(robot: Robot) -> str:
     return f"""\
 ### Gains
 
-LQR with the nominal scenario's weights (design section 11), sampled at {1e3 * robot.sensors.sample_time:g} ms. The
+LQR with the nominal scenario's weights, sampled at {1e3 * robot.sensors.sample_time:g} ms. The
 first wheel's row has all that is to be known of a symmetric robot. The poles are those of either gain on the exact
 model [rad/s].
 

@@ -113,8 +113,9 @@ _HEAD = f"""\
 Computed by `{COMMAND}`; nothing on this page is written by hand but the words.
 
 Each table has what the source *prints*; what our equations give with the source's own convention or mistake switched on
-(*reproduced*); and what is *right*, by the exact equations of design section 5. A number "comes out to its last digit"
-where the reproduced one rounds to the printed one. Items are those of design section 10.
+(*reproduced*); and what is *right*, by the [exact equations](../mechanics.md). A number "comes out to its last digit"
+where the reproduced one rounds to the printed one. Items are the thesis's
+[misprints and mistakes](reproduce.md#misprints-and-mistakes).
 """
 
 
