@@ -79,9 +79,9 @@ def _errors(rmse: float, force: float | None) -> list[str]:
 
 def _after(found: AxisIdentification) -> str:
     gains = "; ".join(
-        f"{one.rung.name} over {one.rung.below} {100.0 * one.gain:.0f} % "
-        f"({100.0 * one.interval[0]:.0f} to {100.0 * one.interval[1]:.0f})"
-        for one in found.ladder
-        if one.rung.below
+        f"{one.name} over {one.within} {100.0 * one.gain.share:.0f} % "
+        f"({100.0 * one.gain.lower:.0f} to {100.0 * one.gain.upper:.0f})"
+        for one in found.ladder.candidates
+        if one.gain
     )
-    return f"Less squared error on windows of 1 s held out, with 95 % intervals: {gains}. {' '.join(found.remarks)}"
+    return f"Less error on windows of 1 s held out, with 95 % intervals: {gains}. {' '.join(found.remarks)}"

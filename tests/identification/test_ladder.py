@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.identification import Bounds, Identification, ModelSelection, identify, select_model
+from ballbot.fitting.model_selection import ModelSelection, gain_between
+from ballbot.identification import Bounds, Identification, identify, select_law
 from ballbot.identification.laws import (
     BLOCK,
     LAWS,
     LawName,
     bounds_of,
-    gain_between,
     law_named,
+    law_results,
     window_blocks,
 )
 from ballbot.identification.stages import LARGEST_LOSS, IdentificationOptions
@@ -75,7 +76,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
 
 
 @pytest.fixture(scope="module")
-def ladder() -> ModelSelection:
+def ladder() -> ModelSelection[Identification]:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
     log = noisy(balancing_log(friction=plain), seed=8).between(4.0, 20.0)
@@ -97,12 +98,12 @@ def ladder() -> ModelSelection:
             ),
         )
 
-    return select_model(fit)
+    return select_law(fit)
 
 
 @pytest.mark.slow  # five fits
 def test_laws_without_a_significant_gain_are_not_selected(ladder):
-    taken = {rung.law.name: rung.taken for rung in ladder.rungs}
+    taken = {one.name: one.accepted for one in ladder.candidates}
     assert taken == {
         "viscous": True,
         "coulomb": True,
@@ -110,14 +111,14 @@ def test_laws_without_a_significant_gain_are_not_selected(ladder):
         "asymmetric": False,
         "load": False,
     }
-    assert ladder.best.law.name == "coulomb"
+    assert ladder.best.name == "coulomb"
     # rungs over one that was not taken are held against the highest that was
-    assert [rung.over for rung in ladder.rungs] == [None, "viscous", "coulomb", "coulomb", "coulomb"]
+    assert [one.over for one in ladder.candidates] == [None, "viscous", "coulomb", "coulomb", "coulomb"]
 
 
 @pytest.mark.slow
 def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
-    cost = {rung.law.name: rung.found.polish_cost[-1] for rung in ladder.rungs}
+    cost = {one.name: one.model.polish_cost[-1] for one in ladder.candidates}
     for law in LAWS[1:]:
         # but for what a parameter without influence may cost when it goes back to its value before
         assert law.within is not None
@@ -126,7 +127,7 @@ def test_a_law_never_fits_worse_than_the_one_within_it(ladder):
 
 @pytest.mark.slow
 def test_results_and_figure_contain_every_law(ladder):
-    told = ladder.to_dict()
+    told = law_results(ladder)
     assert told["best"] == "coulomb"
     assert [rung["law"] for rung in told["rungs"]] == [law.name for law in LAWS]
     shown = [text.get_text() for axes in ladder_figure(ladder).axes for text in axes.texts]

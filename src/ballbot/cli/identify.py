@@ -29,19 +29,19 @@ from ballbot.cli.output import Bar, table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
+from ballbot.fitting.model_selection import Gain, ModelSelection
 from ballbot.identification import (
     Bounds,
     HoldoutResult,
     Identification,
-    ModelSelection,
     Progress,
     cross_validate,
     read_bounds,
-    select_model,
+    select_law,
 )
 from ballbot.identification import identify as find
 from ballbot.identification.holdout import InitialStates
-from ballbot.identification.laws import LAWS, Gain, LawName
+from ballbot.identification.laws import LAWS, LawName, law_named, law_results
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, read_sweep
@@ -122,18 +122,18 @@ def horizon_table(judged: HoldoutResult, *, framed: bool) -> Table:
     return table(title, headings, rows, framed=framed)
 
 
-def ladder_table(ladder: ModelSelection, *, framed: bool) -> Table:
+def ladder_table(ladder: ModelSelection[Identification], *, framed: bool) -> Table:
     """Return the laws with their errors and gains on windows held out."""
     rows = [
         (
-            rung.law.name,
-            rung.law.formula,
-            f"{rung.error:.3f}",
-            rung.law.within or "no friction",
-            _gain(rung.gain),
-            "best" if rung is ladder.best else "taken" if rung.taken else "not selected",
+            one.name,
+            law_named(one.name).formula,
+            f"{one.error:.3f}",
+            one.within or "no friction",
+            _gain(one.gain) if one.gain else "",
+            "best" if one is ladder.best else "taken" if one.accepted else "not selected",
         )
-        for rung in ladder.rungs
+        for one in ladder.candidates
     ]
     headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
     return table(
@@ -365,7 +365,9 @@ def _checked(
     return CheckedLogs(logs={name: one.log for name, one in named.items()}, findings=findings)
 
 
-def _find(task: _Task, *, result: LongResult, bar: Bar) -> tuple[Identification, ModelSelection | None]:
+def _find(
+    task: _Task, *, result: LongResult, bar: Bar
+) -> tuple[Identification, ModelSelection[Identification] | None]:
     """Fit the given law, or each law and select one."""
     options = task.fit
     laws = [law.name for law in LAWS] if options.law == "best" else [options.law]
@@ -392,14 +394,14 @@ def _find(task: _Task, *, result: LongResult, bar: Bar) -> tuple[Identification,
         )
 
     if options.law == "best":
-        ladder = select_model(fit)
-        return ladder.best.found, ladder
+        ladder = select_law(fit)
+        return ladder.best.model, ladder
     return fit(options.law, None), None
 
 
 def _write(
     found: Identification,
-    selection: ModelSelection | None,
+    selection: ModelSelection[Identification] | None,
     holdouts: Sequence[HoldoutResult],
     result: CommandResult,
     folder: Path,
@@ -407,7 +409,7 @@ def _write(
     """Write the results and return the names of what people read."""
     results = found.to_dict()
     if selection:
-        results["ladder"] = selection.to_dict()
+        results["ladder"] = law_results(selection)
     if holdouts:
         results["judged_on"] = {one.name: one.to_dict() for one in holdouts}
     write_robot(found.robot, folder / "robot.toml")
@@ -419,7 +421,10 @@ def _write(
 
 
 def _show(
-    found: Identification, ladder: ModelSelection | None, judged: Sequence[HoldoutResult], console: Console
+    found: Identification,
+    ladder: ModelSelection[Identification] | None,
+    judged: Sequence[HoldoutResult],
+    console: Console,
 ) -> None:
     framed = console.is_terminal
     if ladder:

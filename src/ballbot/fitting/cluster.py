@@ -33,7 +33,7 @@ _KEPT = 8  #: so many different shared things are kept on the cluster
 
 
 class Cluster:
-    """The workers of a Dask scheduler, as a `Spread`; a context manager that ends the connection.
+    """The workers of a Dask scheduler, as an `Executor`; a context manager that ends the connection.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Cluster:
     ------
     InputError
         If that is no address.
-    SpreadError
+    ExecutorError
         Where no scheduler answers there, or no worker joins it.
     """
 
@@ -78,7 +78,7 @@ class Cluster:
 
         Raises
         ------
-        SpreadError
+        ExecutorError
             Where a worker's packages or processor are others than here, or the cluster is lost.
         """
         lots = self._lots(pieces)

@@ -2,7 +2,7 @@
 
 from ballbot.identification.holdout import HoldoutResult, cross_validate
 from ballbot.identification.identify import identify
-from ballbot.identification.laws import ModelSelection, select_model
+from ballbot.identification.laws import select_law
 from ballbot.identification.parameters import Bounds, read_bounds
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.progress import Progress
@@ -11,11 +11,10 @@ __all__ = [
     "Bounds",
     "HoldoutResult",
     "Identification",
-    "ModelSelection",
     "Progress",
     "WindowErrors",
     "cross_validate",
     "identify",
     "read_bounds",
-    "select_model",
+    "select_law",
 ]

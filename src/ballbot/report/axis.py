@@ -113,20 +113,18 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
 
 def ladder_figure(found: AxisIdentification) -> Figure:
     """Return each law's gain on windows held out over the law below, with its 95 % interval."""
-    judged = [one for one in found.ladder if one.rung.below]
+    judged = [(one, one.gain) for one in found.ladder.candidates if one.gain]
     figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(judged)), layout="constrained")
     axes = figure.subplots()
-    for place, one in enumerate(reversed(judged)):
-        color = BLUE if one.earned else MUTED
-        low, high = (100.0 * value for value in one.interval)
+    for place, (one, gain) in enumerate(reversed(judged)):
+        color = BLUE if one.accepted else MUTED
+        low, high = 100.0 * gain.lower, 100.0 * gain.upper
         axes.plot([low, high], [place, place], color=color, linewidth=2.0)
-        axes.plot(100.0 * one.gain, place, "o", color=color, markersize=5)
+        axes.plot(100.0 * gain.share, place, "o", color=color, markersize=5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(
-        range(len(judged)), [f"{one.rung.name} over {one.rung.below}" for one in reversed(judged)]
-    )
+    axes.set_yticks(range(len(judged)), [f"{one.name} over {one.within}" for one, _ in reversed(judged)])
     axes.set_xlim(-60.0, 130.0)
-    axes.set_xlabel("less squared error on windows held out [%]")
+    axes.set_xlabel("less error on windows held out [%]")
     return figure
 
 

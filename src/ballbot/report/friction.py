@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.identification.laws import Candidate, ModelSelection
+from ballbot.fitting.model_selection import Candidate, ModelSelection
 from ballbot.identification.result import Identification
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
@@ -130,25 +130,26 @@ def _draw_speeds(axes: Axes, speed: np.ndarray, fastest: float) -> None:
     axes.set_xlabel("wheel speed [rad/s]")
 
 
-def ladder_figure(ladder: ModelSelection) -> Figure:
+def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
     """Draw, for each law, its error over that without friction and its gain with the 95 % interval."""
-    figure = Figure(figsize=(7.4, 0.75 + 0.36 * len(ladder.rungs)), layout="constrained")
+    figure = Figure(figsize=(7.4, 0.75 + 0.36 * len(ladder.candidates)), layout="constrained")
     errors, gains = figure.subplots(1, 2, sharey=True, width_ratios=[1.0, 1.4])
-    for place, rung in enumerate(ladder.rungs):
-        color = BLUE if rung.taken else MUTED
-        errors.barh(place, rung.error, height=0.55, color=color, alpha=1.0 if rung is ladder.best else 0.6)
-        errors.text(rung.error, place, f" {rung.error:.3f}", va="center", color=INK, fontsize=7.5)
-        gain = rung.gain
+    for place, one in enumerate(ladder.candidates):
+        color = BLUE if one.accepted else MUTED
+        errors.barh(place, one.error, height=0.55, color=color, alpha=1.0 if one is ladder.best else 0.6)
+        errors.text(one.error, place, f" {one.error:.3f}", va="center", color=INK, fontsize=7.5)
+        gain = one.gain
+        assert gain is not None  # no friction is the baseline
         gains.plot([100 * gain.lower, 100 * gain.upper], [place, place], color=color, linewidth=1.6)
-        gains.plot(100 * gain.share, place, marker="o" if rung.taken else "x", color=color, markersize=5)
-        gains.text(100 * gain.upper, place, f"  {_law_label(rung)}", va="center", color=INK, fontsize=7.5)
-    errors.set_yticks(range(len(ladder.rungs)), [rung.law.name for rung in ladder.rungs])
+        gains.plot(100 * gain.share, place, marker="o" if one.accepted else "x", color=color, markersize=5)
+        gains.text(100 * gain.upper, place, f"  {_law_label(one)}", va="center", color=INK, fontsize=7.5)
+    errors.set_yticks(range(len(ladder.candidates)), [one.name for one in ladder.candidates])
     errors.invert_yaxis()
-    errors.set_xlim(0.0, 1.25 * max(rung.error for rung in ladder.rungs))
+    errors.set_xlim(0.0, 1.25 * max(one.error for one in ladder.candidates))
     errors.set_title("error relative to no friction")
     gains.axvline(0.0, color=INK, linewidth=0.8)
     gains.set_xscale("symlog", linthresh=1.0)
-    lowest = min(0.0, *(100 * rung.gain.lower for rung in ladder.rungs))
+    lowest = min(0.0, *(100 * one.gain.lower for one in ladder.candidates if one.gain))
     gains.set_xlim(min(-2.0, 1.5 * lowest), 5e3)  # room for the words beside a gain near 100 %
     ticks = [tick for tick in (-100, -10, -1, 0, 1, 10, 100) if tick >= 1.5 * lowest]
     gains.set_xticks(ticks, [str(tick) for tick in ticks], minor=False)
@@ -157,5 +158,5 @@ def ladder_figure(ladder: ModelSelection) -> Figure:
     return figure
 
 
-def _law_label(rung: Candidate) -> str:
-    return f"{'taken' if rung.taken else 'not taken'}, over {rung.law.within or 'no friction'}"
+def _law_label(one: Candidate[Identification]) -> str:
+    return f"{'taken' if one.accepted else 'not taken'}, over {one.within or 'no friction'}"

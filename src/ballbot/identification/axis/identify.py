@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.fitting.model_selection import Candidate, ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.inverse import (
     BLOCK,
@@ -29,7 +30,6 @@ from ballbot.identification.axis.inverse import (
 )
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Values, axis_law_named
 from ballbot.identification.axis.output_error import (
-    LawVerdict,
     OutputErrorFit,
     closed_loop_residuals,
     cross_validate_laws,
@@ -38,7 +38,6 @@ from ballbot.identification.axis.output_error import (
     memoized,
     open_loop_residuals,
     search_output_error,
-    select_law,
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress, part_of
@@ -84,7 +83,7 @@ class AxisIdentification:
     record: str  #: that was fitted
     unit: str  #: of positions: "m" or "rad"
     inverse: dict[str, InverseFit]  #: by form
-    ladder: tuple[LawVerdict, ...]
+    ladder: ModelSelection[AxisLaw]  #: every law, by its errors on windows held out
     chosen: AxisLaw
     estimates: tuple[Estimate, ...]  #: the chosen law by every method
     rungs: dict[str, Estimate]  #: every law by output error in open loop
@@ -112,16 +111,7 @@ class AxisIdentification:
             "standard_errors": self.best.standard_errors,
             "estimates": {one.method: one.to_dict() for one in self.estimates},
             "inverse": {form: fit.to_dict() for form, fit in self.inverse.items()},
-            "ladder": [
-                {
-                    "law": one.rung.name,
-                    "below": one.rung.below,
-                    "held_out_rms": one.rms,
-                    "gain": one.gain,
-                    "gain_interval": list(one.interval),
-                }
-                for one in self.ladder
-            ],
+            "ladder": [_ladder_result(one) for one in self.ladder.candidates],
             "laws": {name: one.to_dict() for name, one in self.rungs.items()},
             "asymmetry_over_time": self.asymmetry,
             "remarks": list(self.remarks),
@@ -134,9 +124,21 @@ _OPEN = 0.5
 _DIFFERENT = 2.0
 
 
+def _ladder_result(one: Candidate[AxisLaw]) -> dict[str, object]:
+    """Return what results.json holds of a law on the ladder."""
+    gain = one.gain
+    return {
+        "law": one.name,
+        "below": one.within,
+        "held_out_rms": float(np.sqrt(one.held_out.squares.mean())),
+        "gain": gain.share if gain else np.nan,
+        "gain_interval": [gain.lower, gain.upper] if gain else [np.nan, np.nan],
+    }
+
+
 def axis_findings(
     record: AxisRecord,
-    ladder: Sequence[LawVerdict],
+    ladder: ModelSelection[AxisLaw],
     rung: AxisLaw,
     rungs: Mapping[str, Estimate],
     asymmetry: NDArray[np.float64],
@@ -151,9 +153,9 @@ def axis_findings(
     )
 
 
-def _choice_finding(ladder: Sequence[LawVerdict], rung: AxisLaw, *, taken: bool) -> str:
-    others = [one for one in ladder if one.rung.below and one.rung.symmetric]
-    failed = [one.rung.name for one in others if not one.earned and one.rung.name != rung.name]
+def _choice_finding(ladder: ModelSelection[AxisLaw], rung: AxisLaw, *, taken: bool) -> str:
+    others = [one for one in ladder.candidates if one.within and one.model.symmetric]
+    failed = [one.name for one in others if not one.accepted and one.name != rung.name]
     words = f"The law {rung.name} was {('asked for' if taken else 'taken')}"
     if not failed:
         return f"{words}; every law below it improves the prediction of held-out windows."
@@ -164,15 +166,15 @@ def _choice_finding(ladder: Sequence[LawVerdict], rung: AxisLaw, *, taken: bool)
 
 
 def _asymmetry_findings(
-    record: AxisRecord, ladder: Sequence[LawVerdict], rung: AxisLaw, asymmetry: NDArray[np.float64]
+    record: AxisRecord, ladder: ModelSelection[AxisLaw], rung: AxisLaw, asymmetry: NDArray[np.float64]
 ) -> list[str]:
-    verdict = next(one for one in ladder if not one.rung.symmetric)
-    if not verdict.earned or not rung.symmetric:
+    verdict = next(one for one in ladder.candidates if not one.model.symmetric)
+    if verdict.gain is None or not verdict.accepted or not rung.symmetric:
         return []
     over_time = _over_time(asymmetry, PARAMETERS["viscous"].unit_for(record.unit)) if len(asymmetry) else ""
     return [
         "The asymmetric law predicts other windows of this record with "
-        f"{100.0 * verdict.gain:.0f} % less squared error, yet it is not selected: "
+        f"{100.0 * verdict.gain.share:.0f} % less error, yet it is not selected: "
         f"{over_time}only another record can show whether the asymmetry belongs to the machine "
         "or to this run (temperature, supply). Validate against one, or choose --law asymmetric."
     ]
@@ -256,7 +258,7 @@ def identify_axis(
     starts = _initial_values(record, motion, inverse)
     of_ladder = replace(run, progress=part_of(run.progress, _LADDER_FROM, _LADDER_TO))
     ladder = cross_validate_laws(record, motion, starts, window=window, run=of_ladder)
-    rung = wanted or select_law(ladder)
+    rung = wanted or ladder.best.model
     bench = _Bench(records=(record, *held_against), bandwidth=band)
     rungs = {}
     for number, name in enumerate(AXIS_LAWS):

@@ -6,29 +6,25 @@ In open loop the recorded force moves the axis from the state at a window's star
 closed loop the recorded reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with
 central differences wide enough to average over single events of sticking.
 
-The ladder: which friction law earns its place, by windows that it was not fitted to.
-
-Each rung is fitted to all windows but those of one fold, and predicts these; every window is held out once. A rung's
-gain over the one below is the mean over windows of the squared errors' difference, with a 95 % interval by Student's
-t over windows, which are taken for independent.
+The ladder: each law is fitted to all windows but those of one fold, and predicts these, so that every window is held
+out once; `ballbot.fitting.model_selection` says which law they support.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
+from ballbot.fitting.model_selection import HeldOut, ModelSelection, neighbours, select_model
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
-from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.fitting.uncertainty import block_length, covariance_in_time
 from ballbot.identification.axis.inverse import Motion, speed_at_start
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Scaling, Values
 from ballbot.identification.axis.record import AxisRecord
@@ -227,22 +223,6 @@ FOLDS = 3
 LEAST_WINDOWS = 8
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LawVerdict:
-    """How one rung does on windows held out."""
-
-    rung: AxisLaw
-    rms: float  #: of all held-out position errors [m]
-    square_sums: NDArray[np.float64]  #: (w,) mean square error of each window [m^2]
-    gain: float  #: 1 - (mean square error over that of the rung below); NaN for the lowest
-    interval: tuple[float, float]  #: of the gain, 95 %
-
-    @property
-    def earned(self) -> bool:
-        """Whether the interval of the gain lies above zero."""
-        return self.interval[0] > 0.0
-
-
 def cross_validate_laws(
     record: AxisRecord,
     motion: Motion,
@@ -250,8 +230,8 @@ def cross_validate_laws(
     *,
     window: float,
     run: Run = DEFAULT_RUN,
-) -> tuple[LawVerdict, ...]:
-    """Return the verdict on every rung.
+) -> ModelSelection[AxisLaw]:
+    """Fit every law to folds of windows, and select one by its errors on those held out.
 
     Parameters
     ----------
@@ -276,34 +256,23 @@ def cross_validate_laws(
             f"{record.name} has {len(spans)} windows of {window:g} s; model "
             f"selection needs {LEAST_WINDOWS}. Choose a shorter --window."
         )
-    verdicts: dict[str, LawVerdict] = {}
-    for number, (name, rung) in enumerate(AXIS_LAWS.items()):
-        run.progress(Progress(stage=f"law {name}", done=number, total=len(AXIS_LAWS)))
-        asked = np.array([starts[name][one] for one in rung.names])
-        judge = partial(_held_out, record, motion, rung, starts[name], spans)
-        squares = run.memoize(f"ladder, {name}", asked, lambda judge=judge: [judge()])[0]
-        below = verdicts[rung.below].square_sums if rung.below else None
-        gain, interval = _gain(squares, below)
-        verdicts[name] = LawVerdict(
-            rung=rung, rms=float(np.sqrt(squares.mean())), square_sums=squares, gain=gain, interval=interval
-        )
-    return tuple(verdicts.values())
+    counted = iter(range(len(AXIS_LAWS)))
 
+    def held_out(name: str, inner: AxisLaw | None) -> HeldOut[AxisLaw]:  # noqa: ARG001 (every fit starts anew)
+        law = AXIS_LAWS[name]
+        run.progress(Progress(stage=f"law {name}", done=next(counted), total=len(AXIS_LAWS)))
+        asked = np.array([starts[name][one] for one in law.names])
+        squares = run.memoize(
+            f"ladder, {name}", asked, lambda: [_held_out(record, motion, law, starts[name], spans)]
+        )[0]
+        groups = neighbours(range(len(spans)), block=block_length(len(spans)))
+        return HeldOut(model=law, squares=squares[:, None], baseline=None, groups=groups)
 
-def select_law(verdicts: Sequence[LawVerdict]) -> AxisLaw:
-    """Return the symmetric rung of the least error on windows held out, of those that beat every rung below.
-
-    An asymmetry is not taken from one record: windows of the same record share whatever made it, such as a
-    temperature, and do not show that it is the machine's own.
-    """
-    by_name = {verdict.rung.name: verdict for verdict in verdicts}
-
-    def earned(verdict: LawVerdict) -> bool:
-        below = verdict.rung.below
-        return below is None or (verdict.earned and earned(by_name[below]))
-
-    candidates = [verdict for verdict in verdicts if verdict.rung.symmetric and earned(verdict)]
-    return min(candidates, key=lambda verdict: verdict.rms).rung
+    # An asymmetry is not selected from one record: windows of the same record share whatever made it, such as a
+    # temperature, and do not show that it is the machine's own.
+    symmetric = [name for name, law in AXIS_LAWS.items() if law.symmetric]
+    within = {name: law.below for name, law in AXIS_LAWS.items()}
+    return select_model(within, held_out, eligible=symmetric)
 
 
 def _held_out(
@@ -321,15 +290,3 @@ def _held_out(
             errors = open_loop_residuals(record, motion, [spans[i]], block=np.inf)(fit.axis).values
             squares[i] = np.mean(errors**2)
     return squares
-
-
-def _gain(
-    squares: NDArray[np.float64], below: NDArray[np.float64] | None
-) -> tuple[float, tuple[float, float]]:
-    if below is None:
-        return np.nan, (np.nan, np.nan)
-    difference = (below - squares) / below.mean()
-    error = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
-    half = float(stats.t.ppf(0.975, len(difference) - 1)) * error
-    gain = float(difference.mean())
-    return gain, (gain - half, gain + half)
