@@ -1,5 +1,9 @@
 """`propose`: foreign logs of a simulated robot, whose order, signs, units, turn and delays are known."""
 
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -44,11 +48,27 @@ def mapped(folder, proposal: Proposal) -> Log:
     return with_odometry(log, small_robot())
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_the_mapping_brings_the_truth_back(tmp_path, name):
+@pytest.fixture(scope="module")
+def case(tmp_path_factory) -> Callable[[str], tuple[Proposal, Path]]:
+    """Return a function that gives the proposal of a case and the folder of its file, made once."""
+
+    @cache
+    def made(name: str) -> tuple[Proposal, Path]:
+        folder = tmp_path_factory.mktemp("foreign")
+        return proposed(folder, CASES[name]), folder
+
+    return made
+
+
+FAST = ("as the robot's", "other way round", "signs of all")
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in CASES if name not in FAST]
+
+
+@pytest.mark.parametrize("name", [*FAST, *SLOW])
+def test_the_mapping_brings_the_truth_back(case, name):
     habits, truth = CASES[name], swaying_log()
-    proposal = proposed(tmp_path, habits)
-    log = mapped(tmp_path, proposal)
+    proposal, folder = case(name)
+    log = mapped(folder, proposal)
     assert proposal.lean_test is not None
     assert proposal.lean_test.margin > 1.5
     assert proposal.timing.worth_it
@@ -79,16 +99,16 @@ def test_the_mapping_brings_the_truth_back(tmp_path, name):
     np.testing.assert_allclose(log["psi"] - log["psi"][0], true("psi") - true("psi")[0], atol=0.03)
 
 
-@pytest.mark.parametrize("name", ["as the robot's", "other way round", "signs of all"])
-def test_delays_and_torques_are_found(tmp_path, name):
-    proposal, truth = proposed(tmp_path, CASES[name]), swaying_log()
+@pytest.mark.parametrize("name", FAST)
+def test_delays_and_torques_are_found(case, name):
+    (proposal, folder), truth = case(name), swaying_log()
     # half of the messages' interval: the encoders' times are known up to a constant
     assert proposal.lean_test is not None
     assert proposal.lean_test.lag == pytest.approx(SENSOR_DELAY, abs=0.005)
     assert proposal.commands is not None
     # and a held command is seen at the host's times only, half an interval late on average
     assert proposal.commands.delay == pytest.approx(COMMAND_DELAY, abs=0.5 * POLL + 0.003)
-    log = mapped(tmp_path, proposal)
+    log = mapped(folder, proposal)
     for i, wheel in enumerate(proposal.frame.order, start=1):
         wheel_of_robot = CASES[name].order[wheel - 1]
         torque = np.interp(log.t, truth.t, truth[f"u{wheel_of_robot}"])
