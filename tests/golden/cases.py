@@ -25,15 +25,23 @@ class Case:
     code: int = 0  #: the exit code it must have
     frozen: bool = True  #: whether its files are compared, not only read by other cases
     sampled: bool = False  #: whether it runs with the tests
+    #: whether it runs in a process of its own: what was compiled before it can change the last digit of these results
+    alone: bool = False
 
 
 def _command(
-    name: str, line: str, *, needs: tuple[str, ...] = (), code: int = 0, sampled: bool = False
+    name: str,
+    line: str,
+    *,
+    needs: tuple[str, ...] = (),
+    code: int = 0,
+    sampled: bool = False,
+    alone: bool = False,
 ) -> Case:
     """Return the case of a command line, whose folder is the one of its name unless the line has an --out."""
     words = tuple(line.split())
     out = () if "--out" in words else ("--out", name)
-    return Case(name=name, words=(*words, *out), needs=needs, code=code, sampled=sampled)
+    return Case(name=name, words=(*words, *out), needs=needs, code=code, sampled=sampled, alone=alone)
 
 
 def _input(name: str, make: Callable[[Path], None], *, needs: tuple[str, ...] = ()) -> Case:
@@ -50,7 +58,9 @@ CASES: tuple[Case, ...] = (
     _command("new", "new bot --from alten --out new/bot.toml", sampled=True),
     _command("check", "check files/robot_geometry.toml", sampled=True),
     _command(
-        "check_reference", f"check {_ROBOT} --reference circle --controller files/controller_precise.toml"
+        "check_reference",
+        f"check {_ROBOT} --reference circle --controller files/controller_precise.toml",
+        alone=True,
     ),
     _command("check_reference_file", f"check {_ROBOT} --reference files/reference.csv", sampled=True),
     # the twin
@@ -92,6 +102,7 @@ CASES: tuple[Case, ...] = (
         "simulate_precise",
         f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_precise.toml --seed 3",
         sampled=True,
+        alone=True,
     ),
     _command(
         "simulate_thesis",

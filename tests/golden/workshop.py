@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import shutil
+import subprocess
+import sys
 import time
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
@@ -107,6 +109,13 @@ def _run_one(case: Case, folder: Path) -> Outcome:
     with chdir(folder), redirect_stdout(io.StringIO()), redirect_stderr(said):
         if case.make is not None:
             case.make(out)
+        elif case.alone:
+            _main_alone(
+                case.words, said
+            )  # compiles; code that is read from disk rounds differently in places
+            shutil.rmtree(out)
+            out.mkdir()
+            code = _main_alone(case.words, said)
         else:
             code = _main(case.words)
     return Outcome(
@@ -116,6 +125,18 @@ def _run_one(case: Case, folder: Path) -> Outcome:
         refusal=said.getvalue() if code else "",
         seconds=time.process_time() - begun,
     )
+
+
+def _main_alone(words: Sequence[str], said: io.StringIO) -> int:
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from ballbot.cli.main import main; sys.exit(main(sys.argv[1:]))",
+    ]
+    done = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
+    said.seek(0)
+    said.write(done.stderr)
+    return done.returncode
 
 
 def _main(words: Sequence[str]) -> int:
