@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballbot.identification.driveline import NAMES, DrivelineBounds, fit_as_printed, fit_driveline, sweeps_of
+from ballbot.identification.driveline import NAMES, fit_as_printed, fit_driveline, sweeps_of
 from ballbot.log import Log
 from ballbot.report.driveline import UNITS, driveline_findings
 from ballbot.report.tables import with_error
@@ -13,9 +13,9 @@ from campaigns.section import Section, data_folder
 def campaign() -> Section:
     """Fit every wheel and return the section of docs/generated/evidence.md."""
     log = Log.read(data_folder() / "bbr" / "driveline_sweep.csv")
-    sweeps, bounds = sweeps_of(Robot.load("alten"), log), DrivelineBounds()
-    fits = [fit_driveline(sweep, bounds=bounds) for sweep in sweeps]
-    printed = [fit_as_printed(sweep, fit, bounds=bounds) for sweep, fit in zip(sweeps, fits, strict=True)]
+    sweeps = sweeps_of(Robot.load("alten"), log)
+    fits = [fit_driveline(sweep) for sweep in sweeps]
+    printed = [fit_as_printed(sweep, fit) for sweep, fit in zip(sweeps, fits, strict=True)]
     rows = [
         [
             f"{name} [{unit}]" if unit else name,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ballbot.identification.driveline import DrivelineBounds, fit_driveline, sweeps_of
+from ballbot.identification.driveline import fit_driveline, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction, Robot
@@ -19,10 +19,7 @@ SPEEDS = (0.2, 0.5, 1.0, 2.0, 5.0)  # [rad/s]
 def driveline_friction() -> Friction:
     """Return the friction of the three drivelines, wheels free; v_s and delta are the three's means."""
     robot = Robot.load("alten")
-    fits = [
-        fit_driveline(sweep, bounds=DrivelineBounds())
-        for sweep in sweeps_of(robot, log_of("driveline_sweep"))
-    ]
+    fits = [fit_driveline(sweep) for sweep in sweeps_of(robot, log_of("driveline_sweep"))]
     b, c, s, v_s, delta = np.array([fit.values for fit in fits]).T
     return Friction(
         viscous=tuple(b.tolist()),

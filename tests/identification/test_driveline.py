@@ -11,7 +11,13 @@ from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.identification.driveline import DrivelineBounds, Sweep, classical, fit_driveline, sweeps_of
+from ballbot.identification.driveline import (
+    Sweep,
+    classical,
+    driveline_parameters,
+    fit_driveline,
+    sweeps_of,
+)
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
 
 TRUTH = np.array([0.012, 0.05, 0.03, 0.7, 1.5])
@@ -39,7 +45,7 @@ def test_pieces_leave_out_where_the_supply_limits(sweep):
 
 
 def test_known_friction_comes_back(sweep):
-    found = fit_driveline(sweep, bounds=DrivelineBounds(), generations=60)
+    found = fit_driveline(sweep, generations=60)
     # noise in a piece's first speed is in no standard error of a fit; hence five of them and a percent
     assert np.all(np.abs(found.values - TRUTH) < 5.0 * found.standard_errors + 0.01 * TRUTH)
     assert np.all(found.standard_errors[:3] < 0.1 * TRUTH[:3])
@@ -48,26 +54,26 @@ def test_known_friction_comes_back(sweep):
 
 
 def test_the_same_seed_gives_the_same_bits(sweep):
-    short = {"bounds": DrivelineBounds(), "generations": 5, "population": 8, "run": Run(seed=3)}
+    short = {"generations": 5, "population": 8, "run": Run(seed=3)}
     one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)
     assert one.values.tobytes() == other.values.tobytes()
 
 
 def test_a_wheel_that_is_always_at_its_limit_is_refused(sweep):
     with pytest.raises(InputError, match="speed limit"):
-        fit_driveline(replace(sweep, limit=1e-3), bounds=DrivelineBounds())
+        fit_driveline(replace(sweep, limit=1e-3))
 
 
 def test_uninformative_sweep_is_refused(sweep):
     # far above what such a wheel has, so that every parameter ends at its least
-    bounds = DrivelineBounds(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
+    space = driveline_parameters(lower=(1.0, 1.0, 1.0, 50.0, 5.0), upper=(2.0, 2.0, 2.0, 60.0, 6.0))
     with pytest.raises(InputError, match="wheel 1 identifies none of b, c, s, v_s, delta"):
-        fit_driveline(sweep, bounds=bounds, generations=5)
+        fit_driveline(sweep, space=space, generations=5)
 
 
 def test_descending_bounds_are_refused():
     with pytest.raises(InputError, match="bounds of c"):
-        DrivelineBounds(lower=(0.0, 0.6, 0.0, 0.05, 0.3))
+        driveline_parameters(lower=(0.0, 0.6, 0.0, 0.05, 0.3))
 
 
 def test_a_log_of_too_few_wheels_is_refused():

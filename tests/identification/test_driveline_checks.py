@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ballbot import Log, Robot
 from ballbot.cli.main import main
-from ballbot.identification.driveline import DrivelineBounds, Sweep, classical, fit_driveline, sweeps_of
+from ballbot.identification.driveline import Sweep, classical, fit_driveline, sweeps_of
 from ballbot.identification.driveline_checks import sweep_findings
 from ballbot.report.driveline import parameter_rows
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_drivelines
@@ -132,7 +132,7 @@ def test_undetermined_sweep_parameter_has_no_number() -> None:
     motion = simulate_drivelines(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speeds=20.0)
     speed = np.append(20.0, motion.speeds[0]) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
     sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=50.0, inertia=0.003)
-    fit = fit_driveline(sweep, bounds=DrivelineBounds(), generations=30)
+    fit = fit_driveline(sweep, generations=30)
     assert fit.unknown[3:].all()
     assert not fit.unknown[0]
     assert [row[2] for row in parameter_rows([fit])][3:] == ["unknown", "unknown"]

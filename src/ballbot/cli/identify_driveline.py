@@ -14,12 +14,15 @@ from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.cli.output import table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
+from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.run import Run
 from ballbot.identification.driveline import (
-    DrivelineBounds,
+    LOWER,
+    UPPER,
     DrivelineFit,
     PrintedFit,
     Sweep,
+    driveline_parameters,
     fit_as_printed,
     fit_driveline,
     sweeps_of,
@@ -54,8 +57,8 @@ def identify_driveline(
     out: Path,
     mapping: Path | None = None,
     speed_limit: float | None = None,
-    lower: tuple[float, float, float, float, float] = DrivelineBounds.lower,
-    upper: tuple[float, float, float, float, float] = DrivelineBounds.upper,
+    lower: tuple[float, float, float, float, float] = LOWER,
+    upper: tuple[float, float, float, float, float] = UPPER,
     seed: WholeNumber = 0,
     accept: Accept = None,
 ) -> None:
@@ -89,10 +92,10 @@ def identify_driveline(
     read, back_emf = Log.read(log, mapping=mapping), back_emf_of(mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit, back_emf=back_emf)
     findings = _checked(described, log, read, sweeps, accept)
-    bounds = DrivelineBounds(lower=lower, upper=upper)
+    space = driveline_parameters(lower=lower, upper=upper)
     inputs = input_files(robot, log, mapping)
     with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
-        fits, printed = _fit(sweeps, bounds, seed, result)
+        fits, printed = _fit(sweeps, space, seed, result)
         friction = _friction(fits, rolling=described.friction.rolling)
         made = result.origin
         page = driveline_report(described.name, sweeps, fits, printed, made, findings)
@@ -117,7 +120,7 @@ def _checked(
 
 
 def _fit(
-    sweeps: Sequence[Sweep], bounds: DrivelineBounds, seed: int, result: CommandResult
+    sweeps: Sequence[Sweep], space: ParameterSpace, seed: int, result: CommandResult
 ) -> tuple[list[DrivelineFit], list[PrintedFit]]:
     """Fit every wheel, to the pieces of its sweep and then as printed."""
     fits: list[DrivelineFit] = []
@@ -130,9 +133,9 @@ def _fit(
         for i, sweep in enumerate(sweeps):
             of_wheel = part_of(show, i / len(sweeps), (i + 1) / len(sweeps), stage=f"wheel {i + 1}")
             of_pieces, of_printed = part_of(of_wheel, 0.0, _PIECES), part_of(of_wheel, _PIECES, 1.0)
-            fit = fit_driveline(sweep, bounds=bounds, run=Run(seed=seed, progress=of_pieces))
+            fit = fit_driveline(sweep, space=space, run=Run(seed=seed, progress=of_pieces))
             fits.append(fit)
-            printed.append(fit_as_printed(sweep, fit, bounds=bounds, run=Run(seed=seed, progress=of_printed)))
+            printed.append(fit_as_printed(sweep, fit, space=space, run=Run(seed=seed, progress=of_printed)))
     return fits, printed
 
 

@@ -25,9 +25,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
+from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.identification.quantities import BY_NAME, FRICTION
 from ballbot.log import Log
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Robot
@@ -90,35 +92,44 @@ _UNKNOWN = 0.5
 _BLOCK = 0.5  # [s]; residuals of one block may depend on each other
 
 
-@dataclass(frozen=True, kw_only=True)
-class DrivelineBounds:
-    """Within which the five parameters are sought."""
+#: the least and the greatest b, c, s, v_s and delta
+Five = tuple[float, float, float, float, float]
+LOWER: Five = (0.0, 0.0, 0.0, 0.05, 0.3)
+UPPER: Five = (0.1, 0.5, 0.5, 5.0, 4.0)
 
-    lower: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.05, 0.3)  #: b, c, s, v_s, delta
-    upper: tuple[float, float, float, float, float] = (0.1, 0.5, 0.5, 5.0, 4.0)
 
-    def __post_init__(self) -> None:
-        for name, low, high in zip(NAMES, self.lower, self.upper, strict=True):
-            if not 0.0 <= low < high < np.inf or (low == 0.0 and name in ("v_s", "delta")):
-                raise InputError(
-                    f"The bounds of {name} are [{low:g}, {high:g}]; the lower one must be "
-                    "below the upper one and zero or more (for v_s and delta above zero)."
-                )
+def driveline_parameters(*, lower: Five = LOWER, upper: Five = UPPER) -> ParameterSpace:
+    """Return the five parameters with the bounds within which they are sought.
 
-    def values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return parameters (..., 5) from scaled ones in 0 .. 1; v_s and delta by their logarithm."""
-        low, high = np.array(self.lower), np.array(self.upper)
-        linear = low + np.clip(z, 0.0, 1.0) * (high - low)
-        ratio = np.log(high[3:] / low[3:])
-        linear[..., 3:] = low[3:] * np.exp(np.clip(z[..., 3:], 0.0, 1.0) * ratio)
-        return linear
+    Raises
+    ------
+    InputError
+        If a lower bound is not below the upper one, or not zero or more (for v_s and delta above zero).
+    """
+    quantities = [BY_NAME[name] for name in FRICTION[: len(NAMES)]]
+    for symbol, low, high in zip(NAMES, lower, upper, strict=True):
+        if not 0.0 <= low < high < np.inf or (low == 0.0 and symbol in ("v_s", "delta")):
+            raise InputError(
+                f"The bounds of {symbol} are [{low:g}, {high:g}]; the lower one must be "
+                "below the upper one and zero or more (for v_s and delta above zero)."
+            )
+    return ParameterSpace(
+        parameters=tuple(
+            Parameter(
+                name=one.name,
+                symbol=one.symbol,
+                unit=one.unit,
+                scale=one.scale,
+                bounds=limits,
+                default=limits[0],
+            )
+            for one, limits in zip(quantities, zip(lower, upper, strict=True), strict=True)
+        )
+    )
 
-    def slopes(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return dp/dz (5,)."""
-        low, high = np.array(self.lower), np.array(self.upper)
-        slope = high - low
-        slope[3:] = self.values(z)[3:] * np.log(high[3:] / low[3:])
-        return slope
+
+#: within the bounds that suit most drivelines
+DRIVELINE_PARAMETERS = driveline_parameters()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -237,7 +248,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
 def fit_driveline(
     sweep: Sweep,
     *,
-    bounds: DrivelineBounds,
+    space: ParameterSpace = DRIVELINE_PARAMETERS,
     generations: int = 120,
     population: int = 20,
     run: Run = DEFAULT_RUN,
@@ -265,13 +276,11 @@ def fit_driveline(
         )
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _jacobian(lambda many: errors(bounds.values(many)), z)
+        return _jacobian(lambda many: errors(space.physical(many)), z)
 
-    best = _evolve(
-        lambda values: np.linalg.norm(errors(values), axis=1), bounds, generations, population, run
-    )
+    best = _evolve(lambda values: np.linalg.norm(errors(values), axis=1), space, generations, population, run)
     z = least_squares(
-        lambda z: errors(bounds.values(z[None]))[0],
+        lambda z: errors(space.physical(z[None]))[0],
         np.clip(best, 1e-3, 1.0 - 1e-3),
         jac=slopes,  # pyright: ignore[reportArgumentType] (SciPy takes a function too)
         bounds=(0.0, 1.0),
@@ -280,14 +289,14 @@ def fit_driveline(
         max_nfev=40,
     ).x
     z = np.where(z <= _AT_BOUND, 0.0, np.where(z >= 1.0 - _AT_BOUND, 1.0, z))
-    residual = errors(bounds.values(z[None]))[0]
+    residual = errors(space.physical(z[None]))[0]
     covariance = _covariance(slopes(z), residual, blocks, z)
     if np.isnan(covariance).all():
         raise InputError(
             f"The sweep of wheel {sweep.wheel} identifies none of {', '.join(NAMES)}: all end at a "
             "bound or have no effect. Sweep slowly and well beyond break-away, or widen the bounds."
         )
-    return _result(sweep, pieces, residual, z=z, covariance=covariance, bounds=bounds)
+    return _result(sweep, pieces, residual, z=z, covariance=covariance, space=space)
 
 
 def _result(
@@ -297,10 +306,10 @@ def _result(
     *,
     z: NDArray[np.float64],
     covariance: NDArray[np.float64],
-    bounds: DrivelineBounds,
+    space: ParameterSpace,
 ) -> DrivelineFit:
     """Return the fit; z (5,) are the scaled parameters and `covariance` (5, 5) theirs."""
-    values = bounds.values(z)
+    values = space.physical(z)
     scaled_errors = np.sqrt(covariance.diagonal())
     at_bound = (z <= _AT_BOUND) | (z >= 1.0 - _AT_BOUND)
     # one without influence has no standard error though it is at no bound; v_s and delta shape nothing if s is zero
@@ -313,7 +322,7 @@ def _result(
     return DrivelineFit(
         wheel=sweep.wheel,
         values=values,
-        standard_errors=scaled_errors * bounds.slopes(z),
+        standard_errors=scaled_errors * space.slopes(z),
         unknown=unknown,
         correlation=covariance / np.outer(scaled_errors, scaled_errors),
         cost=float(np.linalg.norm(residual)),
@@ -329,7 +338,7 @@ def fit_as_printed(
     sweep: Sweep,
     fit: DrivelineFit,
     *,
-    bounds: DrivelineBounds,
+    space: ParameterSpace = DRIVELINE_PARAMETERS,
     generations: int = 60,
     population: int = 16,
     run: Run = DEFAULT_RUN,
@@ -339,7 +348,7 @@ def fit_as_printed(
     def costs(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.linalg.norm(_predict_clamped(sweep, values) - sweep.speed, axis=1)
 
-    best = bounds.values(_evolve(costs, bounds, generations, population, run))
+    best = space.physical(_evolve(costs, space, generations, population, run))
     predicted, restarted = _predict_clamped(sweep, np.stack([best, fit.values]))
     return PrintedFit(
         values=best,
@@ -351,24 +360,20 @@ def fit_as_printed(
 
 def _evolve(
     costs: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    bounds: DrivelineBounds,
+    space: ParameterSpace,
     generations: int,
     population: int,
     run: Run,
 ) -> NDArray[np.float64]:
-    """Return the best scaled parameters (5,) of an evolution strategy; amounts are looked for closer near zero."""
-
-    def z_of(sought: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([sought[..., :3] ** 2, sought[..., 3:]], axis=-1)
-
+    """Return the best scaled parameters (5,) of an evolution strategy."""
     evolved = evolve(
-        lambda sought: np.log(costs(bounds.values(z_of(sought)))),
-        size=5,
+        lambda drawn: np.log(costs(space.physical(space.from_search(drawn)))),
+        size=len(space.parameters),
         generations=generations,
         population=population,
         run=run,
     )
-    return z_of(evolved.best)
+    return space.from_search(evolved.best)
 
 
 def _predict_pieces(

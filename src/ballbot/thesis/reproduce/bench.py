@@ -23,7 +23,7 @@ from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, change_pose, hold
 from ballbot.fitting.run import Run
-from ballbot.identification.driveline import DrivelineBounds, DrivelineFit, Sweep, fit_driveline, sweeps_of
+from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline, sweeps_of
 from ballbot.identification.swing import SwingFit, fit_swing, follow_pendulum, swing_of
 from ballbot.identification.upside_down import identify_upside_down
 from ballbot.log import STATE_NAMES, Log
@@ -164,7 +164,7 @@ class Bench:
     @cached_property
     def driveline_fit(self) -> DrivelineFit:
         """Wheel 1's friction, from its sweep (Figure 3.2)."""
-        return fit_driveline(self.sweeps[0], bounds=DrivelineBounds(), run=Run(seed=self.seed))
+        return fit_driveline(self.sweeps[0], run=Run(seed=self.seed))
 
     @cached_property
     def contact(self) -> Robot:
