@@ -438,8 +438,8 @@ def test_command_writes_results_and_a_page(folder: Path, capsys):
     ("more", "sentence"),
     [
         (["--against", "thesis"], "--against does not go with --prediction"),
-        (["more.csv", "new.csv"], "--prediction judges one log"),
-        (["more.csv"], "--prediction judges one log"),
+        (["more.csv", "new.csv"], "--prediction compares one log"),
+        (["more.csv"], "--prediction compares one log"),
     ],
 )
 def test_command_refuses_inconsistent_inputs(more, sentence, folder: Path, capsys):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot import Controller, Log, Model, simulate
-from ballbot.cli.excite import gain_words
+from ballbot.cli.excite import gain_sentence
 from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
@@ -230,9 +230,9 @@ def test_the_command_writes_what_can_be_followed(tmp_path, capsys):
 
 
 def test_design_worse_than_a_square_is_reported():
-    assert "4.0 times a square's, so the square is more informative" in gain_words(0.25)
-    assert "4.0 times smaller than a square's" in gain_words(4.0)
-    assert "some parameters cannot be identified" in gain_words(math.inf)
+    assert "4.0 times a square's, so the square is more informative" in gain_sentence(0.25)
+    assert "4.0 times smaller than a square's" in gain_sentence(4.0)
+    assert "some parameters cannot be identified" in gain_sentence(math.inf)
 
 
 @pytest.mark.slow

@@ -59,7 +59,7 @@ def propose_mapping(
         console.print(str(out / name), markup=False, soft_wrap=True)
     if proposal.commands:
         command = "identify" if proposal.roles.attitude else "identify-driveline"
-        words = [
+        tokens = [
             "ballbot",
             command,
             source,
@@ -69,7 +69,7 @@ def propose_mapping(
             "--out",
             "found",
         ]
-        console.print(f"Next: {shell_line(words)}", markup=False, soft_wrap=True)
+        console.print(f"Next: {shell_line(tokens)}", markup=False, soft_wrap=True)
     return findings
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 CHECKPOINT = "checkpoint.jsonl"
 
 _MAX_SEEDS = 100_000
-#: options that do not change a result, with the number of words that follow each
+#: options that do not change a result, with the number of tokens that follow each
 _WITHOUT_EFFECT = {"--resume": 0, "--cluster": 1}
 
 
@@ -76,7 +76,7 @@ RUN_HERE = RunOptions()
 
 def argv() -> list[str]:
     """Return the command line that makes the running command's result: without --resume and --cluster."""
-    words: list[str] = []
+    tokens: list[str] = []
     skip = 0
     for word in ARGV.get():
         name, has_value, _ = word.partition("=")
@@ -85,8 +85,8 @@ def argv() -> list[str]:
         elif name in _WITHOUT_EFFECT:
             skip = 0 if has_value else _WITHOUT_EFFECT[name]
         else:
-            words.append(word)
-    return ["ballbot", *words]
+            tokens.append(word)
+    return ["ballbot", *tokens]
 
 
 def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
@@ -289,7 +289,7 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
     Raises
     ------
     InputError
-        Where there is none, one is named twice or cannot be read.
+        If there is none, one is named twice or cannot be read.
     """
     from ballbot.log import Log
 
@@ -325,7 +325,7 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     Raises
     ------
     InputError
-        Where there is none, or one is named twice.
+        If there is none, or one is named twice.
     """
     if not paths:
         raise InputError("No log is given. Name one or more log files after the robot.")

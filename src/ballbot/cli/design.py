@@ -161,7 +161,7 @@ def spread_of(text: str) -> PerturbationRanges:
 
 
 def _origin_comment(found: RobustDesign, command: str) -> str:
-    """Return the comment that says how the gain was found."""
+    """Return the comment on how the gain was found."""
     weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
     rivals = {name: f"{one.worst_tenth:.3g}" for name, one in found.rivals.items()}
     return (
@@ -355,7 +355,7 @@ def _designer(options: GainOptions) -> Callable[[Robot], LqrDesign | IntegralDes
 
 
 def _with_parts(controller: Controller, options: PartOptions) -> Controller:
-    """Return the controller with the parts that were asked for.
+    """Return the controller with the requested parts.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def errors_table(result: Excitation, *, framed: bool) -> Table:
 
 def verdict(result: Excitation) -> list[str]:
     """Return what to know of the design, in sentences."""
-    sentences = [gain_words(float(result.square.errors.max() / result.design.errors.max()))]
+    sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
     if not result.trials:
         return [*sentences, "The design has not been tried on the twin."]
     trial = result.trials["designed"]
@@ -90,8 +90,8 @@ def verdict(result: Excitation) -> list[str]:
     return [*sentences, f"{kept}."]
 
 
-def gain_words(gain: float) -> str:
-    """Return what a square's worst standard error over the design's says; infinite where the square tells less."""
+def gain_sentence(gain: float) -> str:
+    """Return the sentence on the ratio of a square's worst standard error to the design's."""
     if not np.isfinite(gain):
         return (
             "With a square of the same length some parameters cannot be identified; with the design all can."

@@ -58,7 +58,7 @@ def check_input(
     mappings : mapping of Path to Path or None, optional
         The mapping files of the logs, by the logs' files.
     show : bool
-        Whether to print what was found; a command that says something else first prints it by `show_findings`.
+        Whether to print the findings; if not, the command calls `show_findings` when it has printed its result.
 
     Raises
     ------
@@ -72,13 +72,13 @@ def check_input(
 
     def listed_by(error: Finding) -> str:
         file = error.where.file
-        words = ["ballbot", "check-log", file]
+        tokens = ["ballbot", "check-log", file]
         if file not in named:  # it is about the robot
-            words = ["ballbot", "check", source or "ROBOT"]
+            tokens = ["ballbot", "check", source or "ROBOT"]
         else:
-            words += ["--robot", source] if source else []
-            words += ["--mapping", str(used[file])] if used.get(file) else []
-        return f"run `{shell_line(words)}`"
+            tokens += ["--robot", source] if source else []
+            tokens += ["--mapping", str(used[file])] if used.get(file) else []
+        return f"run `{shell_line(tokens)}`"
 
     findings = checked_logs(robot, named, accept=accept or (), going_on=as_options, more=listed_by).findings
     if show:

@@ -72,7 +72,7 @@ def parameter_table(found: Identification, *, framed: bool) -> Table:
     return table("found", headings, rows, framed=framed)
 
 
-def error_table(found: Identification, judged: Sequence[HoldoutResult], *, framed: bool) -> Table:
+def error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> Table:
     """Return the open-loop errors of each state: on windows held out, and their ratios on other logs."""
     ours = found.held_out
     rows = [
@@ -81,18 +81,18 @@ def error_table(found: Identification, judged: Sequence[HoldoutResult], *, frame
             digits(ours.with_friction[state]),
             digits(ours.without_friction[state]),
             f"{ratio:.2f}",
-            *(f"{one.errors.ratios[state]:.2f}" for one in judged),
+            *(f"{one.errors.ratios[state]:.2f}" for one in holdouts),
         )
         for state, ratio in ours.ratios.items()
     ]
     title = f"Open-loop error (4.1) on {ours.windows} held-out windows" + (
-        "; ratio on other logs" * bool(judged)
+        "; ratio on other logs" * bool(holdouts)
     )
-    headings = ("state", "with friction", "without", "ratio", *(one.name for one in judged))
+    headings = ("state", "with friction", "without", "ratio", *(one.name for one in holdouts))
     return table(title, headings, rows, framed=framed)
 
 
-def horizon_table(judged: HoldoutResult, *, framed: bool) -> Table:
+def horizon_table(holdout: HoldoutResult, *, framed: bool) -> Table:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
     rows = [
         (
@@ -105,10 +105,10 @@ def horizon_table(judged: HoldoutResult, *, framed: bool) -> Table:
             digits(math.degrees(one.lean.without_friction)),
             digits(one.lean.share, 2),
         )
-        for one in judged.horizons
+        for one in holdout.horizons
     ]
-    known = "past rows" if judged.causal else "its rows"
-    title = f"{judged.name}, RMSE of {judged.horizons[0].starts} predictions from {known}"
+    known = "past rows" if holdout.causal else "its rows"
+    title = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
     headings = (
         "after, s",
         "wheel speed, rad/s",
@@ -122,7 +122,7 @@ def horizon_table(judged: HoldoutResult, *, framed: bool) -> Table:
     return table(title, headings, rows, framed=framed)
 
 
-def ladder_table(ladder: ModelSelection[Identification], *, framed: bool) -> Table:
+def selection_table(selection: ModelSelection[Identification], *, framed: bool) -> Table:
     """Return the laws with their errors and gains on windows held out."""
     rows = [
         (
@@ -131,9 +131,9 @@ def ladder_table(ladder: ModelSelection[Identification], *, framed: bool) -> Tab
             f"{one.error:.3f}",
             one.within or "no friction",
             _gain(one.gain) if one.gain else "",
-            "best" if one is ladder.best else "taken" if one.accepted else "not selected",
+            "best" if one is selection.best else "taken" if one.accepted else "not selected",
         )
-        for one in ladder.candidates
+        for one in selection.candidates
     ]
     headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
     return table(
@@ -373,7 +373,7 @@ def _find(
     laws = [law.name for law in LAWS] if options.law == "best" else [options.law]
 
     def fit(law: LawName, start: Identification | None) -> Identification:
-        def tell(progress: Progress) -> None:
+        def show(progress: Progress) -> None:
             share = (laws.index(law) + progress.share) / len(laws)
             bar.show(share, note=f"{law}, error x {math.exp(progress.cost):.3f}")
 
@@ -390,12 +390,12 @@ def _find(
                 warm_start=start,
                 sweep=task.sweep,
             ),
-            run=result.run_with(tell),
+            run=result.run_with(show),
         )
 
     if options.law == "best":
-        ladder = select_law(fit)
-        return ladder.best.model, ladder
+        selection = select_law(fit)
+        return selection.best.model, selection
     return fit(options.law, None), None
 
 
@@ -422,17 +422,17 @@ def _write(
 
 def _show(
     found: Identification,
-    ladder: ModelSelection[Identification] | None,
-    judged: Sequence[HoldoutResult],
+    selection: ModelSelection[Identification] | None,
+    holdouts: Sequence[HoldoutResult],
     console: Console,
 ) -> None:
     framed = console.is_terminal
-    if ladder:
-        console.print(ladder_table(ladder, framed=framed))
+    if selection:
+        console.print(selection_table(selection, framed=framed))
     console.print(parameter_table(found, framed=framed))
-    console.print(error_table(found, judged, framed=framed))
-    for one in judged:
+    console.print(error_table(found, holdouts, framed=framed))
+    for one in holdouts:
         if one.horizons:
             console.print(horizon_table(one, framed=framed))
-    for sentence in (*found.warnings, *(remark for one in judged for remark in one.remarks)):
+    for sentence in (*found.warnings, *(remark for one in holdouts for remark in one.remarks)):
         console.print(sentence, markup=False, soft_wrap=True)

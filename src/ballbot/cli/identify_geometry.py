@@ -101,7 +101,7 @@ def _checked(
 ) -> tuple[Finding, ...]:
     """Return what is wrong with the robot and its logs; stop on an error that is not accepted.
 
-    The robot's radii are what is sought, so that encoders need not agree with them closely.
+    The robot's radii are estimated, so that encoders need not agree with them closely.
     """
     encoders = (
         replace(one, where=replace(one.where, file=str(path)))

@@ -99,7 +99,7 @@ def identify_upside_down(
     ) as result:
         with result.progress("identifying") as bar:
 
-            def tell(progress: Progress) -> None:
+            def show(progress: Progress) -> None:
                 bar.show(progress.share, note=f"error {progress.cost:.3f} rad/s")
 
             found = find_friction(
@@ -107,7 +107,7 @@ def identify_upside_down(
                 list(named.values()),
                 bounds=within,
                 window=window,
-                run=result.run_with(tell),
+                run=result.run_with(show),
             )
         with result.replaced() as new:
             _write(found, next(iter(named.values())), result, findings, new)

@@ -166,12 +166,12 @@ def _show(found: _Found, console: Console) -> None:
 
 
 def limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
-    """Return a row for each controller: least lean and blow at the centre of mass over all directions."""
+    """Return a row for each controller: least tilt and impulse at the centre of mass over all directions."""
     rows = []
     for name, one in found.items():
         leans = [np.degrees(edge.sizes.min()) for edge in (one.lean.sure, one.lean.most)]
-        blows = [one.blow_at_center(edge).min() for edge in (one.blow.sure, one.blow.most)]
-        rows.append([name, f"{leans[0]:.1f} / {leans[1]:.1f}", f"{blows[0]:.1f} / {blows[1]:.1f}"])
+        impulses = [one.blow_at_center(edge).min() for edge in (one.blow.sure, one.blow.most)]
+        rows.append([name, f"{leans[0]:.1f} / {leans[1]:.1f}", f"{impulses[0]:.1f} / {impulses[1]:.1f}"])
     return rows
 
 

@@ -1,6 +1,6 @@
 """The `ballbot` command: its list of commands and what becomes of errors.
 
-A command's module is imported when that command is run or asked for help, and no sooner, so that
+A command's module is imported only when that command runs or prints its help, so that
 `ballbot --help` is there at once.
 """
 

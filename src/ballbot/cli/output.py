@@ -23,7 +23,7 @@ from rich.text import Text
 from ballbot.printable import printable, printable_line
 from ballbot.progress import EtaEstimator, Progress, as_clock
 
-_WIDTH = 100  #: columns where no terminal says how many there are
+_WIDTH = 100  #: columns if no terminal states its width
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
@@ -119,7 +119,7 @@ def _time_left(pace: EtaEstimator, share: float) -> str:
 
 @contextmanager
 def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
-    """Show a bar with the time gone by and the time left while the block runs; lines on standard error if piped.
+    """Show a bar with the elapsed and the remaining time while the block runs; lines on standard error if piped.
 
     Parameters
     ----------

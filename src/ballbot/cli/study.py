@@ -84,7 +84,7 @@ def study(
     Writes report.html, results.json, robot.toml (with the identified friction), controller.toml, and
     previous_controller.toml to go back to. The candidates (nominal gain with no, full and partial compensation, and the
     precise controller) run on 20 simulated robots drawn from the identified uncertainty. With 6 robots or more
-    results.json also predicts the chosen controller's next run; `ballbot validate --prediction` judges a log by it.
+    results.json also predicts the chosen controller's next run; `ballbot validate --prediction` compares a log with it.
 
     Example: ballbot study alten square.csv hold.csv --out found
 

@@ -115,7 +115,7 @@ def _robot_and_log(results: Path, inputs: Sequence[str]) -> tuple[str, Path]:
         return str(beside), Path(inputs[0])
     if len(inputs) == 2 and not is_log_file(inputs[0]):
         return inputs[0], Path(inputs[1])
-    raise InputError("--prediction judges one log: give the log, or the robot and the log.")
+    raise InputError("--prediction compares one log: give the log, or the robot and the log.")
 
 
 def _predicted_controller(path: Path, prediction: Prediction, robot: Robot) -> Controller:
@@ -161,8 +161,8 @@ def _write_verdict(
             verdict, prediction, title=title, steps=steps, findings=found, made=result.origin
         )
         with result.replaced() as new:
-            judged = prediction_results(verdict, prediction, steps)
-            result.write_json({"prediction": judged}, new, findings=found)
+            verdict_results = prediction_results(verdict, prediction, steps)
+            result.write_json({"prediction": verdict_results}, new, findings=found)
             write_text(new / "report.html", page)
     result.show_file("report.html")
 
@@ -206,8 +206,8 @@ def validate(
 
     Example: ballbot validate found/robot.toml step.csv --against thesis --out formulations
 
-    With --prediction it judges the controller of a study instead, by a log made with it on the course that the study
-    names: each predicted quantity inside or outside its 95 % interval, likely causes, and keep, weaken or revert.
+    With --prediction it compares a log with what a study predicts of its controller on the course that it names:
+    each quantity inside or outside its 95 % interval, likely causes, and keep, weaken or revert.
 
     Example: ballbot validate --prediction found/results.json new.csv
 
@@ -221,7 +221,7 @@ def validate(
     out
         The folder to write into. May be left out with --prediction; nothing is then written.
     prediction
-        The results.json of a study, with what it predicts of its controller.
+        The results.json of a study, with the prediction for its controller.
     controller
         The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
         with --prediction it is controller.toml beside the results.
@@ -306,7 +306,7 @@ def _models(robot: str, against: str | None, formulation: Formulation) -> ModelP
 def _validate(
     models: ModelPair, logs: dict[str, Log], controller: Controller | None, seed: int
 ) -> dict[str, Validation]:
-    """Return the validation on each log; an error says which log it is about."""
+    """Return the validation on each log; an error names the log."""
     console = standard_output()
     parts: dict[str, Validation] = {}
     with progress_bar(console, "validating") as bar:

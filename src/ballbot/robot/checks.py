@@ -75,7 +75,7 @@ def check_deviations(robot: Robot) -> None:
     Raises
     ------
     InputError
-        Where a name is no parameter's, the parameter is a whole number, or a standard deviation is not a finite number
+        If a name is no parameter's, the parameter is a whole number, or a standard deviation is not a finite number
         of zero or more, one for each of the parameter's.
     """
     known = {one.name: one for one in parameters_of(type(robot))}

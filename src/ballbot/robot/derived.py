@@ -29,7 +29,7 @@ def shell_wall(*, mass: float, radius: float, density: float) -> float:
     Raises
     ------
     InputError
-        Where even a solid sphere of that radius and density would be lighter.
+        If even a solid sphere of that radius and density would be lighter.
     """
     cavity = radius**3 - 3.0 * mass / (4.0 * math.pi * density)
     if cavity < 0.0:
@@ -66,7 +66,7 @@ def thick_shell_inertia(*, mass: float, radius: float, wall: float) -> float:
     Raises
     ------
     InputError
-        Where the wall is not between zero and the radius.
+        If the wall is not between zero and the radius.
     """
     if not 0.0 < wall <= radius:
         raise InputError(f"A wall of {wall:g} m does not fit in a sphere of radius {radius:g} m.")

@@ -60,7 +60,7 @@ def save_robot_figure(robot: Robot, path: str | Path) -> None:
     Raises
     ------
     InputError
-        Where the ending is another, or the file cannot be written.
+        If the ending is another, or the file cannot be written.
     """
     path = Path(path)
     kind = path.suffix.removeprefix(".").lower()

@@ -50,7 +50,7 @@ def parse_entry(parameter: Parameter, raw: object) -> ParsedEntry:
     Raises
     ------
     InputError
-        Where a key is missing, unknown or of the wrong type, or the unit or the source is not understood.
+        If a key is missing, unknown or of the wrong type, or the unit or the source is not understood.
     """
     if not isinstance(raw, dict):
         raise InputError(
@@ -143,7 +143,7 @@ def read_robot(path: str | Path) -> Robot:
     Raises
     ------
     InputError
-        Where the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
+        If the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
     tree = read_toml(path)
     try:
@@ -160,7 +160,7 @@ def write_robot(robot: Robot, path: str | Path) -> None:
     Raises
     ------
     InputError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     write_text(path, robot_text(robot))
 

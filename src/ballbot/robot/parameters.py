@@ -286,7 +286,7 @@ def to_si(value: float, unit: str, si_unit: str) -> float:
     Raises
     ------
     InputError
-        Where `unit` is not one that `si_unit` can be written in.
+        If `unit` is not one that `si_unit` can be written in.
     """
     scale = _scale(unit, si_unit)
     return _shifted(value, scale.exponent) * scale.factor

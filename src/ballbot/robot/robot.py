@@ -257,7 +257,7 @@ class Robot:
     Raises
     ------
     InputError
-        Where the values are not those of a robot (see `ballbot.robot.checks`).
+        If the values are not those of a robot (see `ballbot.robot.checks`).
     """
 
     name: str
@@ -314,7 +314,7 @@ class Robot:
         Raises
         ------
         InputError
-            Where the copy would not be a robot (see `ballbot.robot.checks`).
+            If the copy would not be a robot (see `ballbot.robot.checks`).
         """
         copy = Robot(
             name=self.name if name is None else name,
@@ -342,7 +342,7 @@ class Robot:
         Raises
         ------
         InputError
-            Where there is neither, or the file does not describe a robot.
+            If there is neither, or the file does not describe a robot.
         """
         from ballbot.robot.file import read_robot
 

@@ -47,7 +47,7 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
     Raises
     ------
     InputError
-        Where that is no robot.
+        If that is not a robot.
     """
     changes: dict[str, Value] = {}
     for which, amount in amounts.items():
@@ -66,7 +66,7 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     Raises
     ------
     InputError
-        Where nearly all draws are such.
+        If nearly all draws are such.
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
     robots: list[Robot] = []
@@ -123,7 +123,7 @@ def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -
     Raises
     ------
     InputError
-        Where a robot within a tenth of a standard deviation cannot exist.
+        If a robot within a tenth of a standard deviation cannot exist.
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}

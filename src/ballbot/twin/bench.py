@@ -65,7 +65,7 @@ def run_bench(
     Raises
     ------
     InputError
-        Where the torques are not rows of n finite numbers, or the scenario does not fit the robot.
+        If the torques are not rows of n finite numbers, or the scenario does not fit the robot.
     """
     count = robot.wheel_count
     if torques.ndim != 2 or torques.shape[1] != count or not len(torques) or not np.isfinite(torques).all():

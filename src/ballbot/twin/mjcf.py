@@ -91,7 +91,7 @@ def add_soft_contacts(root: ET.Element, scenario: Scenario, hard: str) -> None:
     Raises
     ------
     InputError
-        Where the contacts are too stiff for the timestep, or MuJoCo is not installed.
+        If the contacts are too stiff for the timestep, or MuJoCo is not installed.
     """
     softness = scenario.softness
     if softness is None:
@@ -285,7 +285,7 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
     Raises
     ------
     InputError
-        Where the scenario does not fit the robot, or the robot's wheels do not fit its body.
+        If the scenario does not fit the robot, or the robot's wheels do not fit its body.
     """
     check_scenario(scenario, robot)
     root = _document(robot, scenario, mounting)

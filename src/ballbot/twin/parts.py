@@ -163,7 +163,7 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     Raises
     ------
     InputError
-        Where nothing physical remains: the wheels are too heavy for the body.
+        If nothing physical remains: the wheels are too heavy for the body.
     """
     frames = wheel_frames(robot)
     centers = -wheel.center_distance * frames[:, :, 0]

@@ -79,7 +79,7 @@ def record_balance(
     Raises
     ------
     InputError
-        Where the duration is not at least a sample, or the controller's sample time is not one of the twin's.
+        If the duration is not at least a sample, or the controller's sample time is not one of the twin's.
     """
     run = simulate(twin, controller, reference, duration=duration, seed=seed, progress=progress)
     film = MotionCapture.drawn(seed).film(run.truth(), ball_radius=twin.robot.ball.radius)

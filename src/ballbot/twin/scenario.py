@@ -365,7 +365,7 @@ class Scenario:
         Raises
         ------
         InputError
-            Where there is neither, or the file does not describe a scenario.
+            If there is neither, or the file does not describe a scenario.
         """
         from ballbot.twin.scenario_file import read_scenario
 
@@ -388,7 +388,7 @@ class Scenario:
         Raises
         ------
         InputError
-            Where there is none.
+            If there is none.
         """
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")

@@ -44,7 +44,7 @@ def read_scenario(path: str | Path, robot: Robot) -> Scenario:
     Raises
     ------
     InputError
-        Where the file cannot be read, is no TOML, misspells a key, or describes no scenario of that robot.
+        If the file cannot be read, is no TOML, misspells a key, or describes no scenario of that robot.
     """
     path = Path(path)
     tree = read_toml(path)
@@ -68,7 +68,7 @@ def scenario_of(changes: Mapping[str, object], robot: Robot, *, default_name: st
     Raises
     ------
     InputError
-        Where they misspell a key or describe no scenario of that robot.
+        If they misspell a key or describe no scenario of that robot.
     """
     return _scenario(dict(changes), robot, default_name=default_name)
 
@@ -153,7 +153,7 @@ def write_scenario(scenario: Scenario, path: str | Path) -> None:
     Raises
     ------
     InputError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     write_text(path, scenario_text(scenario))
 

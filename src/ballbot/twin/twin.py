@@ -172,7 +172,7 @@ class Twin:
     Raises
     ------
     InputError
-        Where the two do not fit each other, or MuJoCo is not installed.
+        If the two do not fit each other, or MuJoCo is not installed.
     """
 
     def __init__(
@@ -218,7 +218,7 @@ class Twin:
         Raises
         ------
         InputError
-            Where the state is not ten finite numbers.
+            If the state is not ten finite numbers.
         """
         state = (
             np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The initial state")
