@@ -20,8 +20,6 @@ from tests.support.foreign_log_examples import (
     write_foreign,
 )
 
-pytestmark = pytest.mark.slow  # the mapping is proposed anew
-
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):

@@ -60,11 +60,7 @@ def case(tmp_path_factory) -> Callable[[str], tuple[Proposal, Path]]:
     return made
 
 
-FAST = ("as the robot's", "other way round", "signs of all")
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in CASES if name not in FAST]
-
-
-@pytest.mark.parametrize("name", [*FAST, *SLOW])
+@pytest.mark.parametrize("name", CASES)
 def test_the_mapping_brings_the_truth_back(case, name):
     habits, truth = CASES[name], swaying_log()
     proposal, folder = case(name)
@@ -99,7 +95,7 @@ def test_the_mapping_brings_the_truth_back(case, name):
     np.testing.assert_allclose(log["psi"] - log["psi"][0], true("psi") - true("psi")[0], atol=0.03)
 
 
-@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize("name", ["as the robot's", "other way round", "signs of all"])
 def test_delays_and_torques_are_found(case, name):
     (proposal, folder), truth = case(name), swaying_log()
     # half of the messages' interval: the encoders' times are known up to a constant
