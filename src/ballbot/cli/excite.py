@@ -36,7 +36,7 @@ from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import scenario_text
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits, RunPeaks
-from ballbot.workflows.excite import Excitation, Trial, deviations_found
+from ballbot.workflows.excite import Excitation, ExcitationOptions, Trial, deviations_found
 from ballbot.workflows.excite import excite as find
 
 #: how a limit is shown: its unit, and by what its SI number is multiplied
@@ -268,12 +268,14 @@ def excite(
                 limits=limits,
                 duration=search.duration,
                 scenario=scenario,
-                deviations=deviations,
-                on_twin=trial.on_twin,
-                law=identification.law,
-                bounds=bounds,
-                window=identification.window,
-                effort=effort,
+                options=ExcitationOptions(
+                    deviations=deviations,
+                    on_twin=trial.on_twin,
+                    law=identification.law,
+                    bounds=bounds,
+                    window=identification.window,
+                    effort=effort,
+                ),
                 run=result.run_with(bar.report),
             )
         with result.replaced() as new:

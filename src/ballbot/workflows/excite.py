@@ -268,6 +268,20 @@ class Excitation:
         }
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExcitationOptions:
+    """How an experiment is designed and tried."""
+
+    deviations: NDArray[np.float64] | None = (
+        None  #: (10,) see `task`; by default those of the twin around the square
+    )
+    on_twin: bool = True  #: whether design and square are tried on the twin and identified from
+    law: Law = "stribeck"  #: identification's
+    bounds: Bounds | None = None  #: identification's
+    window: float = 0.25  #: identification's [s]
+    effort: DesignEffort | None = None  #: of the search
+
+
 def excite(
     robot: Robot,
     controller: Controller,
@@ -275,12 +289,7 @@ def excite(
     limits: RunLimits,
     duration: float,
     scenario: Scenario,
-    deviations: NDArray[np.float64] | None = None,
-    on_twin: bool = True,
-    law: Law = "stribeck",
-    bounds: Bounds | None = None,
-    window: float = 0.25,
-    effort: DesignEffort | None = None,
+    options: ExcitationOptions | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Excitation:
     """Design an experiment, hold it against a square of the same length, and try both on the twin.
@@ -295,13 +304,7 @@ def excite(
         [s]
     scenario : Scenario
         Of the twin.
-    deviations : ndarray (10,), optional
-        See `task`; where not given, those of the twin around the square.
-    on_twin : bool
-        Whether both are tried on the twin and identified from.
-    law, bounds, window
-        Identification's.
-    effort : Effort, optional
+    options : ExcitationOptions, optional
     run : Run, optional
         Its seed is that of the design and of the identification. The twin's runs, seconds each, are made again when it
         is resumed.
@@ -311,6 +314,9 @@ def excite(
     InputError
         Where no reference keeps within the limits, none that does tells every parameter, or a run cannot be made.
     """
+    options = options or ExcitationOptions()
+    law, bounds, window = options.law, options.bounds, options.window
+    deviations, on_twin = options.deviations, options.on_twin
     of_stage = {name: part_of(run.progress, *part, stage=name) for name, part in _STAGES.items()}
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
     follow = partial(follow_on_twin, robot, scenario, controller, duration=duration, seed=_SEED)
@@ -335,7 +341,7 @@ def excite(
         note = f"errors about {100.0 * now.cost:.1f} %" if np.isfinite(now.cost) else ""
         of_stage["design"](replace(now, note=note))
 
-    made = design(asked, effort=effort, run=replace(run, progress=of_design))
+    made = design(asked, effort=options.effort, run=replace(run, progress=of_design))
     if on_twin:
         logs["designed"] = follow(made.reference, progress=of_stage["design on the twin"])
     trials: dict[str, Trial] = {}

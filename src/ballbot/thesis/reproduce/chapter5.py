@@ -10,7 +10,7 @@ approach itself is over.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -71,32 +71,7 @@ def figure_5_1(bench: Bench) -> Item:
         f"{leans['exact'][0]:.1f} degrees, they differ by {100.0 * growth['exact'][0]:.2g} %, {STEPS[-1]:g} times as "
         f"far, at {leans['exact'][-1]:.1f} degrees, by {100.0 * growth['exact'][-1]:.2g} %. With friction x is off by "
         f"{over_runs([100.0 * one for one in far])} %.",
-        checks=(
-            *(
-                Check(
-                    claim=f"the linear and the nonlinear model overlap ({BASIC[name]})",
-                    quantity="largest RMS difference of a state, of its range",
-                    value=value,
-                    highest=_OVERLAPPING,
-                )
-                for name, value in near.items()
-            ),
-            *(
-                Check(
-                    claim=f"they part more with a larger lean ({BASIC[name]})",
-                    quantity="smallest ratio of a difference to the one before, the way doubled each time",
-                    value=float(np.min(np.divide(values[1:], values[:-1]))),
-                    lowest=_CLEARLY,
-                )
-                for name, values in growth.items()
-            ),
-            Check.over(
-                far,
-                claim="friction changes the behaviour drastically",
-                quantity="RMS difference of x with friction, of its range",
-                lowest=2.0 * _OVERLAPPING,
-            ),
-        ),
+        checks=_linear_checks(near, growth, far),
         table=Rows(
             headings=(
                 "way",
@@ -347,6 +322,38 @@ def figure_5_8(bench: Bench) -> Item:
             ),
         ),
         table=_runs_table(bench, peaks),
+    )
+
+
+def _linear_checks(
+    near: Mapping[Formulation, float], growth: Mapping[Formulation, Sequence[float]], far: Sequence[float]
+) -> tuple[Check, ...]:
+    """Return the checks of Figure 5.1: differences along the reference, their growth with the lean, and friction's."""
+    return (
+        *(
+            Check(
+                claim=f"the linear and the nonlinear model overlap ({BASIC[name]})",
+                quantity="largest RMS difference of a state, of its range",
+                value=value,
+                highest=_OVERLAPPING,
+            )
+            for name, value in near.items()
+        ),
+        *(
+            Check(
+                claim=f"they part more with a larger lean ({BASIC[name]})",
+                quantity="smallest ratio of a difference to the one before, the way doubled each time",
+                value=float(np.min(np.divide(values[1:], values[:-1]))),
+                lowest=_CLEARLY,
+            )
+            for name, values in growth.items()
+        ),
+        Check.over(
+            far,
+            claim="friction changes the behaviour drastically",
+            quantity="RMS difference of x with friction, of its range",
+            lowest=2.0 * _OVERLAPPING,
+        ),
     )
 
 
