@@ -99,17 +99,17 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     return SweepFriction(values=values, covariances=covariances)
 
 
-def with_sweep(coordinates: Coordinates, told: Estimate, sweep: SweepFriction) -> Estimate:
+def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFriction) -> Estimate:
     """Return what logs and a sweep tell together, within bounds; bootstrap errors stay those of the logs.
 
     Of two errors of the logs, clustered and by bootstrap, the larger counts. Where nothing of the sweep could be used,
     all is as it was.
     """
-    sure = told.uncertainty
+    sure = estimate.uncertainty
     logs = np.fmax(sure.standard_errors, sure.bootstrap_errors)
-    combined = combine(coordinates.layout, told.values, sure.correlation * np.outer(logs, logs), sweep)
+    combined = combine(coordinates.layout, estimate.values, sure.correlation * np.outer(logs, logs), sweep)
     if not combined.used:
-        return Estimate(values=told.values, uncertainty=sure, remarks=combined.remarks)
+        return Estimate(values=estimate.values, uncertainty=sure, remarks=combined.remarks)
     values = np.clip(combined.values, coordinates.lower, coordinates.upper)
     errors = np.sqrt(combined.covariance.diagonal())
     half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
