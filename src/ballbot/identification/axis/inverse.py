@@ -1,23 +1,22 @@
 """The inverse model of one axis: derivatives of its position, a regression, and what it says of the record.
 
 Velocity and acceleration come from position alone, without delay: a Butterworth filter run forwards and backwards,
-central differences twice, and every column of a regression through the same decimation: A. Janot, M. Gautier and M. Brunot, Data set and reference models of EMPS, Nonlinear System
-Identification Benchmarks, Eindhoven 2019, and M. Gautier, Dynamic identification of robots with power model,
-ICRA 1997. Filter lengths at the ends and the first row kept are MATLAB's (`filtfilt`, `decimate`), on which the last
-digits of the published numbers depend.
+central differences twice, and every column of a regression through the same decimation: A. Janot, M. Gautier and
+M. Brunot, Data set and reference models of EMPS, Nonlinear System Identification Benchmarks, Eindhoven 2019, and
+M. Gautier, Dynamic identification of robots with power model, ICRA 1997. Filter lengths at the ends and the first row
+kept are MATLAB's (`filtfilt`, `decimate`), on which the last digits of the published numbers depend.
 
-The inverse model gives the force as a linear sum of what the axis did, by least squares (IDIM-LS).
+The model gives the force as a linear sum of what the axis did, by least squares (IDIM-LS):
 
     F = M a + F_v v + F_c sgn(v) + offset                                    ("coulomb")
     F = M a + (F_v+ v + F_c+) [v > 0] + (F_v- v - F_c-) [v < 0]              ("asymmetric")
 
 Friction takes energy: a coefficient of it that comes out below zero is held at zero, and the others are fitted anew.
-
 Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which takes every row for independent,
 and clustered by blocks of one second, which does not (see `ballbot.fitting.uncertainty`).
 
-The checks of a record: a motor may take energy from an axis for a while, friction always does: over a whole record the inverse model must find
-a mass and a dry friction above zero. Where the loop is known, the record itself says what force it asked for,
+The checks of a record: over all of it the model must find a mass and a dry friction above zero, since friction takes
+energy always. Where the loop is known, the record itself says what force it asked for,
 
     force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
 
