@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.engine.elementary import exponential, logarithm
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
-from ballbot.mechanics.friction import sign
+from ballbot.mechanics.friction import dry_friction, sign
+from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -39,12 +39,10 @@ PARTS = 4
 
 @inlined
 def _dry(friction, wheel, speed):
-    """Return c + s exp(-|w/v_s|^delta) of a wheel; `friction` is [b.., c.., s.., v_s, delta]."""
+    """Return the size of a wheel's dry friction; `friction` is [b.., c.., s.., v_s, delta]."""
     n = (len(friction) - 2) // 3
-    ratio = logarithm(abs(speed) / friction[3 * n])
-    return friction[n + wheel] + friction[2 * n + wheel] * exponential(
-        -exponential(friction[3 * n + 1] * ratio)
-    )
+    b, c, s = friction[wheel], friction[n + wheel], friction[2 * n + wheel]
+    return dry_friction(ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1]), speed)
 
 
 @inlined

@@ -448,7 +448,8 @@ def _values_at(record: object, name: str) -> Iterator[object]:
 
 def _check_wheels(scenario: Scenario, robot: Robot) -> None:
     friction, rollers = scenario.friction, scenario.rollers
-    for part in (friction.viscous, friction.coulomb, friction.stribeck):
+    optional = (friction.coulomb_asymmetry, friction.stribeck_asymmetry, friction.load)
+    for part in (friction.viscous, friction.coulomb, friction.stribeck, *filter(None, optional)):
         if len(part) != robot.wheel_count:
             raise InputError(
                 f"The scenario {scenario.name!r} has friction for {len(part)} "

@@ -182,7 +182,8 @@ def _lines(table: object, place: str) -> Iterator[str]:
     assert is_dataclass(table)
     for field in fields(table):
         value = getattr(table, field.name)
-        if value is not None:
+        absent = value is None or (value == () and field.default == ())
+        if not absent:
             yield _line(field.name, value, place + field.name)
 
 

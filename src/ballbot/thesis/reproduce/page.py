@@ -189,7 +189,9 @@ def reproduction_results(made: Reproduction) -> dict[str, object]:
     """Return what results.json holds."""
     return {
         "seed": made.bench.seed,
-        "friction_identified": asdict(made.bench.identified.friction),
+        "friction_identified": {
+            name: value for name, value in asdict(made.bench.identified.friction).items() if value != ()
+        },
         "runs": RUNS,
         "items": [_item_results(item) for item in made.items],
         "mistakes": [_mistake_results(mistake) for mistake in made.mistakes],
