@@ -1,4 +1,4 @@
-"""Adaptation: what it is worth where the floor or the drivelines are others, and whether it ever harms.
+"""Floor adaptation: what it is worth where the floor is another, and whether it ever harms.
 
 .venv/bin/python -m campaigns.evidence adaptation
 
@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot, simulate
-from ballbot.control.presets import adaptive, nominal_controller, precise_controller
+from ballbot.control.presets import adaptive, precise_controller
 from ballbot.control.references import Reference, circle, square
 from ballbot.estimation.interface import named_estimator
 from ballbot.processes import worker_pool
-from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin
 from ballbot.workflows.comparison import Paired, initial_state_of, mean_with_interval
@@ -34,13 +33,10 @@ ALTEN = Robot.load("alten")
 SAMPLE_TIME = 0.005
 CHANGE_SEEDS = tuple(range(600, 604))
 COURSE_SEEDS = tuple(range(600, 605))
-DRIVELINE_SEEDS = tuple(range(600, 602))
 
 AT = 12.0  # when the floor changes [s]
 LATE = 20.0  # so long after it the error left is measured [s]
 DURATION = 64.0  # [s]; from AT + LATE on a whole round counts
-WARMED = (0.7, 1.0, 1.4)  # the drivelines' friction over what was identified
-WARM_DURATION = 128.0  # [s]; the last round counts: drivelines are followed over two minutes
 REFERENCES: Mapping[str, Reference] = {"square": square(side=0.5, period=32.0), "circle": circle(period=32.0)}
 
 
@@ -88,18 +84,13 @@ class ChangingFloor:
 def without_observer(robot: Robot) -> Controller:
     """Return the precise controller without the observer, which does part of what an adaptation does."""
     whole = precise_controller(robot)
-    return whole.with_parts(replace(whole.parts, observer=None))
+    return whole.with_parts(replace(whole.parts, disturbance_observer=None))
 
 
 #: by the name in the table, with fixed compensation; each also runs with adaptation
 CONTROLLERS: Mapping[str, Callable[[Robot], Controller]] = {
     "precise": precise_controller,
     "precise, no observer": without_observer,
-}
-#: those whose compensation is held against other drivelines
-COMPENSATED: Mapping[str, Callable[[Robot], Controller]] = {
-    "precise, no observer": without_observer,
-    "nominal, full": partial(nominal_controller, compensation="full"),
 }
 
 
@@ -110,7 +101,6 @@ class Run:
     true: float  #: of the true position
     seen: float  #: by the robot's own state: without what that drifts, which no controller can know
     drag: float  #: of the floor, found at the end [m s]
-    scales: tuple[float, ...]  #: of each wheel's compensation, at the end
 
 
 Job = tuple[str, bool, str, str, int]  # controller, whether it adapts, reference, floor, seed
@@ -139,46 +129,29 @@ def _judged(
     log = simulate(
         plant, controller, reference, duration=duration, initial_state=initial_state_of(seed), seed=seed
     )
-    drag, scales = controller.drag, tuple(controller.friction_scales[:-1].tolist())
+    drag = controller.drag
     if log.ended is not None:
-        return Run(true=np.nan, seen=np.nan, drag=drag, scales=scales)
+        return Run(true=np.nan, seen=np.nan, drag=drag)
     late = settled(log, SETTLE) & (log.t >= since)
     true, seen = rms(position_error(log)[late]), rms(position_error(log.without_truth())[late])
-    return Run(true=true, seen=seen, drag=drag, scales=scales)
-
-
-WarmJob = tuple[str, bool, float, int]  # controller, whether it adapts, the drivelines' friction, seed
-
-
-def run_warm(known: Robot, job: WarmJob) -> Run:
-    """Make one run on drivelines whose friction is another than the one known."""
-    name, adapts, share, seed = job
-    wheels = scaled_friction(known.friction, 1.0 / share)
-    controller = COMPENSATED[name](
-        known.replace(friction=replace(wheels, rolling=known.friction.rolling))
-    )  # the twin's stays: what is known is the other
-    plant = Twin(ALTEN, estimator=named_estimator("kalman", ALTEN, sample_time=SAMPLE_TIME))
-    used = adaptive(controller) if adapts else controller
-    since = WARM_DURATION - 32.0
-    return _judged(plant, used, REFERENCES["square"], seed=seed, duration=WARM_DURATION, since=since)
+    return Run(true=true, seen=seen, drag=drag)
 
 
 def campaign() -> Section:
     """Run everything with every seed and return the section."""
     known = identified_robot(ALTEN)
-    jobs, warm = change_jobs(CHANGE_SEEDS), warm_jobs(DRIVELINE_SEEDS)
+    jobs = change_jobs(CHANGE_SEEDS)
     with worker_pool(os.cpu_count()) as pool:
         runs = dict(zip(jobs, pool.map(partial(run, known), jobs), strict=True))
-        warmed = dict(zip(warm, pool.map(partial(run_warm, known), warm), strict=True))
     league = play_courses(known, seeds=COURSE_SEEDS)
     return Section(
-        title="Adaptation: another floor under way, other drivelines",
+        title="Adaptation: another floor under way",
         before=f"The nominal twin, friction identified from two of its logs, on-board sensors only (Kalman filter), "
         f"{len(CHANGE_SEEDS)} seeds. At {AT:g} s the floor becomes carpet (three times the rolling friction, twice "
         f"the pivoting) or polished (less than a third, half). RMS position error from {LATE:g} s later on, settled, "
         "mean over the seeds [mm], beside that of the same runs on the unchanged floor; and what the change adds, mean "
         "and 95 % interval of the differences seed by seed, by the robot's own state, which leaves out its drift. "
-        "Adaptive is `ballbot.control.presets`: the floor's drag and the drivelines' scales.",
+        "Adaptive is with the floor's drag followed (`ballbot.control.presets.adaptive`).",
         columns=[
             "controller, reference, floor",
             "unchanged: fixed",
@@ -190,7 +163,7 @@ def campaign() -> Section:
             "falls",
         ],
         rows=change_rows(runs, CHANGE_SEEDS),
-        after=f"{_drivelines(warmed)}\n\n{_harm(league)}",
+        after=_harm(league),
     )
 
 
@@ -241,51 +214,6 @@ def ratio(values: Sequence[float], others: Sequence[float]) -> str:
     if len(values) < 3:
         return f"{found.mean:.2f}"  # an interval of two tells nothing
     return f"{found.mean:.2f} ({found.low:.2f} to {found.high:.2f})"
-
-
-def warm_jobs(seeds: Sequence[int]) -> list[WarmJob]:
-    """Return every run of the second table."""
-    return [
-        (name, adapts, share, seed)
-        for seed in seeds
-        for name in COMPENSATED
-        for share in WARMED
-        for adapts in (False, True)
-    ]
-
-
-def warm_rows(runs: Mapping[WarmJob, Run], seeds: Sequence[int]) -> list[list[str]]:
-    """Return the second table: for each controller and friction, errors fixed and adaptive, and the scales found."""
-    rows = []
-    for name in COMPENSATED:
-        for share in WARMED:
-            fixed, adapted = ([runs[name, adapts, share, seed] for seed in seeds] for adapts in (False, True))
-            scale = np.mean([np.mean(one.scales) for one in adapted])
-            errors = [f"{1e3 * np.nanmean([one.true for one in those]):.1f}" for those in (fixed, adapted)]
-            falls = [f"{sum(bool(np.isnan(one.true)) for one in those)}" for those in (fixed, adapted)]
-            compared = ratio([one.true for one in adapted], [one.true for one in fixed])
-            rows.append([name, f"{share:g}", *errors, compared, f"{scale:.2f}", " and ".join(falls)])
-    return rows
-
-
-def _drivelines(runs: Mapping[WarmJob, Run]) -> str:
-    heads = [
-        "controller",
-        "friction over the one known",
-        "fixed",
-        "adaptive",
-        "ratio",
-        "scale found",
-        "falls",
-    ]
-    rows = "\n".join(f"| {' | '.join(row)} |" for row in warm_rows(runs, DRIVELINE_SEEDS))
-    return f"""Other drivelines: the wheels' friction is that many times the one known, {len(DRIVELINE_SEEDS)} seeds, \
-{WARM_DURATION:g} s of the square, RMS error of the true position in the last round [mm], and the mean of the wheels' \
-scales at the end.
-
-| {" | ".join(heads)} |
-|---|{"---:|" * (len(heads) - 1)}
-{rows}"""
 
 
 def play_courses(known: Robot, *, seeds: Sequence[int], courses: str = LEAGUE) -> League:

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from ballbot import Controller, Robot
 from ballbot.control.controller import Compensation
 from ballbot.control.interface import Feedback
-from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import Reference, hold, square
 from ballbot.estimation.interface import EstimatorName, named_estimator
 from ballbot.log import Log
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import LoadDependence
 from ballbot.workflows.comparison import ComparedRun, RunResult, mean_with_interval, run_comparison
 from ballbot.workflows.metrics import cycle_amplitude
 from campaigns.compensation import identified_robot
@@ -40,7 +38,6 @@ class Part:
 
     make: Callable[[Robot], Feedback]
     estimator: EstimatorName = "kalman"
-    loaded: bool = False  #: whether the drivelines' dry friction follows the load, all of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,12 +89,6 @@ def dithered(robot: Robot, *, share: float) -> Dithered:
     return Dithered(controller=precise(robot, standstill=None), amplitude=share * float(break_away))
 
 
-def load_scaled(robot: Robot) -> Controller:
-    """Return the precise controller without an observer whose compensation follows the wheels' load."""
-    whole = precise(robot, observer=None)
-    return whole.with_parts(replace(whole.parts, load_scaling=LoadScaling(share=1.0)))
-
-
 #: by the name in the table
 PARTS: Mapping[str, Part] = {
     "nominal gain, thesis's state, no compensation": Part(make=nominal_controller, estimator="onboard"),
@@ -117,17 +108,19 @@ PARTS: Mapping[str, Part] = {
     "precise, no standstill": Part(make=partial(precise, standstill=None)),
     "precise, dither of half the break-away for the standstill": Part(make=partial(dithered, share=0.5)),
     "precise, dither of the break-away for the standstill": Part(make=partial(dithered, share=1.0)),
-    "precise, no bound on the lean": Part(make=partial(precise, lean_bound=None)),
+    "precise, no bound on the lean": Part(make=partial(precise, lean_limit=None)),
     "precise, thesis's state": Part(make=precise_controller, estimator="onboard"),
-    "precise, no observer": Part(make=partial(precise, observer=None)),
-    "precise, no observer, no compensation": Part(make=partial(precise, compensation="none", observer=None)),
-    "precise, no observer, partial": Part(make=partial(precise, compensation="partial", observer=None)),
-    "precise, no observer, adaptive": Part(make=lambda robot: adaptive(precise(robot, observer=None))),
-    "precise, adaptive": Part(make=lambda robot: adaptive(precise(robot))),
-    "precise, no observer; friction follows the load": Part(
-        make=partial(precise, observer=None), loaded=True
+    "precise, no observer": Part(make=partial(precise, disturbance_observer=None)),
+    "precise, no observer, no compensation": Part(
+        make=partial(precise, compensation="none", disturbance_observer=None)
     ),
-    "precise, no observer, load scaling; friction follows the load": Part(make=load_scaled, loaded=True),
+    "precise, no observer, partial": Part(
+        make=partial(precise, compensation="partial", disturbance_observer=None)
+    ),
+    "precise, no observer, adaptive": Part(
+        make=lambda robot: adaptive(precise(robot, disturbance_observer=None))
+    ),
+    "precise, adaptive": Part(make=lambda robot: adaptive(precise(robot))),
 }
 
 
@@ -147,8 +140,6 @@ def compared_run(robot: Robot, name: str, reference: str, seed: int) -> Compared
 
 def _twin(name: str, _: EstimatorName) -> Twin:
     part, scenario = PARTS[name], Scenario.nominal(ALTEN)
-    if part.loaded:
-        scenario = replace(scenario, load_dependence=LoadDependence(share=1.0))
     return Twin(ALTEN, scenario, estimator=named_estimator(part.estimator, ALTEN, sample_time=0.005))
 
 
@@ -199,8 +190,7 @@ def campaign(seeds: Sequence[int] = SEEDS) -> Section:
         "largest peak over the seeds, mean RMS. The cycle is the hold's strongest periodic motion faster than 0.5 Hz, "
         "its amplitude, largest over the seeds. Roughness: RMS change of torque from sample to sample [N m], both. The "
         "Kalman filter's state is fed back where the thesis's is not named; rows after `precise` change one thing; the "
-        "dither is a square wave of 50 Hz on every torque. In the last two rows all of the drivelines' dry friction "
-        "follows the force between wheel and ball.",
+        "dither is a square wave of 50 Hz on every torque.",
         columns=[
             "controller",
             "square: peak",

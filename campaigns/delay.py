@@ -54,7 +54,7 @@ def controller_for(known: Robot, name: str, belief: str, delay: int) -> Controll
         return plain
     if delay == 0 or delay + off < 1:
         return None
-    prediction = DelayPrediction.of(known, delay=(delay + off) * SAMPLE_TIME)
+    prediction = DelayPrediction(delay=(delay + off) * SAMPLE_TIME)
     return plain.with_parts(replace(plain.parts, prediction=prediction))
 
 

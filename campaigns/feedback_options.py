@@ -89,7 +89,7 @@ def stiff() -> LqrDesign:
 
 def made(name: str, limit: float, robot: Robot = ROBOT) -> Controller | Predictive:
     """Return the stiff gain alone, with the bound, or with the predictive correction; friction, if any, compensated."""
-    design, parts = stiff(), Parts(lean_bound=BOUND) if name == "bound" else Parts()
+    design, parts = stiff(), Parts(lean_limit=BOUND) if name == "bound" else Parts()
     compensation = "full" if max(robot.friction.coulomb) > 0.0 else "none"
     law = Controller(robot, design.gain, torque_limit=limit, compensation=compensation, parts=parts)
     return Predictive(law, design, torque_weight=PRECISE_TORQUE_WEIGHT) if name == "predictive" else law
@@ -144,7 +144,7 @@ def on_twin(job: tuple[float, bool]) -> Reached:
         compensation="full",
         torque_limit=limit,
         speed_band=whole.speed_band,
-        parts=replace(whole.parts, lean_bound=BOUND if bound else None),
+        parts=replace(whole.parts, lean_limit=BOUND if bound else None),
     )
     return _twin_edges(controller, steps(controller))
 

@@ -14,6 +14,10 @@ class CompiledCodeNotKept(UserWarning):
     """Numba has no folder for compiled code."""
 
 
+class OldFileFormat(UserWarning):
+    """A file that an earlier version wrote was read; the text says what changed."""
+
+
 def nearest(word: str, choices: Iterable[str], *, count: int = 1, likeness: float = 0.6) -> list[str]:
     """Return the choices that are most like a misspelt word, the best first.
 

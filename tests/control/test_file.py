@@ -1,17 +1,19 @@
 """Controller files: what is written reads back, and a wrong file ends in one sentence."""
 
+import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ballbot import InputError
 from ballbot.control.controller import Controller
-from ballbot.control.file import controller_text, read_controller, write_controller
-from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
-from ballbot.control.parts.feed_forward import FeedForward
+from ballbot.control.file import controller_text, migrate, read_controller, write_controller
+from ballbot.control.parts.feed_forward import feed_forward_record
 from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
+from ballbot.errors import OldFileFormat
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 
@@ -67,22 +69,19 @@ def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     heavy = alten(FRICTION)
     heavy = heavy.replace(body=replace(heavy.body, mass=1.2 * heavy.body.mass))
     read = read_controller(path, heavy)
-    assert read.parts.feed_forward is not None
-    np.testing.assert_array_equal(read.parts.feed_forward.by_second, FeedForward.of(heavy).by_second)
+    found = read.record["feed_forward"]["by_second"][0, :3]
+    np.testing.assert_array_equal(found, feed_forward_record(heavy).by_second)
 
 
 def test_documented_adaptation_and_prediction_tables_are_accepted(tmp_path):
     path, robot = tmp_path / "controller.toml", alten(FRICTION)
     write_controller(precise_controller(robot), path)
-    added = "\n[driveline_adaptation]\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
+    added = "\n[floor_adaptation]\n[prediction]\ndelay = 0.012\n"
     path.write_text(path.read_text() + added)
     parts = read_controller(path, robot).parts
-    assert parts.driveline_adaptation is not None
-    assert parts.driveline_adaptation.time == DrivelineAdaptation.time
     assert parts.floor_adaptation == FloorAdaptation()
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.012
-    assert parts.prediction.sample_time == robot.sensors.sample_time
 
 
 def test_the_files_friction_is_compensated_and_not_the_robots(tmp_path):
@@ -117,10 +116,9 @@ ALL = controller_text(everything(alten(FRICTION)))
         ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[1\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
-        ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be above 0"),
+        ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be at least 1e-12"),
         ("feed = 0.4", "feed = 4", r"standstill.feed is 4"),
         ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
-        ("highest = 1.5", "highest = 0.5", "1 must lie between"),
     ],
 )
 def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):
@@ -133,6 +131,38 @@ def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sente
     text = str(caught.value)
     assert text.startswith(f"{path}")
     assert "\n" not in text
+
+
+OLD = Path(__file__).parent / "old_files" / "controller_every_part.toml"
+
+
+def test_file_of_an_earlier_version_gives_the_same_controller_and_says_what_changed():
+    robot = alten(FRICTION)
+    with pytest.warns(OldFileFormat) as caught:
+        read = read_controller(OLD, robot)
+    # the file's gain was designed by another build of LAPACK
+    np.testing.assert_allclose(read.packed, everything(robot).packed, rtol=0.0, atol=1e-12)
+    assert read.parts == replace(everything(robot).parts, integral=read.parts.integral)
+    (text,) = [str(one.message) for one in caught]
+    assert text.startswith(
+        f"{OLD} was written by an earlier version: [lean_bound] is now called [lean_limit]; "
+    )
+    assert "feed_forward of [shaping] is now a table" in text
+    assert "[driveline_adaptation] is ignored" in text
+    assert "[load_scaling] is ignored" in text
+
+
+def test_file_of_this_version_is_read_without_a_hint(tmp_path):
+    write_controller(everything(alten(FRICTION)), tmp_path / "controller.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_controller(tmp_path / "controller.toml", alten(FRICTION))
+
+
+def test_migration_leaves_what_it_does_not_know_to_the_check():
+    wrong = {"lean_bound": 3, "lean_limit": {}, "shaping": [1]}
+    assert migrate(wrong) == (wrong, [])
+    assert migrate({"shaping": {"feed_forward": False}})[0] == {"shaping": {}}
 
 
 def test_unreadable_controller_file_is_refused(tmp_path):

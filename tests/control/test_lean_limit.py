@@ -28,7 +28,7 @@ states = st.lists(st.floats(-1.0, 1.0), min_size=10, max_size=10).map(np.array)
 
 
 def torques(robot: Robot, gain: np.ndarray, state: np.ndarray, bound: LeanLimit | None) -> np.ndarray:
-    controller = Controller(robot, gain, torque_limit=1e6, parts=Parts(lean_bound=bound))
+    controller = Controller(robot, gain, torque_limit=1e6, parts=Parts(lean_limit=bound))
     return controller.update(0.0, state, np.zeros(10))
 
 
@@ -68,7 +68,7 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
     directions = np.radians([0.0, 90.0])
 
     def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:
-        controller = Controller(weak, STIFF, torque_limit=2.0, parts=Parts(lean_bound=bound))
+        controller = Controller(weak, STIFF, torque_limit=2.0, parts=Parts(lean_limit=bound))
         loop = Loop(robot=weak, controller=controller, grip=np.inf)
         leans = reach(loop.survives, lambda s: leaning_state(directions, s), shape=(2,), most=LARGEST_LEAN)
         height = weak.body.center_of_mass
@@ -119,7 +119,7 @@ def test_lean_limit_recovers_where_wheels_would_otherwise_spin():
         speed_band=bounded.speed_band,
         compensation="full",
         torque_limit=robot.drive.torque_limit,
-        parts=replace(bounded.parts, lean_bound=None),
+        parts=replace(bounded.parts, lean_limit=None),
     )
     leaning_at_rest = np.zeros(10)
     leaning_at_rest[2] = np.radians(8.0)

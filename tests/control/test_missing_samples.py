@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import Parts
-from ballbot.control.parts.load_scaling import LoadScaling
+from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import adaptive, precise_controller
@@ -32,8 +32,7 @@ OWN = ADAPTIVE.parts
 EVERYTHING = replace(
     OWN,
     notch=Notch(frequency=27.0),
-    prediction=DelayPrediction.of(ROBOT, delay=0.012),
-    load_scaling=LoadScaling(share=0.5),
+    prediction=DelayPrediction(delay=0.012),
 )
 #: what a part cannot be without
 NEEDED = {"feed_forward": ("shaping",), "floor_adaptation": ("integral", "shaping")}
@@ -216,18 +215,13 @@ def test_a_reading_of_another_robot_is_refused(kind):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: DelayPrediction(
-            delay=10.0, sample_time=H, transition=np.eye(10), by_torque=np.zeros((1, 10, 3))
-        ),
-        lambda: DelayPrediction(delay=H, sample_time=H, transition=np.eye(9), by_torque=np.zeros((1, 10, 3))),
-        lambda: replace(OWN.feed_forward, lean=np.zeros((3, 3))),
-        lambda: replace(OWN.feed_forward, by_turning=np.zeros(2)),
-        lambda: replace(OWN.observer.balance, by_force=np.zeros((3, 3))),
+        lambda: ADAPTIVE.with_parts(Parts(prediction=DelayPrediction(delay=10.0))),
+        lambda: ADAPTIVE.with_parts(Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
         lambda: replace(OWN.integral, gain=np.zeros((3, 2))),
         lambda: replace(OWN.integral, gain=[["1", "2", "3"]]),
     ],
 )
 def test_a_part_of_another_size_is_refused(make):
-    """A law is one row of numbers: with a part of another size it would be read past its end."""
+    """A law is one record: a part of another size has no room in it."""
     with pytest.raises(InputError):
         make()

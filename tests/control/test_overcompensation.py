@@ -15,9 +15,6 @@ from ballbot.control.overcompensation import (
     refuse_overcompensation,
 )
 from ballbot.control.parts import Parts
-from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
-from ballbot.control.parts.load_scaling import LoadScaling
-from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.robot.file import write_robot
@@ -101,16 +98,6 @@ def test_energy_of_a_swing_equals_the_closed_forms():
     rubbing, ramped = 2.0 * 0.1 / np.pi * np.array(dry.coulomb), 0.5 * 0.1**2 / 0.5 * np.array(dry.coulomb)
     assert shares[0] == pytest.approx(((ramped + steady) / (rubbing + steady)).max(), rel=1e-3)
     assert shares[-1] > 0.95
-
-
-def test_compensation_margin_includes_adaptation_at_its_bounds():
-    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(ROBOT), highest=1.4)
-    controller = compensating(0.5, Parts(driveline_adaptation=adaptation))
-    assert compensation_margin(controller, FRICTION).adapted == pytest.approx(0.7)
-    assert compensation_margin(compensating(0.5), FRICTION).adapted == 0.0
-    both = Parts(driveline_adaptation=adaptation, load_scaling=LoadScaling(share=0.5))
-    # a load is believed up to three times that at rest: 1 + 0.5 (3 - 1)
-    assert compensation_margin(compensating(0.5, both), FRICTION).adapted == pytest.approx(1.4)
 
 
 def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):

@@ -10,17 +10,13 @@ from hypothesis import strategies as st
 
 from ballbot import Controller, InputError, Model, Robot, simulate
 from ballbot.control.parts import Parts
-from ballbot.control.parts.compensation import Standstill
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
-from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
-from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.parts.standstill import Standstill
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
-from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 from tests.support.control_examples import FRICTION, MisjudgedLean, alten, everything, four_wheeled, leaning
 
@@ -129,7 +125,7 @@ def test_feed_forward_makes_a_robot_without_friction_do_the_shaped_motion(robot:
     t = np.arange(1600) * SAMPLE
     flat = four_lags(t, shaping.frequency)  # 0.5 m at 0.5 m/s: the limit of speed delays it by up to a second
     errors = {}
-    for name, part in (("without", None), ("with", FeedForward.of(robot))):
+    for name, part in (("without", None), ("with", FeedForward())):
         wide = replace(shaping, speed_limit=1e3)
         controller = Controller(robot, gain, parts=Parts(shaping=wide, feed_forward=part))
         log = simulate(Model(robot), controller, reference, duration=8.0)
@@ -197,7 +193,7 @@ def test_a_wheel_at_rest_is_given_its_break_away_torque_in_the_direction_of_the_
 def test_reference_blend_compensates_the_reference_speed():
     robot = alten(FRICTION)
     gain = np.zeros((3, 10))
-    parts = Parts(shaping=ReferenceShaping(speed_limit=1e3), feed_forward=FeedForward.of(robot))
+    parts = Parts(shaping=ReferenceShaping(speed_limit=1e3), feed_forward=FeedForward())
     bare = Controller(robot, gain, parts=parts)
     given = replace(parts, standstill=Standstill(ahead=1.0))
     ahead = Controller(robot, gain, compensation="full", parts=given)
@@ -222,22 +218,21 @@ def peak_error(robot: Robot, controller: Controller, *, duration: float = 16.0) 
 def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
     robot = alten(FRICTION)
     gain = design_gain(robot).gain
-    observer = DisturbanceObserver(balance=TorqueBalance.of(robot))
+    observer = DisturbanceObserver()
     bare = peak_error(robot, Controller(robot, gain))
-    assert peak_error(robot, Controller(robot, gain, parts=Parts(observer=observer))) < 0.5 * bare
+    assert peak_error(robot, Controller(robot, gain, parts=Parts(disturbance_observer=observer))) < 0.5 * bare
 
 
 def test_observer_compensates_a_torque_loss():
     robot = alten(replace(friction_of(0.0), viscous=(0.05, 0.05, 0.05)))
-    balance = TorqueBalance.of(robot)
     design = design_gain(robot).gain
-    observer = DisturbanceObserver(balance=balance, frequency=20.0)
+    observer = DisturbanceObserver(frequency=20.0)
     free = alten()
     paths = {}
     for name, plant, controller in (
         ("free", free, Controller(free, design)),
         ("viscous", robot, Controller(robot, design)),
-        ("observed", robot, Controller(robot, design, parts=Parts(observer=observer))),
+        ("observed", robot, Controller(robot, design, parts=Parts(disturbance_observer=observer))),
     ):
         paths[name] = simulate(Model(plant), controller, hold(x=0.3), duration=6.0)["x"]
     off = np.abs(paths["viscous"] - paths["free"]).max()
@@ -246,81 +241,6 @@ def test_observer_compensates_a_torque_loss():
 
 def friction_of(size: float):
     return replace(FRICTION, viscous=(size,) * 3, coulomb=(size,) * 3, stribeck=(size,) * 3, rolling=0.0)
-
-
-def test_adaptation_finds_friction_that_has_changed_and_rests_without_motion():
-    now = alten(replace(FRICTION, stribeck=(0.0, 0.0, 0.0), rolling=0.0))
-    known = now.replace(friction=scaled_friction(now.friction, 0.7))
-    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(known), highest=3.0, time=1.0, spread=0.15)
-    controller = Controller(
-        known, design_gain(known).gain, compensation="full", parts=Parts(driveline_adaptation=adaptation)
-    )
-    assert controller.friction_scales == pytest.approx(np.ones(4))
-    simulate(Model(now), controller, circle(radius=0.5, period=12.0), duration=48.0)
-    np.testing.assert_allclose(controller.friction_scales[:3], 1.0 / 0.7, atol=0.1)
-    limited = controller.with_parts(Parts(driveline_adaptation=replace(adaptation, highest=1.2)))
-    simulate(Model(now), limited, circle(radius=0.5, period=12.0), duration=24.0)
-    assert limited.friction_scales[:3].max() <= 1.2
-    limited.reset()
-    for _ in range(400):  # torques, but no motion: play, or a wheel held
-        limited.update(0.0, leaning(0.05), np.zeros(10))
-    np.testing.assert_array_equal(limited.friction_scales, np.ones(4))
-
-
-def test_adaptation_separates_floor_and_driveline_friction():
-    known = alten(FRICTION)
-    adaptation = DrivelineAdaptation(balance=TorqueBalance.of(known), time=10.0, spread=0.15)
-    for wheels, floor in ((1.0, 2.5), (1.3, 1.0), (0.8, 0.4)):
-        now = replace(scaled_friction(FRICTION, wheels), rolling=floor * FRICTION.rolling)
-        controller = precise_controller(known)
-        controller = controller.with_parts(replace(controller.parts, driveline_adaptation=adaptation))
-        simulate(Model(alten(now)), controller, circle(radius=0.5, period=12.0), duration=96.0)
-        # after 48 s a fifth of the way is left, after 96 s a twentieth
-        np.testing.assert_allclose(controller.friction_scales[:3], wheels, atol=0.06)
-        assert controller.friction_scales[3] == pytest.approx(floor, abs=0.15)
-
-
-def compensated_at_rest(
-    robot: Robot, scaling: LoadScaling | None, lean: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what compensation adds at two updates (2, n) for a robot that leans at rest, and the torques without."""
-    gain = np.zeros((robot.wheel_count, 10))
-    gain[:, 4] = 0.5 + 0.1 * np.arange(robot.wheel_count)  # a heading off by 1 rad pushes every wheel
-    parts = Parts(load_scaling=scaling, standstill=Standstill(feed=1.0))
-    controllers = (
-        Controller(robot, gain, compensation=kind, parts=own)
-        for kind, own in (("full", parts), ("none", Parts()))
-    )
-    state = leaning(lean)
-    state[4] = -1.0
-    added, alone = (np.array([one.update(0.0, state, np.zeros(10)) for _ in range(2)]) for one in controllers)
-    return added - alone, alone[0]
-
-
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
-@pytest.mark.parametrize("lean", [0.0, 0.1, -0.2])
-def test_compensation_follows_the_load_on_each_wheel(robot, lean):
-    plain, torques = compensated_at_rest(robot, None, lean)
-    scaled, _ = compensated_at_rest(robot, LoadScaling(share=0.7), lean)
-    # wheels carry the weight, turned by the lean and by psi = -1, along their contacts' directions, and at the second
-    # update what their torques push along the ball besides: of four wheels' loads those of the least squares
-    tilt, azimuths = robot.wheels.tilt, np.asarray(robot.wheels.azimuths)
-    level = np.zeros_like(azimuths)
-    contacts = np.array(
-        [np.cos(azimuths) * np.sin(tilt), np.sin(azimuths) * np.sin(tilt), level + np.cos(tilt)]
-    )
-    along = np.array([-np.sin(azimuths), np.cos(azimuths), level])
-    c, s = np.cos(1.0), np.sin(1.0)
-    weight = robot.body.mass * robot.gravity
-    up = weight * np.array(
-        [-s * np.sin(lean), c * np.sin(lean), np.cos(lean)]
-    )  # R^T e_z for R = Rx(lean) Rz(-1)
-    pushed = along @ torques / robot.wheels.radius
-    at_rest = np.linalg.pinv(contacts) @ [0.0, 0.0, weight]
-    for update, force in enumerate((up, up + pushed)):
-        loads = np.linalg.pinv(contacts) @ force / at_rest
-        wanted = 1.0 + 0.7 * (np.clip(loads, 0.0, 3.0) - 1.0)
-        np.testing.assert_allclose(scaled[update] / plain[update], wanted, rtol=1e-9)
 
 
 def test_each_lane_keeps_its_own_controller_state():
@@ -355,28 +275,8 @@ def test_precise_controller_stands_at_its_reference(robot: Robot):
         (lambda: IntegralAction(gain=np.zeros((3, 3)), dead_band=-1.0), "dead_band"),
         (lambda: Standstill(feed=1.5), "feed of the standstill is 1.5; it must be from 0 to 1"),
         (lambda: Standstill(feed_torque=0.0), "feed_torque"),
-        (lambda: DisturbanceObserver(balance=TorqueBalance.of(alten()), frequency=-1.0), "frequency of the dist"),
-        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), time=0.0), "time of the driveline adaptation"),
-        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), highest=0.9), "1 must lie between"),
-        (lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), lowest=1.1), "1 must lie between"),
-        (
-            lambda: DrivelineAdaptation(balance=TorqueBalance.of(alten()), noise=0.0),
-            "noise of the driveline adaptation",
-        ),
-        (lambda: LoadScaling(share=1.2), "share of the load scaling is 1.2; it must be from 0 to 1"),
-        (
-            lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(load_scaling=LoadScaling(share=1.0))),
-            "A load scaling adjusts",
-        ),
-        (lambda: Parts(feed_forward=FeedForward.of(alten())), "needs reference shaping"),
-        (
-            lambda: Controller(
-                alten(),
-                np.zeros((3, 10)),
-                parts=Parts(driveline_adaptation=DrivelineAdaptation(balance=TorqueBalance.of(alten()))),
-            ),
-            "choose compensation",
-        ),
+        (lambda: DisturbanceObserver(frequency=-1.0), "frequency of the dist"),
+        (lambda: Parts(feed_forward=FeedForward()), "needs reference shaping"),
         (
             lambda: Controller(alten(), np.zeros((3, 10)), parts=Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
             "integral action is for 4 wheels; this robot has 3",

@@ -13,7 +13,6 @@ from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.parts.torque_balance import TorqueBalance
 from ballbot.control.presets import (
     NOMINAL_STATE_WEIGHTS,
     NOMINAL_TORQUE_WEIGHT,
@@ -32,7 +31,7 @@ SAMPLE = 0.005
 
 def predicting(robot: Robot, delay: float) -> Controller:
     """Return the nominal gain with no limit to speak of, for torques that come late."""
-    parts = Parts(prediction=DelayPrediction.of(robot, delay=delay))
+    parts = Parts(prediction=DelayPrediction(delay=delay))
     return Controller(robot, design_gain(robot).gain, torque_limit=1e3, parts=parts)
 
 
@@ -115,7 +114,7 @@ def test_prediction_does_not_depend_on_the_heading():
 def test_torques_stay_smooth_where_the_delay_makes_a_stiff_gain_ring():
     robot, delay = alten(FRICTION), 8
     stiff = precise_controller(robot)
-    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction.of(robot, delay=delay * SAMPLE)))
+    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction(delay=delay * SAMPLE)))
 
     def change(controllers: list[Controller], late: int) -> np.ndarray:
         batch = simulate_batch(
@@ -138,7 +137,7 @@ def test_torques_stay_smooth_where_the_delay_makes_a_stiff_gain_ring():
 def test_a_moving_reference_is_followed_without_the_delays_lag():
     robot, delay = alten(), 6
     stiff = precise_controller(robot, compensation="none")
-    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction.of(robot, delay=delay * SAMPLE)))
+    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction(delay=delay * SAMPLE)))
     ramp = change_pose(x=2.0, y=0.0, psi=0.0, at=1.0, ramp=10.0)
 
     def behind(controller: Controller, late: int) -> float:
@@ -158,8 +157,8 @@ def test_observer_uses_the_torque_that_acted(delay):
     """Without friction nothing is lost, however late the torques are."""
     robot = alten()
     parts = Parts(
-        prediction=DelayPrediction.of(robot, delay=delay * SAMPLE),
-        observer=DisturbanceObserver(balance=TorqueBalance.of(robot)),
+        prediction=DelayPrediction(delay=delay * SAMPLE),
+        disturbance_observer=DisturbanceObserver(),
     )
     controller = Controller(robot, design_gain(robot).gain, parts=parts)
     plant, waiting, back = ModelPlant(Model(robot)), [np.zeros(3)] * delay, 0.0
@@ -174,7 +173,7 @@ def test_observer_uses_the_torque_that_acted(delay):
 
 def test_one_nan_measurement_has_no_lasting_effect():
     robot = alten(FRICTION)
-    prediction = DelayPrediction.of(robot, delay=0.012)
+    prediction = DelayPrediction(delay=0.012)
     controller = Controller(
         robot, design_gain(robot).gain, compensation="full", parts=Parts(prediction=prediction)
     )
@@ -189,30 +188,9 @@ def test_one_nan_measurement_has_no_lasting_effect():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: DelayPrediction.of(alten(), delay=0.0), "must be positive"),
-        (lambda: DelayPrediction.of(alten(), delay=np.nan), "must be positive"),
-        (
-            lambda: DelayPrediction.of(alten(), delay=0.01, sample_time=0.0),
-            "sample time to predict with is 0 s",
-        ),
-        (lambda: DelayPrediction.of(alten(), delay=0.1001), "at most 0.1 s"),
-        (
-            lambda: Controller(
-                alten(),
-                np.zeros((3, 10)),
-                sample_time=0.01,
-                parts=Parts(prediction=DelayPrediction.of(alten(), delay=0.01)),
-            ),
-            "a sample time of 0.005 s; the controller's sample time is 0.01 s",
-        ),
-        (
-            lambda: Controller(
-                alten(),
-                np.zeros((3, 10)),
-                parts=Parts(prediction=DelayPrediction.of(four_wheeled(friction=False), delay=0.01)),
-            ),
-            "prediction is for 4 wheels; this robot has 3",
-        ),
+        (lambda: DelayPrediction(delay=0.0), "delay of the prediction is 0; it must be positive"),
+        (lambda: DelayPrediction(delay=np.nan), "must be positive"),
+        (lambda: predicting(alten(), 0.1001), "at most 0.1 s"),
     ],
 )
 def test_invalid_prediction_is_refused(make, sentence):
@@ -227,23 +205,21 @@ def test_negligible_delay_equals_no_delay():
     np.testing.assert_allclose(predicting(robot, 1e-12).update(0.0, state, np.zeros(10)), wanted, atol=1e-9)
 
 
-def test_design_writes_the_requested_prediction(tmp_path, capsys):
+def test_design_writes_the_requested_prediction(tmp_path):
     path = tmp_path / "robot.toml"
     write_robot(alten(FRICTION), path)
     options = ["--kind", "precise", "--delay", "0.016", "--adaptive", "--out", str(tmp_path)]
     assert main(["design", str(path), *options]) == 0
-    assert "Adaptation and load scaling may raise that up to 150 %" in capsys.readouterr().out
     parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
     assert parts.prediction is not None
     assert parts.prediction.delay == 0.016
     assert parts.floor_adaptation is not None
-    assert parts.driveline_adaptation is not None
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--delay", "0"], "The delay to predict over is 0 s; it must be positive"),
+        (["--delay", "0"], "delay of the prediction is 0; it must be positive"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
         (["--adaptive"], "--adaptive has nothing to adapt"),
         (["--robust", "--adaptive"], "remove --kind"),

@@ -6,15 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
-from ballbot.control.parts.compensation import Standstill
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
-from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.lean_limit import LeanLimit
-from ballbot.control.parts.load_scaling import LoadScaling
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.parts.standstill import Standstill
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
@@ -52,18 +49,16 @@ def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
 
 def everything(robot: Robot) -> Controller:
     """Return a controller with every part."""
-    precise, balance = precise_controller(robot, compensation="partial"), TorqueBalance.of(robot)
+    precise = precise_controller(robot, compensation="partial")
     return precise.with_parts(
         replace(
             precise.parts,
             standstill=Standstill(ahead=0.3, feed=0.4),
-            observer=DisturbanceObserver(balance=balance, frequency=3.0),
-            driveline_adaptation=DrivelineAdaptation(balance=balance),
+            disturbance_observer=DisturbanceObserver(frequency=3.0),
             floor_adaptation=FloorAdaptation(time=5.0),
-            load_scaling=LoadScaling(share=0.6),
-            lean_bound=LeanLimit(lean=0.6, turn=2.0),
+            lean_limit=LeanLimit(lean=0.6, turn=2.0),
             notch=Notch(frequency=33.0, width=0.5, depth=0.2),
-            prediction=DelayPrediction.of(robot, delay=0.012, sample_time=precise.sample_time),
+            prediction=DelayPrediction(delay=0.012),
         )
     )
 

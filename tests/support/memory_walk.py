@@ -526,11 +526,10 @@ OWN_ARRAYS = {
 
 def overrun() -> str:
     """Return what compiled code says of an array that is too short; without the bounds check it answers."""
-    from ballbot.control.law import control_law
-    from ballbot.control.law_row import MEMORY
+    from ballbot.control.law import MEMORY_SIZE, control_law
 
     try:
-        control_law(CONTROLLER.packed, np.zeros(MEMORY), np.zeros(9), np.zeros(10), np.zeros(3))
+        control_law(CONTROLLER.packed, np.zeros(MEMORY_SIZE), np.zeros(9), np.zeros(10), np.zeros(3))
     except IndexError as error:
         return str(error)
     return "not caught"

@@ -128,7 +128,7 @@ def test_an_ablation_removes_one_part_and_leaves_the_rest(part):
         without.parts.shaping != whole.parts.shaping,
         without.parts.shaping == whole.parts.shaping and without.parts.feed_forward is None,
         without.parts.integral is None,
-        without.parts.observer is None,
+        without.parts.disturbance_observer is None,
     ]
     assert sum(changed) == 1
 

@@ -236,7 +236,7 @@ class PartOptions:
     predicted for that time. `ballbot identify --estimate delays` estimates it."""
 
     adaptive: Annotated[bool, Parameter(negative="")] = False
-    """Adapt the precise kind to the floor, and any compensation to drivelines as they warm up, within bounds."""
+    """Adapt the precise kind to the floor's friction, within limits."""
 
     allow_overcompensation: Annotated[bool, Parameter(negative="")] = False
     """Write the controller even if it compensates more friction than is certain."""
@@ -366,17 +366,13 @@ def _with_parts(controller: Controller, options: PartOptions) -> Controller:
         plain, controller = controller, with_adaptations(controller)
         if controller.parts == plain.parts:
             raise InputError(
-                "--adaptive has nothing to adapt: the nominal kind without compensation "
-                "has no friction model. Add --kind precise or --compensation full."
+                "--adaptive has nothing to adapt: the nominal kind has no integral action. Add --kind precise."
             )
     parts = controller.parts
     if options.notch is not None:
         parts = replace(parts, notch=Notch(frequency=options.notch))
     if options.delay is not None:
-        prediction = DelayPrediction.of(
-            controller.robot, delay=options.delay, sample_time=controller.sample_time
-        )
-        parts = replace(parts, prediction=prediction)
+        parts = replace(parts, prediction=DelayPrediction(delay=options.delay))
     return controller.with_parts(parts)
 
 
@@ -425,11 +421,6 @@ def _margin(margin: CompensationMargin) -> str:
         f"friction: {shares}\nReturned at most, of the energy that friction "
         f"takes from a wheel that oscillates by {amplitudes} rad/s: {returned}"
     )
-    if margin.adapted:
-        text += (
-            "\nAdaptation and load scaling may raise that up to "
-            f"{100.0 * margin.adapted:.0f} % of each wheel's friction"
-        )
     return (
         f"{text}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
         if margin.pumps

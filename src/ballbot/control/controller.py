@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import SHORTEST_SAMPLE, real_array
-from ballbot.control.law import ALLOWED, control_law
-from ballbot.control.law_row import MEMORY, drag, given_back, pack_law, scales
+from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
 from ballbot.control.parts import Parts
+from ballbot.control.parts.part import LawSettings
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
@@ -76,6 +75,9 @@ class Controller:
     speed_band: float
     parts: Parts
     estimator: EstimatorName
+    record: NDArray[np.void]
+    memory: NDArray[np.void]
+    packed: NDArray[np.float64]
 
     def __init__(
         self,
@@ -106,19 +108,24 @@ class Controller:
             )
         band = default_speed_band(robot, self.sample_time) if speed_band is None else speed_band
         self.speed_band = _positive("speed band", band)
-        parts.check(robot.wheel_count, self.sample_time)
-        scales_it = {"driveline adaptation": parts.driveline_adaptation, "load scaling": parts.load_scaling}
-        for name, part in scales_it.items():
-            if part is not None and compensation == "none":
-                raise InputError(f"A {name} adjusts a compensation; choose compensation 'full' or 'partial'.")
         self.parts = parts
         self.estimator = checked_name(estimator)
-        self._memory = np.zeros(MEMORY)
+        #: the controller's numbers, (1,) of `ballbot.control.law.LAW`
+        self.record = law_record(self._law_settings(), torque_limit=self.torque_limit, parts=parts)
+        #: what it remembers, (1,) of `ballbot.control.law.MEMORY`
+        self.memory = MEMORY.zeros()
+        self.packed = self.record.view(np.float64)
+        self._memory = self.memory.view(np.float64)
 
-    @cached_property
-    def packed(self) -> NDArray[np.float64]:
-        """The controller's numbers as compiled code reads them; see `ballbot.control.law_row.pack_law`."""
-        return pack_law(self)
+    def _law_settings(self) -> LawSettings:
+        return LawSettings(
+            robot=self.robot,
+            gain=self.gain,
+            sample_time=self.sample_time,
+            compensation=self.compensation,
+            speed_band=self.speed_band,
+            delay=self.parts.prediction.delay if self.parts.prediction else 0.0,
+        )
 
     def with_compensation(self, compensation: Compensation) -> Controller:
         """Return a copy that compensates friction in another way."""
@@ -191,21 +198,14 @@ class Controller:
         )
 
     @property
-    def friction_scales(self) -> NDArray[np.float64]:
-        """By what the compensation of each wheel's friction is multiplied now, and by what the rolling friction seems
-        to differ, which scales nothing (n + 1,).
-        """
-        return scales(self._memory, len(self.gain))
-
-    @property
     def given_back(self) -> NDArray[np.float64]:
         """The torque of each wheel that the disturbance observer gives back now (n,) [N m]."""
-        return given_back(self._memory, len(self.gain))
+        return self.memory["disturbance_observer"]["given_back"][0, : len(self.gain)].copy()
 
     @property
     def drag(self) -> float:
         """The part of the integral [m s] that the floor adaptation gives now in the direction of motion."""
-        return drag(self._memory)
+        return float(self.memory["floor_adaptation"]["drag"][0])
 
 
 def refusal(place: int, value: float) -> str:

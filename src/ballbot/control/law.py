@@ -1,51 +1,188 @@
 """The control law, compiled once for the single robot and for robots in lanes.
 
-    u = K S(psi) (r_s - x) + feed-forward + integral action + compensation + what was lost,     clipped to its limit
+    u = K S(psi) (r_s - x) + feed-forward + integral action + friction compensation + lost torque,  limited
 
-r_s is the reference, or what `ballbot.control.parts.reference_shaping` and `.feed_forward` make of it; x is the state,
-or by `.prediction` the one in which u will act; `.lean_limit` may bound r_s - x. The others are those of `.integral`
-with `.floor_adaptation`, `.compensation` with `.driveline_adaptation` and `.load_scaling`, and
-`.disturbance_observer`; all of it may pass a `.notch`. S(psi) turns the pairs (x y), (theta phi) of the error and their
-rates by -psi into the heading frame: K is designed at psi = 0 and the wheels turn with the body. A
-law is one row of numbers, so that every robot in a batch can have one of its own, and what it remembers is another.
+S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
+psi = 0 and the wheels turn with the body. The law is a sequence of stages, and each part of `ballbot.control.parts`
+adds its steps to some of them (`Steps` says what a step is given and returns):
+
+    observe    look back on the sample that has passed              disturbance observer
+    predict    x, the state in which u will act                     prediction
+    shape      r_s, a smooth reference with its derivatives         reference shaping
+    error      S(psi) (r_s - x)                                     feed-forward, lean limit
+    torque     K times the error, and summands                      feed-forward, integral action
+               friction compensation
+    filter     each wheel's torque on its way to the limit          disturbance observer, notch
+    learn      step what follows the error                          integral action, floor adaptation
+
+A controller's numbers are one record (`LAW`), so that every robot in a batch can have a law of its own, and what it
+remembers is another (`MEMORY`). Both are derived from the parts' dataclasses; see `ballbot.control.records`.
 """
 
 from __future__ import annotations
 
-from ballbot.control import law_row as at
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
 from ballbot.control.interface import LARGEST_STATE
-from ballbot.control.parts.compensation import (
-    load_friction,
-    relative_rate,
-    rolling_force,
-    rolling_torque,
-    wheel_friction,
-)
-from ballbot.control.parts.driveline_adaptation import ROLLING, judge, tells, widen
-from ballbot.control.parts.feed_forward import load_flat, motion_torque, times
-from ballbot.control.parts.floor_adaptation import direction, tell_apart
-from ballbot.control.parts.integral import integrate
-from ballbot.control.parts.lean_limit import asks_much, bounded
-from ballbot.control.parts.load_scaling import dry_share, specific_force
-from ballbot.control.parts.notch import NOTCH_MEMORY, notched
-from ballbot.control.parts.past import (
-    BEYOND,
-    COMPENSATED,
-    EFFECTIVE,
-    GIVEN,
-    JUDGED,
-    JUDGED_ROLLING,
-    grow_older,
-    past,
-)
-from ballbot.control.parts.prediction import as_it_acted, predict, remembered
-from ballbot.control.parts.reference_shaping import Smooth, load_shaping, shaped
-from ballbot.control.parts.torque_balance import accelerations, lost_to_force, remember_rates, torque_needed
+from ballbot.control.parts import KINDS, Parts
+from ballbot.control.parts.compensation import CompensationRecord, compensate, compensation_record
+from ballbot.control.parts.part import LawSettings, Sample, Smooth
+from ballbot.control.parts.prediction import TorqueHistory
+from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
 
 #: what `control_law` returns where the reference may be followed
 ALLOWED = -1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeedbackRecord:
+    """The gain, and what every law has."""
+
+    torque_limit: float = field(metadata=number("N m"))
+    rate: float = field(metadata=number("1/s"))
+    gain: NDArray[np.float64] = field(metadata=number("N m per state", MAX_WHEELS, 10))
+
+
+#: a controller's numbers: feedback, compensation, and each part's record by its name
+LAW = Schema(
+    name="law",
+    fields={
+        **schema_of(FeedbackRecord).fields,
+        "compensation": schema_of(CompensationRecord),
+        **{name: schema_of(kind.record) for name, kind in KINDS.items()},
+    },
+)
+#: what a controller remembers: the last torques, and each part's state by its name; zeros at the start of a run
+MEMORY = Schema(
+    name="memory",
+    fields={
+        "history": schema_of(TorqueHistory),
+        **{name: schema_of(kind.state) for name, kind in KINDS.items()},
+    },
+)
+_LAW_TYPE, _MEMORY_TYPE = LAW.dtype(), MEMORY.dtype()
+
+#: length of what a controller remembers, as an array of float64
+MEMORY_SIZE = _MEMORY_TYPE.itemsize // 8
+
+
+def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> NDArray[np.void]:
+    """Return a controller's numbers as a record (1,) of `LAW`.
+
+    Raises
+    ------
+    InputError
+        If a part is not possible with the robot, the sample time or the number of wheels.
+    """
+    record = LAW.zeros()
+    feedback = FeedbackRecord(torque_limit=torque_limit, rate=1.0 / settings.sample_time, gain=settings.gain)
+    fill_record(record, feedback)
+    fill_record(record["compensation"], compensation_record(settings))
+    for name, part in parts.present():
+        fill_record(record[name], part.numbers(settings))
+    return record
+
+
+def _steps(stage: str) -> list[Callable]:
+    """Return the parts' steps of a stage in order."""
+    return [step for kind in KINDS.values() if (step := getattr(kind.steps, stage)) is not None]
+
+
+def _in_turn(before: Callable, last: Callable) -> Callable:
+    """Return two steps of `observe`, one after the other."""
+
+    @inlined
+    def both(law, memory, a, measured, n):
+        before(law, memory, a, measured, n)
+        last(law, memory, a, measured, n)
+
+    return both
+
+
+def _predicted_in_turn(before: Callable, last: Callable) -> Callable:
+    @inlined
+    def both(law, memory, a, state, n):
+        first, changed = before(law, memory, a, state, n)
+        second, again = last(law, memory, a, first, n)
+        return second, changed or again
+
+    return both
+
+
+def _shaped_in_turn(before: Callable, last: Callable) -> Callable:
+    @inlined
+    def both(law, memory, state, wanted):
+        return last(law, memory, state, before(law, memory, state, wanted))
+
+    return both
+
+
+def _error_in_turn(before: Callable, last: Callable) -> Callable:
+    @inlined
+    def both(law, memory, a, wanted, e):
+        first, limited = before(law, memory, a, wanted, e)
+        second, again = last(law, memory, a, wanted, first)
+        return second, limited or again
+
+    return both
+
+
+def _torques_added(before: Callable, last: Callable) -> Callable:
+    @inlined
+    def both(law, memory, now, i):
+        return before(law, memory, now, i) + last(law, memory, now, i)
+
+    return both
+
+
+def _filtered_in_turn(before: Callable, last: Callable) -> Callable:
+    @inlined
+    def both(law, memory, i, torque):
+        return last(law, memory, i, before(law, memory, i, torque))
+
+    return both
+
+
+def _learnt_in_turn(before: Callable, last: Callable) -> Callable:
+    @inlined
+    def both(law, memory, now, limited):
+        before(law, memory, now, limited)
+        last(law, memory, now, limited)
+
+    return both
+
+
+@inlined
+def _feedback(law, memory, now, i):
+    gain, e = law.gain, now.e
+    return (
+        gain[i, 0] * e[0]
+        + gain[i, 1] * e[1]
+        + gain[i, 2] * e[2]
+        + gain[i, 3] * e[3]
+        + gain[i, 4] * e[4]
+        + gain[i, 5] * e[5]
+        + gain[i, 6] * e[6]
+        + gain[i, 7] * e[7]
+        + gain[i, 8] * e[8]
+        + gain[i, 9] * e[9]
+    )
+
+
+_observe = reduce(_in_turn, _steps("observe"))
+_predict = reduce(_predicted_in_turn, _steps("predict"))
+_shape = reduce(_shaped_in_turn, _steps("shape"))
+_change_error = reduce(_error_in_turn, _steps("error"))
+_torque = reduce(_torques_added, _steps("torque"), _feedback)
+_filter = reduce(_filtered_in_turn, _steps("filter"))
+_learn = reduce(_learnt_in_turn, _steps("learn"))
 
 
 @inlined
@@ -70,10 +207,8 @@ def _turned(a, v_x, v_y):
 
 
 @inlined
-def _wanted(row, memory, state, reference):
-    """Return x, y and psi asked for, each a `Smooth`: shaped, or as they are."""
-    if row[at.SHAPING] > 0.0:
-        return shaped(load_shaping(row, at.SHAPING), memory, state, reference)
+def _unshaped(reference):
+    """Return x, y and psi asked for, each a `Smooth` at rest."""
     return (
         Smooth(reference[0], 0.0, 0.0, 0.0, 0.0),
         Smooth(reference[1], 0.0, 0.0, 0.0, 0.0),
@@ -82,168 +217,42 @@ def _wanted(row, memory, state, reference):
 
 
 @inlined
-def _heading_error(flat, a, state, wanted):
-    """Return S(psi) (r_s - x), r_s with the lean that the motion needs."""
+def _heading_error(a, state, wanted):
+    """Return S(psi) (r_s - x)."""
     x, y, psi = wanted
-    second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
-    lean, lean_rate = times(flat.lean, second), times(flat.lean, third)
-    ahead, ahead_rate = times(flat.offset, second), times(flat.offset, third)
-    place = _turned(a, x.value - state[0], y.value - state[1])
-    leaned = _turned(a, state[2], state[3])
+    position = _turned(a, x.value - state[0], y.value - state[1])
+    lean = _turned(a, state[2], state[3])
     speed = _turned(a, x.rate - state[5], y.rate - state[6])
-    leaning = _turned(a, state[7], state[8])
+    lean_rate = _turned(a, state[7], state[8])
     return (
-        place[0] - ahead[0],
-        place[1] - ahead[1],
-        lean[0] - leaned[0],
-        lean[1] - leaned[1],
+        position[0],
+        position[1],
+        -lean[0],
+        -lean[1],
         psi.value - state[4],
-        speed[0] - ahead_rate[0],
-        speed[1] - ahead_rate[1],
-        lean_rate[0] - leaning[0],
-        lean_rate[1] - leaning[1],
+        speed[0],
+        speed[1],
+        -lean_rate[0],
+        -lean_rate[1],
         psi.rate - state[9],
     )
 
 
 @inlined
-def _feedback(row, place, e):
-    return (
-        row[place] * e[0]
-        + row[place + 1] * e[1]
-        + row[place + 2] * e[2]
-        + row[place + 3] * e[3]
-        + row[place + 4] * e[4]
-        + row[place + 5] * e[5]
-        + row[place + 6] * e[6]
-        + row[place + 7] * e[7]
-        + row[place + 8] * e[8]
-        + row[place + 9] * e[9]
-    )
-
-
-@inlined
-def _drive(row, memory, a, wanted, e, torques):
-    """Fill in feedback, feed-forward, and integral action with what turns with the motion."""
-    x, y, psi = wanted
-    second, fourth = _turned(a, x.second, y.second), _turned(a, x.fourth, y.fourth)
-    d_x, d_y = direction(row, at.FLOOR, x.rate, y.rate)
-    I_x, I_y = _turned(
-        a, memory[at.SUMS] + memory[at.DRAG] * d_x, memory[at.SUMS + 1] + memory[at.DRAG] * d_y
-    )
-    I_psi = memory[at.SUMS + 2]
-    for i in range(len(torques)):
-        place = at.WHEELS + at.PER_WHEEL * i
-        own = place + at.OWN_INTEGRAL
-        torques[i] = (
-            _feedback(row, place, e)
-            + motion_torque(row, place + at.OWN_FLAT, second, fourth, psi.second)
-            + (row[own] * I_x + row[own + 1] * I_y + row[own + 2] * I_psi)
-        )
-
-
-@inlined
-def _compensate(F, row, memory, a, state, wanted, e, torques):
-    """Add the friction's compensation to the law's torques, and keep what adaptation judges."""
-    d_x, d_y = a.cos_psi * e[5] - a.sin_psi * e[6], a.sin_psi * e[5] + a.cos_psi * e[6]
-    d_t, d_p = a.cos_psi * e[7] - a.sin_psi * e[8], a.sin_psi * e[7] + a.cos_psi * e[8]
-    rates = (
-        state[5] + F.ahead * d_x,
-        state[6] + F.ahead * d_y,
-        state[7] + F.ahead * d_t,
-        state[8] + F.ahead * d_p,
-        state[9] + F.ahead * e[9],
-    )
-    relative, force = relative_rate(F, a, rates), rolling_force(F, a, rates)
-    agreement = 0.0  # u . rolling
-    for i in range(len(torques)):
-        place = at.WHEELS + at.PER_WHEEL * i + at.OWN_FRICTION
-        agreement += torques[i] * rolling_torque(row, place, force)
-    rolls = F.full + (F.partial if agreement > 0.0 else 0.0)
-    dry = 1.0  # what the load makes of a wheel's dry friction
-    for i in range(len(torques)):
-        wheel = at.WHEELS + at.PER_WHEEL * i
-        place = wheel + at.OWN_FRICTION
-        if row[at.LOAD] > 0.0:
-            pressing = specific_force(row, at.LOAD, a, wanted)
-            dry = dry_share(row, at.LOAD, wheel + at.OWN_LOAD, memory, at.PAST, pressing, len(torques))
-        friction, share, speed = wheel_friction(F, row, place, relative, torques[i], dry)
-        added = share * (1.0 + memory[at.SCALES + i]) * friction + rolls * rolling_torque(row, place, force)
-        torques[i] += added
-        memory[past(at.PAST, 0, COMPENSATED, i)] = added
-        if row[at.ADAPTATION] > 0.0:
-            told = abs(speed) * F.steepness > 1.0 and tells(row, at.ADAPTATION, speed)
-            carried = lost_to_force(row, wheel + at.OWN_BALANCE, force)
-            memory[past(at.PAST, 0, JUDGED, i)] = friction if told else 0.0
-            memory[past(at.PAST, 0, JUDGED_ROLLING, i)] = carried if told else 0.0
-
-
-@inlined
-def _look_back(row, memory, a, state, n):
-    """Find the torque lost in the sample that has passed; adapt the friction's scales, step what is given back."""
-    if memory[at.BALANCE + 5] > 0.0:
-        changes = accelerations(a, memory, at.BALANCE, state, row[at.RATE])
-        lean = (a.cos_psi * state[2] + a.sin_psi * state[3], a.cos_psi * state[3] - a.sin_psi * state[2])
-        adapts, moves = row[at.ADAPTATION] > 0.0, False
-        for i in range(n):
-            if as_it_acted(row, at.PREDICTION, memory, at.PAST, BEYOND, i) > 0.0:
-                continue  # a sample at the limit says nothing of what was lost
-            needed = torque_needed(row, at.WHEELS + at.PER_WHEEL * i + at.OWN_BALANCE, changes, lean)
-            lost = as_it_acted(row, at.PREDICTION, memory, at.PAST, GIVEN, i) - needed
-            left = (
-                lost - as_it_acted(row, at.PREDICTION, memory, at.PAST, COMPENSATED, i) - memory[at.BACK + i]
-            )
-            back = memory[at.BACK + i] + row[at.OBSERVER] * left
-            memory[at.BACK + i] = _limited(back, row[at.OBSERVER + 1])
-            friction = as_it_acted(row, at.PREDICTION, memory, at.PAST, JUDGED, i)
-            if adapts and friction != 0.0:
-                if not moves:
-                    widen(row, at.ADAPTATION, memory, at.SCALES, ROLLING)
-                    moves = True
-                carried = as_it_acted(row, at.PREDICTION, memory, at.PAST, JUDGED_ROLLING, i)
-                widen(row, at.ADAPTATION, memory, at.SCALES, i)
-                judge(row, at.ADAPTATION, memory, at.SCALES, i, friction, carried, lost)
-    remember_rates(memory, at.BALANCE, state)
-
-
-@inlined
-def _give_back(row, memory, torques):
-    """Add what was lost, pass the notch, limit; return whether a torque was beyond the limit."""
-    limit = row[0]
+def _release(law, memory, torques):
+    """Filter and limit the torques, and remember them; return whether one was beyond the limit."""
+    past, given_back = memory.history, memory.disturbance_observer.given_back
+    limit = law.torque_limit
     beyond = False
     for i in range(len(torques)):
-        torques[i] += memory[at.BACK + i]
-        if row[at.NOTCH] > 0.0:
-            torques[i] = notched(row, at.NOTCH, memory, at.NOTCHES + NOTCH_MEMORY * i, torques[i])
+        torques[i] = _filter(law, memory, i, torques[i])
         beyond = beyond or abs(torques[i]) > limit
         torques[i] = _limited(torques[i], limit)
-        memory[past(at.PAST, 0, GIVEN, i)] = torques[i]
-        effective = torques[i] - memory[past(at.PAST, 0, COMPENSATED, i)] - memory[at.BACK + i]
-        memory[past(at.PAST, 0, EFFECTIVE, i)] = effective
+        past.given[0, i] = torques[i]
+        past.effective[0, i] = torques[i] - past.compensated[0, i] - given_back[i]
     for i in range(len(torques)):
-        memory[past(at.PAST, 0, BEYOND, i)] = 1.0 if beyond else 0.0
+        past.beyond[0, i] = 1.0 if beyond else 0.0
     return beyond
-
-
-@inlined
-def _when_it_acts(row, memory, a, measured, n):
-    """Return the state in which the torques will act, and make room for them among those of the past."""
-    if row[at.PREDICTION] == 0.0:
-        return measured
-    predict(
-        row,
-        at.PREDICTION,
-        at.WHEELS + at.OWN_PREDICTION,
-        at.PER_WHEEL,
-        memory,
-        at.PAST,
-        at.AHEAD,
-        a,
-        measured,
-        n,
-    )
-    grow_older(memory, at.PAST, remembered(row, at.PREDICTION))
-    return memory[at.AHEAD : at.AHEAD + 10]
 
 
 @inlined
@@ -256,45 +265,37 @@ def _is_state(measured):
 
 
 @called
-def _decide(row, memory, measured, reference, torques):
+def _decide(law, memory, measured, reference, torques):
     """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
-    F = load_friction(row, at.FRICTION)
+    n = len(torques)
     a = attitude((measured[2], measured[3], measured[4]))
-    if row[at.OBSERVER] + row[at.ADAPTATION] > 0.0:
-        _look_back(row, memory, a, measured, len(torques))
-    state = _when_it_acts(row, memory, a, measured, len(torques))
-    if row[at.PREDICTION] > 0.0:
+    _observe(law, memory, a, measured, n)
+    state, changed = _predict(law, memory, a, measured, n)
+    if changed:
         a = attitude((state[2], state[3], state[4]))
-    wanted = _wanted(row, memory, state, reference)
-    e = _heading_error(load_flat(row, at.FLAT), a, state, wanted)
-    much = False  # more than the bound lets be asked for
-    if row[at.BOUND] > 0.0:
-        much = asks_much(row, at.BOUND, e)
-        e = bounded(row, at.BOUND, e)
-    _drive(row, memory, a, wanted, e, torques)
-    if F.full + F.partial > 0.0:
-        _compensate(F, row, memory, a, state, wanted, e, torques)
-    beyond = _give_back(row, memory, torques)
-    if row[at.INTEGRAL] > 0.0:
-        e_x, e_y = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1]
-        integrate(row, at.INTEGRAL, memory, at.SUMS, e_x, e_y, e[4], beyond or much)
-        if row[at.FLOOR] > 0.0 and not (beyond or much):
-            d_x, d_y = direction(row, at.FLOOR, wanted[0].rate, wanted[1].rate)
-            tell_apart(row, at.FLOOR, memory, at.DRAG, at.SUMS, d_x, d_y)
+    wanted = _shape(law, memory, state, _unshaped(reference))
+    e, limited = _change_error(law, memory, a, wanted, _heading_error(a, state, wanted))
+    now = Sample(a, state, wanted, e)
+    for i in range(n):
+        torques[i] = _torque(law, memory, now, i)
+    if law.compensation.full + law.compensation.partial > 0.0:
+        compensate(law, memory, now, torques)
+    beyond = _release(law, memory, torques)
+    _learn(law, memory, now, beyond or limited)
 
 
 @compiled
-def control_law(row, memory, measured, reference, torques):
+def control_law(law, memory, measured, reference, torques):
     """Fill `torques` (n,) and return `ALLOWED`, or the place in the reference at which A r is not 0.
 
     Without a valid state, or with a reference that is refused, the torques are zero and the memory stays as it is.
 
     Parameters
     ----------
-    row : ndarray
-        From `pack_law`.
-    memory : ndarray (`MEMORY`,)
-        What the law remembers; changed. All zero at the start of a run.
+    law : ndarray
+        The float64 view of a record of `LAW`.
+    memory : ndarray (`MEMORY_SIZE`,)
+        The float64 view of a record of `MEMORY`; changed. All zero at the start of a run.
     measured, reference : ndarray (10,)
     torques : ndarray (n,)
         [N m]
@@ -304,5 +305,5 @@ def control_law(row, memory, measured, reference, torques):
         for i in range(len(torques)):
             torques[i] = 0.0
         return refused
-    _decide(row, memory, measured, reference, torques)
+    _decide(law.view(_LAW_TYPE)[0], memory.view(_MEMORY_TYPE)[0], measured, reference, torques)
     return ALLOWED

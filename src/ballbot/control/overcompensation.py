@@ -29,8 +29,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from ballbot.control.controller import Controller
-from ballbot.control.parts import Parts
-from ballbot.control.parts.load_scaling import HIGHEST_LOAD
 from ballbot.errors import InputError
 from ballbot.mechanics.friction import stribeck_decay, wheel_friction
 from ballbot.robot import Friction, Robot
@@ -167,7 +165,6 @@ class CompensationMargin:
     speeds: tuple[float, ...]  #: that speed [rad/s]
     rolling: float  #: share of the rolling friction
     swings: tuple[Swing, ...]  #: at `AMPLITUDES`
-    adapted: float  #: the largest share that driveline adaptation and load scaling may bring; 0 without them
 
     @property
     def largest(self) -> float:
@@ -201,7 +198,6 @@ class CompensationMargin:
             "swings": [
                 {"amplitude": one.amplitude, "given": list(one.given), "taken": list(one.taken)} for one in self.swings
             ],
-            "largest_share_adapted": self.adapted or None,
             "pumps": self.pumps,
         }  # fmt: skip
 
@@ -227,17 +223,7 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
         speeds=tuple(_SPEEDS[worst].tolist()),
         rolling=rolling,
         swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
-        adapted=float(shares.max()) * _scaled(controller.parts),
     )
-
-
-def _scaled(parts: Parts) -> float:
-    """Return by how much adaptation and load scaling may multiply the compensation, 0 where there is neither."""
-    adaptation, load = parts.driveline_adaptation, parts.load_scaling
-    if adaptation is None and load is None:
-        return 0.0
-    loaded = 1.0 + load.share * (HIGHEST_LOAD - 1.0) if load is not None else 1.0
-    return loaded * (adaptation.highest if adaptation is not None else 1.0)
 
 
 def compensation_curve(controller: Controller, speeds: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,15 +21,13 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Compensation, Controller, default_speed_band
 from ballbot.control.lqr import LqrDesign, lqr
 from ballbot.control.parts import Parts
-from ballbot.control.parts.compensation import Standstill
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
-from ballbot.control.parts.driveline_adaptation import DrivelineAdaptation
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.control.parts.torque_balance import TorqueBalance
+from ballbot.control.parts.standstill import Standstill
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
@@ -167,11 +165,11 @@ def precise_controller(
         speed_band=PRECISE_SPEED_BAND * default_speed_band(robot, time),
         parts=Parts(
             shaping=ReferenceShaping(),
-            feed_forward=FeedForward.of(robot),
+            feed_forward=FeedForward(),
             integral=IntegralAction(gain=chosen.integral_gain),
             standstill=Standstill(feed=BREAKAWAY_ASSIST),
-            observer=DisturbanceObserver(balance=TorqueBalance.of(robot)),
-            lean_bound=LeanLimit(),
+            disturbance_observer=DisturbanceObserver(),
+            lean_limit=LeanLimit(),
         ),
         estimator="kalman",
     )
@@ -187,17 +185,8 @@ def grip_torque_limit(robot: Robot) -> float:
 
 
 def adaptive(controller: Controller) -> Controller:
-    """Return a copy with those adaptations that it can have; one that it has stays as it is.
-
-    Parameters
-    ----------
-    controller : Controller
-        With integral action and shaped references it follows the floor, with a compensation the drivelines.
-    """
+    """Return a copy that follows the floor, if it has integral action and shaped references; otherwise the same."""
     parts = controller.parts
-    floor, drivelines = parts.floor_adaptation, parts.driveline_adaptation
-    if floor is None and parts.integral is not None and parts.shaping is not None:
-        floor = FloorAdaptation()
-    if drivelines is None and controller.compensation != "none":
-        drivelines = DrivelineAdaptation(balance=TorqueBalance.of(controller.robot))
-    return controller.with_parts(replace(parts, floor_adaptation=floor, driveline_adaptation=drivelines))
+    if parts.floor_adaptation is not None or parts.integral is None or parts.shaping is None:
+        return controller
+    return controller.with_parts(replace(parts, floor_adaptation=FloorAdaptation()))

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
-from ballbot.control.law import control_law
-from ballbot.control.law_row import MEMORY
+from ballbot.control.law import MEMORY_SIZE, control_law
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import fill
@@ -256,7 +255,7 @@ def run_closed_loop_block(
     """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
     work = new_work()
     state, held = np.empty(10), np.empty(torques.shape[2])
-    memories = np.zeros((width, MEMORY))
+    memories = np.zeros((width, MEMORY_SIZE))
     samples, moving = len(references), width
     late = np.zeros((1 + int(conditions[:, 0].max()), width, len(held)))  # torques on their way
     acting, room = np.zeros((width, len(held))), np.zeros(len(held))

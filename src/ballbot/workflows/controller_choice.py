@@ -185,7 +185,7 @@ def without_part(precise: Controller, part: str) -> Controller:
         "reference shaping": lambda: precise.with_parts(replace(parts, shaping=None, feed_forward=None)),
         "feed-forward": lambda: precise.with_parts(replace(parts, feed_forward=None)),
         "integral action": lambda: precise.with_parts(replace(parts, integral=None)),
-        "disturbance observer": lambda: precise.with_parts(replace(parts, observer=None)),
+        "disturbance observer": lambda: precise.with_parts(replace(parts, disturbance_observer=None)),
         "friction compensation": lambda: precise.with_compensation("none"),
     }
     if part not in removed:

@@ -2,42 +2,144 @@
 
     d' = w (lost - d),      u += d
 
-The model-free rival of friction compensation: it pays for friction, slope and payload alike, late by 1/w, and hands
-the sensors' noise on. With a compensation it gives back what that leaves.
+By the linearised exact model without friction, x' = A x + B u in the heading frame, the rates' change over a sample
+needed the torques B^+ (x' - A x), B^+ the inverse of least norm. What the motors gave beyond them was lost to friction,
+a slope, a push. The model-free rival of friction compensation: it pays for friction, slope and payload alike, late by
+1/w, and hands the sensors' noise on. With a compensation it gives back what that leaves.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from ballbot.control.parts.torque_balance import TorqueBalance
-from ballbot.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.parts.prediction import as_it_acted
+from ballbot.control.records import MAX_WHEELS, number, setting, whole
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObserverRecord:
+    """The sampled observer, and the torques that a motion needs, heading frame."""
+
+    on: int = field(default=1, metadata=whole())
+    #: fraction of the way that d goes in a sample
+    fraction: float = field(metadata=number("1"))
+    limit: float = field(metadata=number("N m"))
+    #: B^+ for the change of the rates
+    by_acceleration: NDArray[np.float64] = field(metadata=number("N m s^2/m", MAX_WHEELS, 5))
+    #: -B^+ A for theta, phi
+    by_lean: NDArray[np.float64] = field(metadata=number("N m/rad", MAX_WHEELS, 2))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObserverState:
+    """The rates of the last sample, whether there are any, and d."""
+
+    rates: NDArray[np.float64] = field(metadata=number("m/s", 5))
+    started: int = field(metadata=whole())
+    given_back: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+
+
+def torque_balance(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the torques (n, 5) for the rates' change and (n, 2) for theta, phi, of the model without friction."""
+    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    back = np.asarray(np.linalg.pinv(np.asarray(linear.B)), dtype=np.float64)
+    return back[:, 5:], -(back @ np.asarray(linear.A))[:, 2:4]
+
+
+@inlined
+def _observe(law, memory, a, measured, n):
+    """Find the torque lost in the sample that has passed, and step what is given back."""
+    own, state, past = law.disturbance_observer, memory.disturbance_observer, memory.history
+    if own.on == 0:
+        return
+    if state.started > 0:
+        changes = _accelerations(a, state.rates, measured, law.rate)
+        lean = (
+            a.cos_psi * measured[2] + a.sin_psi * measured[3],
+            a.cos_psi * measured[3] - a.sin_psi * measured[2],
+        )
+        for i in range(n):
+            if as_it_acted(law.prediction, past.beyond, i) > 0.0:
+                continue  # a sample at the limit says nothing of what was lost
+            needed = _torque_needed(own, i, changes, lean)
+            lost = as_it_acted(law.prediction, past.given, i) - needed
+            left = lost - as_it_acted(law.prediction, past.compensated, i) - state.given_back[i]
+            back = state.given_back[i] + own.fraction * left
+            state.given_back[i] = _limited(back, own.limit)
+    for i in range(5):
+        state.rates[i] = measured[5 + i]
+    state.started = 1
+
+
+@inlined
+def _accelerations(a, rates, measured, rate):
+    """Return the rates' change since the last sample (5,), heading frame; `rate` is samples a second."""
+    c, s = a.cos_psi, a.sin_psi
+    x, y = rate * (measured[5] - rates[0]), rate * (measured[6] - rates[1])
+    t, p = rate * (measured[7] - rates[2]), rate * (measured[8] - rates[3])
+    return c * x + s * y, c * y - s * x, c * t + s * p, c * p - s * t, rate * (measured[9] - rates[4])
+
+
+@inlined
+def _torque_needed(own, i, changes, lean):
+    """Return a wheel's torque for those accelerations (5,) at that lean (2,)."""
+    by_acceleration, by_lean = own.by_acceleration, own.by_lean
+    return (
+        by_acceleration[i, 0] * changes[0]
+        + by_acceleration[i, 1] * changes[1]
+        + by_acceleration[i, 2] * changes[2]
+        + by_acceleration[i, 3] * changes[3]
+        + by_acceleration[i, 4] * changes[4]
+        + by_lean[i, 0] * lean[0]
+        + by_lean[i, 1] * lean[1]
+    )
+
+
+@inlined
+def _limited(torque, limit):
+    """Clip so that a NaN stays one."""
+    return limit if torque > limit else (-limit if torque < -limit else torque)
+
+
+@inlined
+def _give_back(law, memory, i, torque):
+    """Add the torque lost by a wheel; zero without an observer."""
+    return torque + memory.disturbance_observer.given_back[i]
 
 
 @dataclass(frozen=True, kw_only=True)
-class DisturbanceObserver:
+class DisturbanceObserver(Part):
     """How the lost torque is given back.
 
     Raises
     ------
     InputError
-        Where a number is not positive.
+        If a number is not positive.
     """
 
-    balance: TorqueBalance  #: of the robot
-    frequency: float = 10.0  #: w of the lag [rad/s]
-    limit: float = 0.5  #: most that a wheel is given back [N m]
+    label = "disturbance observer"
+    comment = "Torque that is lost is given back."
+    record = ObserverRecord
+    state = ObserverState
+    steps = Steps(observe=_observe, filter=_give_back)
 
-    def __post_init__(self) -> None:
-        for name in ("frequency", "limit"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of the disturbance observer is {value:g}; it must be positive.")
+    frequency: float = field(default=10.0, metadata=setting("rad/s", "w of the lag", above=0.0))
+    limit: float = field(default=0.5, metadata=setting("N m", "most that a wheel is given back", above=0.0))
 
-
-def pack_observer(observer: DisturbanceObserver | None, sample_time: float) -> list[float]:
-    """Return the part of the way that d goes in a sample, and the limit; zero where there is none."""
-    if observer is None:
-        return [0.0, 0.0]
-    return [-math.expm1(-observer.frequency * sample_time), observer.limit]
+    def numbers(self, settings: LawSettings) -> ObserverRecord:
+        """Return the sampled observer for the robot."""
+        by_acceleration, by_lean = torque_balance(settings.robot)
+        return ObserverRecord(
+            fraction=-math.expm1(-self.frequency * settings.sample_time),
+            limit=self.limit,
+            by_acceleration=by_acceleration,
+            by_lean=by_lean,
+        )

@@ -16,130 +16,129 @@ of yaw with lean.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import real_array
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 
-#: largest torque on the flat output, relative to that on the place, that counts as none
+#: largest torque on the flat output, relative to that on the position, that counts as none
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FeedForward:
-    """What a motion of the flat output asks for, linear in its derivatives, heading frame.
+class FeedForwardRecord:
+    """What a motion of the flat output asks for, linear in its derivatives, heading frame."""
+
+    on: int = field(default=1, metadata=whole())
+    #: G^-1: theta, phi for s''
+    lean: NDArray[np.float64] = field(metadata=number("rad s^2/m", 2, 2))
+    #: C G^-1: how far s is ahead of the position, for s''
+    offset: NDArray[np.float64] = field(metadata=number("s^2", 2, 2))
+    by_second: NDArray[np.float64] = field(metadata=number("N m s^2/m", MAX_WHEELS, 2))
+    by_fourth: NDArray[np.float64] = field(metadata=number("N m s^4/m", MAX_WHEELS, 2))
+    by_turning: NDArray[np.float64] = field(metadata=number("N m s^2/rad", MAX_WHEELS))
+
+
+def feed_forward_record(robot: Robot) -> FeedForwardRecord:
+    """Return what the robot's exact model without friction asks for.
 
     Raises
     ------
     InputError
-        If an array has another shape or a value that is not finite.
+        If the robot has no flat output, because its wheels do not reach all three axes.
     """
-
-    lean: NDArray[np.float64]  #: G^-1 (2, 2): theta, phi for s'' [rad s^2/m]
-    offset: NDArray[np.float64]  #: C G^-1 (2, 2): how far s is ahead of the place, for s'' [s^2]
-    by_second: NDArray[np.float64]  #: (n, 2) torque for s'' [N m s^2/m]
-    by_fourth: NDArray[np.float64]  #: (n, 2) torque for s'''' [N m s^4/m]
-    by_turning: NDArray[np.float64]  #: (n,) torque for psi'' [N m s^2/rad]
-
-    def __post_init__(self) -> None:
-        n = np.size(self.by_turning)
-        shapes = {
-            "lean": (2, 2),
-            "offset": (2, 2),
-            "by_second": (n, 2),
-            "by_fourth": (n, 2),
-            "by_turning": (n,),
-        }
-        for name, shape in shapes.items():
-            checked = real_array(getattr(self, name), shape, f"{name} of a feed-forward")
-            object.__setattr__(self, name, checked)
-
-    @staticmethod
-    def of(robot: Robot) -> FeedForward:
-        """Return what the robot's exact model without friction asks for.
-
-        Raises
-        ------
-        InputError
-            Where the robot has no flat output, because its wheels do not reach all three axes.
-        """
-        linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-        A, B = np.asarray(linear.A), np.asarray(linear.B)
-        C = -B[5:7] @ np.linalg.pinv(B[7:])
-        if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
-            raise InputError(
-                f"The robot {robot.name!r} cannot have feed-forward: its wheels cannot turn it in every "
-                "direction."
-            )
-        G = (A[5:7] + C @ A[7:])[:, 2:4]
-        lean = np.asarray(np.linalg.inv(G), dtype=np.float64)
-        offset = C[:, :2] @ lean
-        motions = np.zeros((3, 10, 2)), np.zeros((3, 10, 2))  # r and r' for s'', s'''' and psi''
-        (r_2, r_4, _), (d_2, d_4, d_psi) = motions
-        r_2[:2], r_2[2:4] = -offset, lean
-        d_2[5:7] = np.eye(2)
-        d_4[5:7], d_4[7:9] = -offset, lean
-        d_psi[9, 0] = 1.0
-        back = np.linalg.pinv(B)
-        return FeedForward(
-            lean=lean,
-            offset=offset,
-            by_second=back @ (d_2 - A @ r_2),
-            by_fourth=back @ (d_4 - A @ r_4),
-            by_turning=(back @ d_psi)[:, 0],
+    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    A, B = np.asarray(linear.A), np.asarray(linear.B)
+    C = -B[5:7] @ np.linalg.pinv(B[7:])
+    if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():
+        raise InputError(
+            f"The robot {robot.name!r} cannot have feed-forward: its wheels cannot turn it in every direction."
         )
-
-
-class Flat(NamedTuple):
-    """What the wheels share of a feed-forward, in compiled code."""
-
-    lean: tuple[float, float, float, float]
-    offset: tuple[float, float, float, float]
-
-
-#: numbers that `pack_feed_forward` returns for all wheels together, and for each
-FLAT_SIZE, FLAT_PER_WHEEL = 8, 5
-
-
-def pack_feed_forward(
-    feed_forward: FeedForward | None, wheel_count: int
-) -> tuple[list[float], NDArray[np.float64]]:
-    """Return what the wheels share (8,) and the torques (n, 5) for s'', s'''' and psi''; zero where there is none."""
-    if feed_forward is None:
-        return [0.0] * FLAT_SIZE, np.zeros((wheel_count, FLAT_PER_WHEEL))
-    shared = [*feed_forward.lean.ravel().tolist(), *feed_forward.offset.ravel().tolist()]
-    return shared, np.column_stack([feed_forward.by_second, feed_forward.by_fourth, feed_forward.by_turning])
-
-
-@inlined
-def load_flat(row, place):
-    """Return the `Flat` at that place of a row."""
-    return Flat(
-        (row[place], row[place + 1], row[place + 2], row[place + 3]),
-        (row[place + 4], row[place + 5], row[place + 6], row[place + 7]),
+    G = (A[5:7] + C @ A[7:])[:, 2:4]
+    lean = np.asarray(np.linalg.inv(G), dtype=np.float64)
+    offset = C[:, :2] @ lean
+    motions = np.zeros((3, 10, 2)), np.zeros((3, 10, 2))  # r and r' for s'', s'''' and psi''
+    (r_2, r_4, _), (d_2, d_4, d_psi) = motions
+    r_2[:2], r_2[2:4] = -offset, lean
+    d_2[5:7] = np.eye(2)
+    d_4[5:7], d_4[7:9] = -offset, lean
+    d_psi[9, 0] = 1.0
+    back = np.linalg.pinv(B)
+    return FeedForwardRecord(
+        lean=lean,
+        offset=offset,
+        by_second=back @ (d_2 - A @ r_2),
+        by_fourth=back @ (d_4 - A @ r_4),
+        by_turning=(back @ d_psi)[:, 0],
     )
 
 
 @inlined
-def times(M, v):
-    """Return a 2 x 2 matrix, its rows one after the other, times a vector."""
-    return M[0] * v[0] + M[1] * v[1], M[2] * v[0] + M[3] * v[1]
+def _lean_error(law, memory, a, wanted, e):
+    """Return the error to the lean, and from the position, that the motion asks for; see the module's docstring."""
+    own = law.feed_forward
+    x, y, _ = wanted
+    second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
+    lean, lean_rate = _times(own.lean, second), _times(own.lean, third)
+    ahead, ahead_rate = _times(own.offset, second), _times(own.offset, third)
+    moved = (
+        e[0] - ahead[0],
+        e[1] - ahead[1],
+        e[2] + lean[0],
+        e[3] + lean[1],
+        e[4],
+        e[5] - ahead_rate[0],
+        e[6] - ahead_rate[1],
+        e[7] + lean_rate[0],
+        e[8] + lean_rate[1],
+        e[9],
+    )
+    return moved, False
 
 
 @inlined
-def motion_torque(row, place, second, fourth, turning):
-    """Return a wheel's feed-forward torque for s'', s'''' (heading frame) and psi'', its numbers at that place."""
+def _torque(law, memory, now, i):
+    """Return a wheel's torque for s'', s'''' (heading frame) and psi''."""
+    own = law.feed_forward
+    x, y, psi = now.wanted
+    second, fourth = _turned(now.a, x.second, y.second), _turned(now.a, x.fourth, y.fourth)
     return (
-        row[place] * second[0]
-        + row[place + 1] * second[1]
-        + row[place + 2] * fourth[0]
-        + row[place + 3] * fourth[1]
-        + row[place + 4] * turning
+        own.by_second[i, 0] * second[0]
+        + own.by_second[i, 1] * second[1]
+        + own.by_fourth[i, 0] * fourth[0]
+        + own.by_fourth[i, 1] * fourth[1]
+        + own.by_turning[i] * psi.second
     )
+
+
+@inlined
+def _turned(a, v_x, v_y):
+    """Return a vector of the world in the heading frame."""
+    return a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x
+
+
+@inlined
+def _times(M, v):
+    """Return a 2 x 2 matrix times a vector."""
+    return M[0, 0] * v[0] + M[0, 1] * v[1], M[1, 0] * v[0] + M[1, 1] * v[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeedForward(Part):
+    """The lean and the torques that a shaped motion needs; nothing to set, it follows from the robot."""
+
+    label = "feed-forward"
+    comment = "A shaped motion is given the lean and the torques that it needs."
+    record = FeedForwardRecord
+    steps = Steps(error=_lean_error, torque=_torque)
+
+    def numbers(self, settings: LawSettings) -> FeedForwardRecord:
+        """Return what the robot's exact model asks for."""
+        return feed_forward_record(settings.robot)

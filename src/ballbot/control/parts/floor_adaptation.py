@@ -22,95 +22,132 @@ turns with the motion: what the wheels' compensation leaves, and what feedback o
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 
-from ballbot.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.records import number, setting, whole
 from ballbot.mechanics.engine.compiled import called, inlined
+
+#: |d|^2 below which nothing is asked to move: a shaped motion never ends altogether
+_MOVES = 1e-2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FloorRecord:
+    """R, then h Q and P at the start of b and of kappa, and the bounds."""
+
+    on: int = field(default=1, metadata=whole())
+    noise: float = field(metadata=number("1/s"))
+    slope_walk: float = field(metadata=number("1/s"))
+    slope_start: float = field(metadata=number("1/s"))
+    drag_walk: float = field(metadata=number("1/s"))
+    drag_start: float = field(metadata=number("1/s"))
+    highest: float = field(metadata=number("m s"))
+    steepness: float = field(metadata=number("s/m"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FloorState:
+    """kappa, b, and P less what it was at the start."""
+
+    drag: float = field(metadata=number("m s"))
+    slope: NDArray[np.float64] = field(metadata=number("m s", 2))
+    P_xx: float = field(metadata=number("1/s"))
+    P_yy: float = field(metadata=number("1/s"))
+    P_kk: float = field(metadata=number("1/s"))
+    P_xy: float = field(metadata=number("1/s"))
+    P_xk: float = field(metadata=number("1/s"))
+    P_yk: float = field(metadata=number("1/s"))
+
+
+@inlined
+def direction(own, v_x, v_y):
+    """Return d (2,) for the velocity asked for; `own` is a `FloorRecord`."""
+    speed = (v_x * v_x + v_y * v_y) ** 0.5
+    share = min(1.0, speed * own.steepness) / max(speed, 1e-300)
+    return share * v_x, share * v_y
+
+
+@inlined
+def _learn(law, memory, now, limited):
+    """Step the filter, unless a torque or the error is at its limit."""
+    if law.floor_adaptation.on > 0 and not limited:
+        d_x, d_y = direction(law.floor_adaptation, now.wanted[0].rate, now.wanted[1].rate)
+        _separate(law.floor_adaptation, memory.floor_adaptation, memory.integral.sums, d_x, d_y)
+
+
+@called
+def _separate(own, state, sums, d_x, d_y):
+    """Step the filter by a sample; `sums` are the integrals of x and y."""
+    kappa, b_x, b_y = state.drag, state.slope[0], state.slope[1]
+    start_b, start_k = own.slope_start, own.drag_start
+    G_x, G_y = sums[0] + kappa * d_x, sums[1] + kappa * d_y
+    moves = d_x * d_x + d_y * d_y > _MOVES
+    xx = start_b + min(0.0, state.P_xx + own.slope_walk)
+    yy = start_b + min(0.0, state.P_yy + own.slope_walk)
+    kk = start_k + min(0.0, state.P_kk + (own.drag_walk if moves else 0.0))
+    xy, xk, yk = state.P_xy, state.P_xk, state.P_yk
+    for axis in range(2):
+        if axis == 0:
+            miss = G_x - b_x - kappa * d_x
+            p_x, p_y, p_k = xx + xk * d_x, xy + yk * d_x, xk + kk * d_x
+            size = own.noise + p_x + d_x * p_k
+        else:
+            miss = G_y - b_y - kappa * d_y
+            p_x, p_y, p_k = xy + xk * d_y, yy + yk * d_y, yk + kk * d_y
+            size = own.noise + p_y + d_y * p_k
+        b_x, b_y = b_x + p_x * miss / size, b_y + p_y * miss / size
+        kappa += p_k * miss / size if moves else 0.0
+        xx, yy, kk = xx - p_x * p_x / size, yy - p_y * p_y / size, kk - p_k * p_k / size
+        xy, xk, yk = xy - p_x * p_y / size, xk - p_x * p_k / size, yk - p_y * p_k / size
+    kappa = max(-own.highest, min(own.highest, kappa))
+    state.drag, state.slope[0], state.slope[1] = kappa, b_x, b_y
+    state.P_xx, state.P_yy, state.P_kk = xx - start_b, yy - start_b, kk - start_k
+    state.P_xy, state.P_xk, state.P_yk = xy, xk, yk
+    sums[0], sums[1] = G_x - kappa * d_x, G_y - kappa * d_y
 
 
 @dataclass(frozen=True, kw_only=True)
-class FloorAdaptation:
+class FloorAdaptation(Part):
     """How fast and how far the floor is followed.
 
     Raises
     ------
     InputError
-        Where a number is not positive.
+        If a number is not positive.
     """
 
-    time: float = 3.0  #: over which kappa follows, of motion [s]
-    slope_time: float = 20.0  #: over which b follows, once it is known [s]
-    highest: float = 0.15  #: bound of |kappa|, in the place of so much of the error's integral [m s]
-    full_speed: float = 0.02  #: asked for, from which on the drag is given whole [m/s]
+    label = "floor adaptation"
+    comment = "The part of the integral that turns with the motion is separated from a slope's, which stays."
+    record = FloorRecord
+    state = FloorState
+    steps = Steps(learn=_learn)
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{field.name} of the floor adaptation is {value:g}; it must be positive.")
+    time: float = field(
+        default=3.0, metadata=setting("s", "of motion, over which the drag is followed", above=0.0)
+    )
+    slope_time: float = field(
+        default=20.0, metadata=setting("s", "over which a slope is followed, once it is known", above=0.0)
+    )
+    highest: float = field(
+        default=0.15, metadata=setting("m s", "limit of the drag, in units of the integral", above=0.0)
+    )
+    full_speed: float = field(
+        default=0.02, metadata=setting("m/s", "asked for, from which on the drag is given whole", above=0.0)
+    )
 
-
-#: |d|^2 below which nothing is asked to move: a shaped motion never ends altogether
-_MOVES = 1e-2
-
-#: numbers that `pack_floor` returns
-FLOOR_SIZE = 7
-#: numbers that it remembers: kappa first, b (2), P less what it was at the start (xx, yy, kk, xy, xk, yk)
-FLOOR_MEMORY = 9
-# places in a row: R (0 where there is no floor adaptation), Q and P at the start of b, then of kappa, and the others
-_NOISE, _SLOPE, _DRAG, _HIGHEST, _STEEPNESS = 0, 1, 3, 5, 6
-
-
-def pack_floor(floor: FloorAdaptation | None, sample_time: float) -> list[float]:
-    """Return the numbers that `tell_apart` reads; all zero where there is none."""
-    if floor is None:
-        return [0.0] * FLOOR_SIZE
-    return [
-        1.0 / sample_time,
-        sample_time / floor.slope_time**2,
-        1.0 / floor.time,
-        sample_time / floor.time**2,
-        1.0 / floor.time,
-        floor.highest,
-        1.0 / floor.full_speed,
-    ]
-
-
-@inlined
-def direction(row, place, v_x, v_y):
-    """Return d (2,) for the velocity asked for."""
-    speed = (v_x * v_x + v_y * v_y) ** 0.5
-    share = min(1.0, speed * row[place + _STEEPNESS]) / max(speed, 1e-300)
-    return share * v_x, share * v_y
-
-
-@called
-def tell_apart(row, place, memory, drag, sums, d_x, d_y):
-    """Step the filter by a sample; kappa is at `drag`, the integral of x and y at `sums`."""
-    kappa, b_x, b_y = memory[drag], memory[drag + 1], memory[drag + 2]
-    start_b, start_k = row[place + _SLOPE + 1], row[place + _DRAG + 1]
-    G_x, G_y = memory[sums] + kappa * d_x, memory[sums + 1] + kappa * d_y
-    moves = d_x * d_x + d_y * d_y > _MOVES
-    xx = start_b + min(0.0, memory[drag + 3] + row[place + _SLOPE])
-    yy = start_b + min(0.0, memory[drag + 4] + row[place + _SLOPE])
-    kk = start_k + min(0.0, memory[drag + 5] + (row[place + _DRAG] if moves else 0.0))
-    xy, xk, yk = memory[drag + 6], memory[drag + 7], memory[drag + 8]
-    for axis in range(2):
-        if axis == 0:
-            miss = G_x - b_x - kappa * d_x
-            p_x, p_y, p_k = xx + xk * d_x, xy + yk * d_x, xk + kk * d_x
-            size = row[place + _NOISE] + p_x + d_x * p_k
-        else:
-            miss = G_y - b_y - kappa * d_y
-            p_x, p_y, p_k = xy + xk * d_y, yy + yk * d_y, yk + kk * d_y
-            size = row[place + _NOISE] + p_y + d_y * p_k
-        b_x, b_y = b_x + p_x * miss / size, b_y + p_y * miss / size
-        kappa += p_k * miss / size if moves else 0.0
-        xx, yy, kk = xx - p_x * p_x / size, yy - p_y * p_y / size, kk - p_k * p_k / size
-        xy, xk, yk = xy - p_x * p_y / size, xk - p_x * p_k / size, yk - p_y * p_k / size
-    kappa = max(-row[place + _HIGHEST], min(row[place + _HIGHEST], kappa))
-    memory[drag], memory[drag + 1], memory[drag + 2] = kappa, b_x, b_y
-    memory[drag + 3], memory[drag + 4], memory[drag + 5] = xx - start_b, yy - start_b, kk - start_k
-    memory[drag + 6], memory[drag + 7], memory[drag + 8] = xy, xk, yk
-    memory[sums], memory[sums + 1] = G_x - kappa * d_x, G_y - kappa * d_y
+    def numbers(self, settings: LawSettings) -> FloorRecord:
+        """Return the filter for a sample time."""
+        sample_time = settings.sample_time
+        return FloorRecord(
+            noise=1.0 / sample_time,
+            slope_walk=sample_time / self.slope_time**2,
+            slope_start=1.0 / self.time,
+            drag_walk=sample_time / self.time**2,
+            drag_start=1.0 / self.time,
+            highest=self.highest,
+            steepness=1.0 / self.full_speed,
+        )

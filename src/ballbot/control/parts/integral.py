@@ -1,4 +1,4 @@
-"""Integral action: a place or heading that stays wrong is worked against until it is right.
+"""Integral action: a position or heading that stays wrong is corrected until it is right.
 
     I' = e - I/T        e the error of x, y and psi, world frame; I within its limits, never growing while a
                         wheel's torque is at its limit, at rest while e is within the dead band
@@ -13,89 +13,110 @@ ends in a limit cycle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import real_array
+from ballbot.control.parts.floor_adaptation import direction
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class IntegralAction:
+class IntegralRecord:
+    """The sampled integral."""
+
+    on: int = field(default=1, metadata=whole())
+    step: float = field(metadata=number("s"))
+    kept: float = field(metadata=number("1"))
+    limit: float = field(metadata=number("m s"))
+    yaw_limit: float = field(metadata=number("rad s"))
+    dead_band: float = field(metadata=number("m"))
+    gain: NDArray[np.float64] = field(metadata=number("N m/(m s)", MAX_WHEELS, 3))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IntegralState:
+    """The integrals of x, y [m s] and psi [rad s], world frame."""
+
+    sums: NDArray[np.float64] = field(metadata=number("m s", 3))
+
+
+@inlined
+def _torque(law, memory, now, i):
+    """Return a wheel's torque for the integrals, with the drag that turns with the motion."""
+    gain, sums, drag = law.integral.gain, memory.integral.sums, memory.floor_adaptation.drag
+    x, y, _ = now.wanted
+    d_x, d_y = direction(law.floor_adaptation, x.rate, y.rate)
+    v_x, v_y = sums[0] + drag * d_x, sums[1] + drag * d_y
+    I_x, I_y = now.a.cos_psi * v_x + now.a.sin_psi * v_y, now.a.cos_psi * v_y - now.a.sin_psi * v_x
+    return gain[i, 0] * I_x + gain[i, 1] * I_y + gain[i, 2] * sums[2]
+
+
+@inlined
+def _learn(law, memory, now, limited):
+    """Step the integrals by a sample's error; while something is `limited` they may only shrink."""
+    own, sums, a, e = law.integral, memory.integral.sums, now.a, now.e
+    if own.on == 0:
+        return
+    e_x, e_y, e_psi = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1], e[4]
+    if e_x * e_x + e_y * e_y > own.dead_band * own.dead_band:
+        sums[0] = _stepped(sums[0], own.kept, own.step * e_x, own.limit, limited)
+        sums[1] = _stepped(sums[1], own.kept, own.step * e_y, own.limit, limited)
+    if abs(e_psi) > own.dead_band:
+        sums[2] = _stepped(sums[2], own.kept, own.step * e_psi, own.yaw_limit, limited)
+
+
+@inlined
+def _stepped(value, kept, change, limit, limited):
+    after = max(-limit, min(limit, kept * value + change))
+    return value if limited and abs(after) > abs(value) else after
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IntegralAction(Part):
     """How the error's integral is fed back.
 
     Raises
     ------
     InputError
-        Where the gain is not finite or a number is not one it can be.
+        If the gain is not finite or a number is outside its range.
     """
 
-    gain: NDArray[np.float64]  #: K_I (n, 3) for the integrals of x, y, psi [N m/(m s), N m/(rad s)]
-    limit: float = 0.3  #: of the integral of x, and of y [m s]
-    yaw_limit: float = 0.5  #: of the integral of psi [rad s]
-    memory: float = 60.0  #: T [s]
-    dead_band: float = 0.0  #: error of x and y, and of psi, below which theirs rests [m, rad]
+    label = "integral action"
+    comment = "The error's integral is fed back, a row of `gain` for each wheel [N m per m s, m s, rad s]."
+    record = IntegralRecord
+    state = IntegralState
+    steps = Steps(torque=_torque, learn=_learn)
 
-    def __post_init__(self) -> None:
-        try:
-            object.__setattr__(self, "gain", real_array(self.gain, ("wheels", 3), "The gain"))
-        except InputError:
-            raise InputError(
-                "The gain of the integral action must be three finite numbers for each wheel."
-            ) from None
-        for name in ("limit", "yaw_limit", "memory"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of the integral action is {value:g}; it must be positive.")
-        if not 0.0 <= self.dead_band < math.inf:
-            raise InputError(
-                f"dead_band of the integral action is {self.dead_band:g}; it must be zero or more."
-            )
-
-
-#: numbers that `pack_integral` returns for all wheels together, and for each
-INTEGRAL_SIZE, INTEGRAL_PER_WHEEL = 5, 3
-#: numbers that it remembers: the integrals of x, y and psi
-INTEGRAL_MEMORY = 3
-
-
-def pack_integral(
-    integral: IntegralAction | None, wheel_count: int, sample_time: float
-) -> tuple[list[float], NDArray[np.float64]]:
-    """Return what the wheels share (5,) and the gain (n, 3); all zero where there is none."""
-    if integral is None:
-        return [0.0] * INTEGRAL_SIZE, np.zeros((wheel_count, INTEGRAL_PER_WHEEL))
-    shared = [
-        sample_time,
-        math.exp(-sample_time / integral.memory),
-        integral.limit,
-        integral.yaw_limit,
-        integral.dead_band,
-    ]
-    return shared, integral.gain
-
-
-@inlined
-def integrate(row, place, memory, first, e_x, e_y, e_psi, beyond):
-    """Step the integrals by a sample's error, world frame; where a wheel is `beyond` its limit they may only shrink."""
-    h, kept, limit, yaw_limit, dead_band = (
-        row[place],
-        row[place + 1],
-        row[place + 2],
-        row[place + 3],
-        row[place + 4],
+    gain: NDArray[np.float64] = field(
+        metadata=setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3)
     )
-    if e_x * e_x + e_y * e_y > dead_band * dead_band:
-        memory[first] = _stepped(memory[first], kept, h * e_x, limit, beyond)
-        memory[first + 1] = _stepped(memory[first + 1], kept, h * e_y, limit, beyond)
-    if abs(e_psi) > dead_band:
-        memory[first + 2] = _stepped(memory[first + 2], kept, h * e_psi, yaw_limit, beyond)
+    limit: float = field(default=0.3, metadata=setting("m s", "of the integral of x, and of y", above=0.0))
+    yaw_limit: float = field(default=0.5, metadata=setting("rad s", "of the integral of psi", above=0.0))
+    memory: float = field(default=60.0, metadata=setting("s", "time T over which it forgets", above=0.0))
+    dead_band: float = field(
+        default=0.0,
+        metadata=setting(
+            "m, rad", "error of x and y, and of psi, below which the integrals rest", at_least=0.0
+        ),
+    )
 
-
-@inlined
-def _stepped(value, kept, change, limit, beyond):
-    after = max(-limit, min(limit, kept * value + change))
-    return value if beyond and abs(after) > abs(value) else after
+    def numbers(self, settings: LawSettings) -> IntegralRecord:
+        """Return the sampled integral."""
+        wheels = len(settings.gain)
+        if len(self.gain) != wheels:
+            raise InputError(
+                f"The integral action is for {len(self.gain)} wheels; this robot has {wheels} wheels."
+            )
+        return IntegralRecord(
+            step=settings.sample_time,
+            kept=math.exp(-settings.sample_time / self.memory),
+            limit=self.limit,
+            yaw_limit=self.yaw_limit,
+            dead_band=self.dead_band,
+            gain=self.gain,
+        )

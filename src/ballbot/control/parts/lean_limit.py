@@ -1,55 +1,42 @@
-"""The lean that the law may ask for is bounded, so that an error of place or speed cannot ask for more than there is.
+"""The lean that errors may ask for is limited, so that no error of position or speed asks for more than there is.
 
-K e is a torque for each wheel, and its part for place and speed, K_p (e_x e_y e_x' e_y'), is what a lean error
-a = K_l^+ K_p (e_x e_y e_x' e_y') would give: the lean asked for. First the errors of place are made smaller where they
-alone ask for more than the limit, in one ratio, so that a robot far away comes no faster than it can be stopped; then
-all four, where |a| is still beyond it. So while a fall or a push must be caught, the wheels' torque is left to the
+K e is a torque for each wheel, and its part for position and speed, K_p (e_x e_y e_x' e_y'), is what a lean error
+a = K_l^+ K_p (e_x e_y e_x' e_y') would give: the lean asked for. First the errors of position are made smaller where
+they alone ask for more than the limit, in one ratio, so that a robot far away comes no faster than it can be stopped;
+then all four, where |a| is still beyond it. So while a fall or a push must be caught, the wheels' torque is left to the
 lean. (Saturations one within another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's error and
-its rate are bounded by the turn they ask for. Nothing changes within the limits; beyond them integrals do not grow.
+its rate are limited by the turn they ask for. Nothing changes within the limits; beyond them integrals do not grow.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.records import number, setting, whole
 from ballbot.mechanics.engine.compiled import inlined
 
-if TYPE_CHECKING:
-    from ballbot.control.controller import Controller
-
-#: where x, y and their rates stand in the state
-_PLACE = (0, 1, 5, 6)
+#: where x, y and their rates are in the state
+_POSITION_PLACES = (0, 1, 5, 6)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LeanLimit:
-    """How much lean, and how much of a turn, errors may ask for.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeanLimitRecord:
+    """The limits, and what errors ask for."""
 
-    Raises
-    ------
-    InputError
-        Where a limit is not positive.
-    """
-
-    lean: float = 0.1  #: [rad]
-    turn: float = 0.5  #: e_psi with what its rate adds [rad]
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{field.name} of the lean limit is {value:g}; it must be positive.")
+    on: int = field(default=1, metadata=whole())
+    lean: float = field(metadata=number("rad"))
+    asked: NDArray[np.float64] = field(metadata=number("rad/m", 2, 4))
+    turn: float = field(metadata=number("rad"))
+    turn_rate: float = field(metadata=number("s"))
 
 
 def lean_asked(gain: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lean (2, 4) [rad] that errors of x, y [m] and of their rates [m/s] ask for under a gain (n, 10)."""
-    return np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _PLACE], dtype=np.float64)
+    return np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _POSITION_PLACES], dtype=np.float64)
 
 
 def turn_asked(gain: NDArray[np.float64]) -> float:
@@ -58,52 +45,64 @@ def turn_asked(gain: NDArray[np.float64]) -> float:
     return float(heading @ gain[:, 9] / max(float(heading @ heading), 1e-300))
 
 
-#: numbers that `pack_bound` returns
-BOUND_SIZE = 11
-
-
-def pack_bound(controller: Controller) -> list[float]:
-    """Return the numbers that `bounded` reads; all zero where there is no bound."""
-    bound = controller.parts.lean_bound
-    if bound is None:
-        return [0.0] * BOUND_SIZE
-    asked = lean_asked(controller.gain).ravel().tolist()
-    return [bound.lean, *asked, bound.turn, turn_asked(controller.gain)]
+@inlined
+def _limit_error(law, memory, a, wanted, e):
+    """Return the error with no more of position, speed and heading than may be asked for, and whether it is less."""
+    own = law.lean_limit
+    if own.on == 0:
+        return e, False
+    near, p, h = _fractions(own, e)
+    less = (near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9])
+    return less, near * p * h < 1.0
 
 
 @inlined
-def bounded(row, place, e):
-    """Return the heading frame's error (10,) with no more of place, speed and heading than may be asked for."""
-    near, p, h = _shares(row, place, e)
-    return near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9]
+def _fractions(own, e):
+    """Return what is left of the position, then of position and speed together, and of the heading."""
+    near = _fraction(own.lean, *_lean(own, e[0], e[1], 0.0, 0.0))
+    p = _fraction(own.lean, *_lean(own, near * e[0], near * e[1], e[5], e[6]))
+    return near, p, _fraction(own.turn, e[4] + own.turn_rate * e[9], 0.0)
 
 
 @inlined
-def asks_much(row, place, e):
-    """Return whether `bounded` makes the error smaller; integrals then may only shrink."""
-    near, p, h = _shares(row, place, e)
-    return near * p * h < 1.0
-
-
-@inlined
-def _shares(row, place, e):
-    """Return what is left of the place, then of place and speed together, and of the heading."""
-    near = _share(row[place], *_lean(row, place, e[0], e[1], 0.0, 0.0))
-    p = _share(row[place], *_lean(row, place, near * e[0], near * e[1], e[5], e[6]))
-    return near, p, _share(row[place + 9], e[4] + row[place + 10] * e[9], 0.0)
-
-
-@inlined
-def _share(limit, a, b):
+def _fraction(limit, a, b):
     size = (a * a + b * b) ** 0.5
     return limit / size if size > limit else 1.0
 
 
 @inlined
-def _lean(row, place, x, y, v_x, v_y):
+def _lean(own, x, y, v_x, v_y):
     """Return the lean that errors ask for."""
-    one, other = place + 1, place + 5
+    asked = own.asked
     return (
-        row[one] * x + row[one + 1] * y + row[one + 2] * v_x + row[one + 3] * v_y,
-        row[other] * x + row[other + 1] * y + row[other + 2] * v_x + row[other + 3] * v_y,
+        asked[0, 0] * x + asked[0, 1] * y + asked[0, 2] * v_x + asked[0, 3] * v_y,
+        asked[1, 0] * x + asked[1, 1] * y + asked[1, 2] * v_x + asked[1, 3] * v_y,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeanLimit(Part):
+    """How much lean, and how much of a turn, errors may ask for.
+
+    Raises
+    ------
+    InputError
+        If a limit is not positive.
+    """
+
+    label = "lean limit"
+    comment = "Errors of position and speed ask for no more lean than so much, those of the heading for no more turn."
+    record = LeanLimitRecord
+    steps = Steps(error=_limit_error)
+
+    lean: float = field(default=0.1, metadata=setting("rad", "most lean asked for", above=0.0))
+    turn: float = field(
+        default=0.5, metadata=setting("rad", "most turn asked for, with what its rate adds", above=0.0)
+    )
+
+    def numbers(self, settings: LawSettings) -> LeanLimitRecord:
+        """Return the limits with what the gain asks for."""
+        gain = settings.gain
+        return LeanLimitRecord(
+            lean=self.lean, asked=lean_asked(gain), turn=self.turn, turn_rate=turn_asked(gain)
+        )

@@ -3,90 +3,116 @@
     H(s) = (s^2 + depth width w s + w^2) / (s^2 + width w s + w^2)        w = 2 pi frequency
 
 sampled by the bilinear rule that keeps w where it is. Slow torques pass as they are, but late: the phase that it
-costs well below w is about (1 - depth) width times the frequency's share of w, in radians, so a notch far above the
+costs well below w is about (1 - depth) width times the frequency's fraction of w, in radians, so a notch far above the
 loop's crossover is cheap and one near it is not. `Notch.response` says how much.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NotchRecord:
+    """(b_0 + b_1/z + b_2/z^2) / (1 + a_1/z + a_2/z^2)."""
+
+    on: int = field(default=1, metadata=whole())
+    b_0: float = field(metadata=number("1"))
+    b_1: float = field(metadata=number("1"))
+    b_2: float = field(metadata=number("1"))
+    a_1: float = field(metadata=number("1"))
+    a_2: float = field(metadata=number("1"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NotchState:
+    """Of each wheel's filter."""
+
+    delayed: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS, 2))
+
+
+@inlined
+def _filter(law, memory, i, torque):
+    """Return a wheel's torque through the notch, and step its state."""
+    own, delayed = law.notch, memory.notch.delayed
+    if own.on == 0:
+        return torque
+    left = own.b_0 * torque + delayed[i, 0]
+    delayed[i, 0] = own.b_1 * torque - own.a_1 * left + delayed[i, 1]
+    delayed[i, 1] = own.b_2 * torque - own.a_2 * left
+    return left
+
+
 @dataclass(frozen=True, kw_only=True)
-class Notch:
-    """What is taken out of the torques.
+class Notch(Part):
+    """What is removed from the torques.
 
     Raises
     ------
     InputError
-        Where the frequency or the width is not positive, or the depth not a share below 1.
+        If the frequency or the width is not positive, or the depth not a fraction below 1.
     """
 
-    frequency: float  #: of the resonance [Hz], as the residuals' spectrum tells it
-    width: float = 1.4  #: of the band over its frequency [-]
-    depth: float = 0.15  #: share of the torque at the frequency that is left [-]
+    label = "notch"
+    comment = "Torques pass a notch."
+    record = NotchRecord
+    state = NotchState
+    steps = Steps(filter=_filter)
 
-    def __post_init__(self) -> None:
-        for name in ("frequency", "width"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} of the notch is {value:g}; it must be positive.")
-        if not 0.0 <= self.depth < 1.0:
-            raise InputError(f"depth of the notch is {self.depth:g}; it must be at least 0 and below 1.")
+    frequency: float = field(metadata=setting("Hz", "centre of the band, such as a resonance", above=0.0))
+    width: float = field(default=1.4, metadata=setting("1", "of the band, over its frequency", above=0.0))
+    depth: float = field(
+        default=0.15,
+        metadata=setting("1", "fraction of the torque left at its centre", at_least=0.0, below=1.0),
+    )
 
-    def response(self, frequencies: ArrayLike, sample_time: float) -> NDArray[np.complex128]:
-        """Return the sampled notch's response at frequencies [Hz]: its size, and its phase.
+    def numbers(self, settings: LawSettings) -> NotchRecord:
+        """Return the sampled filter."""
+        return self.sampled(settings.sample_time)
+
+    def sampled(self, sample_time: float) -> NotchRecord:
+        """Return the filter for a sample time [s].
 
         Raises
         ------
         InputError
-            As `check` does.
+            If the sample time is too long for the frequency.
         """
-        b_0, b_1, b_2, a_1, a_2 = pack_notch(self, sample_time)
-        z = np.exp(2j * np.pi * sample_time * np.asarray(frequencies, dtype=np.complex128))
-        return np.asarray((b_0 * z**2 + b_1 * z + b_2) / (z**2 + a_1 * z + a_2), dtype=np.complex128)
-
-    def check(self, sample_time: float) -> None:
-        """Raise `InputError` where a controller of that sample time [s] cannot have it."""
         if not self.frequency < 0.45 / sample_time:
             raise InputError(
                 f"A notch at {self.frequency:g} Hz needs a sample time below {0.45 / self.frequency:.2g} s; the "
                 f"controller's sample time is {sample_time:g} s."
             )
+        t = math.tan(math.pi * self.frequency * sample_time)
+        scale, square = 1.0 + self.width * t + t * t, 1.0 + t * t
+        middle, left = 2.0 * (t * t - 1.0) / scale, self.depth * self.width * t
+        return NotchRecord(
+            b_0=(square + left) / scale,
+            b_1=middle,
+            b_2=(square - left) / scale,
+            a_1=middle,
+            a_2=(square - self.width * t) / scale,
+        )
 
+    def response(self, frequencies: ArrayLike, sample_time: float) -> NDArray[np.complex128]:
+        """Return the sampled notch's complex response at frequencies [Hz].
 
-#: numbers that `pack_notch` returns, and that a notch remembers of each wheel
-NOTCH_SIZE, NOTCH_MEMORY = 5, 2
-
-
-def pack_notch(notch: Notch | None, sample_time: float) -> list[float]:
-    """Return b_0, b_1, b_2, a_1, a_2 of (b_0 + b_1/z + b_2/z^2) / (1 + a_1/z + a_2/z^2); zero where there is none."""
-    if notch is None:
-        return [0.0] * NOTCH_SIZE
-    notch.check(sample_time)
-    t = math.tan(math.pi * notch.frequency * sample_time)
-    whole, square = 1.0 + notch.width * t + t * t, 1.0 + t * t
-    middle, left = 2.0 * (t * t - 1.0) / whole, notch.depth * notch.width * t
-    return [
-        (square + left) / whole,
-        middle,
-        (square - left) / whole,
-        middle,
-        (square - notch.width * t) / whole,
-    ]
-
-
-@inlined
-def notched(row, place, memory, first, torque):
-    """Return a wheel's torque through the notch at that place of a row, and step its memory (2,)."""
-    left = row[place] * torque + memory[first]
-    memory[first] = row[place + 1] * torque - row[place + 3] * left + memory[first + 1]
-    memory[first + 1] = row[place + 2] * torque - row[place + 4] * left
-    return left
+        Raises
+        ------
+        InputError
+            If the sample time is too long for the frequency.
+        """
+        own = self.sampled(sample_time)
+        z = np.exp(2j * np.pi * sample_time * np.asarray(frequencies, dtype=np.complex128))
+        return np.asarray(
+            (own.b_0 * z**2 + own.b_1 * z + own.b_2) / (z**2 + own.a_1 * z + own.a_2), dtype=np.complex128
+        )

@@ -16,88 +16,104 @@ turn of the robot do meanwhile is not foreseen.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import real_array
 from ballbot.control.lqr import held
-from ballbot.control.parts.past import EFFECTIVE, MAX_PAST, past
+from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 
-#: torques that may be under way; the past must tell of the sample before them as well, and make room for one
-_MOST = MAX_PAST - 2
+#: updates that the law remembers
+MAX_PAST = 22
+#: torques that may be under way; the past must have the sample before them as well, and room for one
+MAX_DELAY_SAMPLES = MAX_PAST - 2
 #: of a sample time, by which rounding may make a delay of whole samples longer
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DelayPrediction:
-    """What is known of the state at which a torque will act, heading frame.
+class TorqueHistory:
+    """What the law remembers of each wheel's torques at its last updates, the newest first."""
+
+    #: what went to the motors
+    given: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
+    #: what friction compensation added
+    compensated: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
+    #: the torque without what friction is thought to take
+    effective: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
+    #: 1 if any wheel's torque was at its limit
+    beyond: NDArray[np.float64] = field(metadata=number("1", MAX_PAST, MAX_WHEELS))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictionRecord:
+    """What is known of the state at which a torque will act, heading frame."""
+
+    on: int = field(default=1, metadata=whole())
+    #: m, how many torques are under way
+    count: int = field(metadata=whole())
+    #: whole samples of the delay, and the fraction of another one
+    samples: int = field(metadata=whole())
+    fraction: float = field(metadata=number("1"))
+    #: exp(A tau)
+    transition: NDArray[np.float64] = field(metadata=number("1", 10, 10))
+    #: G_j for the torques of each wheel 1, 2 .. m updates ago
+    by_torque: NDArray[np.float64] = field(metadata=number("1/(N m)", MAX_WHEELS, MAX_DELAY_SAMPLES, 10))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictionState:
+    """The state to come, and what it is made in."""
+
+    ahead: NDArray[np.float64] = field(metadata=number("1", 10))
+    turned: NDArray[np.float64] = field(metadata=number("1", 10))
+    after: NDArray[np.float64] = field(metadata=number("1", 10))
+
+
+def prediction_record(robot: Robot, *, delay: float, sample_time: float) -> PredictionRecord:
+    """Return the prediction with a robot's exact model without friction, linearised about upright.
+
+    Parameters
+    ----------
+    robot : Robot
+    delay : float
+        From a measurement to the action of the torque computed from it [s].
+    sample_time : float
+        [s]
 
     Raises
     ------
     InputError
-        If a time is not above zero, the delay is longer than the torques that a controller remembers, or an array has
-        another shape or a value that is not finite.
+        If the delay is not positive, or longer than the torques that a controller remembers.
     """
-
-    delay: float  #: tau [s]
-    sample_time: float  #: of the controller [s]
-    transition: NDArray[np.float64]  #: exp(A tau) (10, 10)
-    by_torque: NDArray[np.float64]  #: G_j (m, 10, n) for the torques of 1, 2 .. m updates ago [1/(N m)]
-
-    def __post_init__(self) -> None:
-        count = _updates_within(self.delay, self.sample_time)
-        arrays = {"transition": (10, 10), "by_torque": (count, 10, "n")}
-        for name, shape in arrays.items():
-            checked = real_array(getattr(self, name), shape, f"{name} of a prediction")
-            object.__setattr__(self, name, checked)
-
-    @staticmethod
-    def of(robot: Robot, *, delay: float, sample_time: float | None = None) -> DelayPrediction:
-        """Return that of a robot's exact model without friction, linearised about upright.
-
-        Parameters
-        ----------
-        robot : Robot
-        delay : float
-            From a measurement to the action of the torque computed from it [s].
-        sample_time : float, optional
-            [s]; the robot's own where not given.
-
-        Raises
-        ------
-        InputError
-            Where the delay is not positive, or longer than the torques that a controller remembers.
-        """
-        time = robot.sensors.sample_time if sample_time is None else sample_time
-        count = _updates_within(delay, time)
-        linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
-        A, B = np.asarray(linear.A), np.asarray(linear.B)
-        return DelayPrediction(
-            delay=delay,
-            sample_time=time,
-            transition=held(A, B, delay)[0],
-            by_torque=np.array([_effect(A, B, ago * time, time, delay) for ago in range(1, count + 1)]),
-        )
+    count = _updates_within(delay, sample_time)
+    linear = Model(robot.replace(friction=Friction.none(robot.wheel_count))).linearize()
+    A, B = np.asarray(linear.A), np.asarray(linear.B)
+    effects = np.array([_effect(A, B, ago * sample_time, sample_time, delay) for ago in range(1, count + 1)])
+    samples = delay / sample_time
+    complete = math.floor(samples + _ROUNDING)
+    return PredictionRecord(
+        count=count,
+        samples=complete,
+        fraction=max(0.0, samples - complete),
+        transition=held(A, B, delay)[0],
+        by_torque=effects.transpose(2, 0, 1),
+    )
 
 
 def _updates_within(delay: float, sample_time: float) -> int:
     """Return how many updates' torques are under way."""
-    if not (math.isfinite(delay) and delay > 0.0):
-        raise InputError(f"The delay to predict over is {delay:g} s; it must be positive.")
-    if not (math.isfinite(sample_time) and sample_time > 0.0):
-        raise InputError(f"The sample time to predict with is {sample_time:g} s; it must be positive.")
-    count = max(1, math.ceil(min(delay / sample_time, 2.0 * _MOST) - _ROUNDING))
-    if count > _MOST:
+    count = max(1, math.ceil(min(delay / sample_time, 2.0 * MAX_DELAY_SAMPLES) - _ROUNDING))
+    if count > MAX_DELAY_SAMPLES:
         raise InputError(
             f"The delay to predict over is {delay:g} s; with a sample time of {sample_time:g} s it can be at most "
-            f"{_MOST * sample_time:g} s."
+            f"{MAX_DELAY_SAMPLES * sample_time:g} s."
         )
     return count
 
@@ -112,76 +128,85 @@ def _effect(
     return still if after <= 0.0 else held(A, B, after)[0] @ still
 
 
-#: numbers that `pack_prediction` returns for all wheels together, and for each
-PREDICTION_SIZE, PREDICTION_PER_WHEEL = 3 + 100, 10 * _MOST
-# places in a row: m, how many torques are under way; whole samples and the share of another one that tau is
-_COUNT, _WHOLE, _SHARE, _TRANSITION = 0, 1, 2, 3
-
-
-def pack_prediction(
-    prediction: DelayPrediction | None, wheel_count: int
-) -> tuple[list[float], NDArray[np.float64]]:
-    """Return what the wheels share (103,) and each wheel's effects (n, 200); all zero where nothing is predicted."""
-    own = np.zeros((wheel_count, PREDICTION_PER_WHEEL))
-    if prediction is None:
-        return [0.0] * PREDICTION_SIZE, own
-    count = len(prediction.by_torque)
-    own[:, : 10 * count] = prediction.by_torque.transpose(2, 0, 1).reshape(wheel_count, -1)
-    samples = prediction.delay / prediction.sample_time
-    whole = math.floor(samples + _ROUNDING)
-    share = max(0.0, samples - whole)
-    return [float(count), float(whole), share, *prediction.transition.ravel().tolist()], own
-
-
-#: numbers that `predict` works in: the state to come first (10,)
-PREDICTION_MEMORY = 30
+@inlined
+def _predict(law, memory, a, state, n):
+    """Return the state in which the torques will act, and make room for them in the history."""
+    own = law.prediction
+    if own.on == 0:
+        return state, False
+    _look_ahead(own, memory.prediction, memory.history.effective, a, state, n)
+    _grow_older(memory.history, own.samples + 1)
+    return memory.prediction.ahead[:], True  # a slice is an array of the same type as `state`
 
 
 @called
-def predict(row, place, own, step, memory, first, ahead, a, state, n):
-    """Put the state (10,) in which the torque that is computed now will act into the memory, at `ahead`.
-
-    Each wheel's numbers stand `step` after those of the wheel before, the first's at `own`; the past is at `first`.
-    """
-    turned, after = ahead + 10, ahead + 20
+def _look_ahead(own, work, effective, a, state, n):
+    """Compute the state (10,) in which the torque that is computed now will act, `work.ahead`."""
+    turned, after = work.turned, work.after
     for i in range(10):
-        memory[turned + i] = state[i]
-    _turn(memory, turned, a.cos_psi, a.sin_psi)
+        turned[i] = state[i]
+    _turn(turned, a.cos_psi, a.sin_psi)
     for i in range(10):
-        memory[after + i] = 0.0
+        after[i] = 0.0
         for j in range(10):
-            memory[after + i] += row[place + _TRANSITION + 10 * i + j] * memory[turned + j]
-    for ago in range(int(row[place + _COUNT])):
+            after[i] += own.transition[i, j] * turned[j]
+    for ago in range(own.count):
         for wheel in range(n):
-            v = memory[past(first, ago, EFFECTIVE, wheel)]
-            effect = own + step * wheel + 10 * ago
+            v = effective[ago, wheel]
             for i in range(10):
-                memory[after + i] += row[effect + i] * v
-    _turn(memory, after, a.cos_psi, -a.sin_psi)
+                after[i] += own.by_torque[wheel, ago, i] * v
+    _turn(after, a.cos_psi, -a.sin_psi)
     for i in range(10):
-        memory[ahead + i] = memory[after + i]
+        work.ahead[i] = after[i]
 
 
 @called
-def _turn(memory, first, c, s):
+def _turn(values, c, s):
     """Turn the pairs (x y), (theta phi) of a state and their rates by -psi, whose cosine and sine these are."""
     for i in (0, 2, 5, 7):
-        one, other = memory[first + i], memory[first + i + 1]
-        memory[first + i] = c * one + s * other
-        memory[first + i + 1] = c * other - s * one
+        one, other = values[i], values[i + 1]
+        values[i] = c * one + s * other
+        values[i + 1] = c * other - s * one
+
+
+@called
+def _grow_older(past, updates):
+    """Make room for another update, the last `updates` kept."""
+    for ago in range(updates, 0, -1):
+        for i in range(MAX_WHEELS):
+            past.given[ago, i] = past.given[ago - 1, i]
+            past.compensated[ago, i] = past.compensated[ago - 1, i]
+            past.effective[ago, i] = past.effective[ago - 1, i]
+            past.beyond[ago, i] = past.beyond[ago - 1, i]
 
 
 @inlined
-def remembered(row, place):
-    """Return how many updates must be remembered besides the last one."""
-    return int(row[place + _WHOLE]) + 1
+def as_it_acted(own, values, wheel):
+    """Return a number of the history as it was on the way to the motors while the last sample passed."""
+    last = values[own.samples, wheel]
+    if own.fraction == 0.0:
+        return last
+    return (1.0 - own.fraction) * last + own.fraction * values[own.samples + 1, wheel]
 
 
-@inlined
-def as_it_acted(row, place, memory, first, kind, wheel):
-    """Return one kind of the past as it was on the way to the motors while the last sample passed."""
-    whole, share = int(row[place + _WHOLE]), row[place + _SHARE]
-    last = memory[past(first, whole, kind, wheel)]
-    return (
-        last if share == 0.0 else (1.0 - share) * last + share * memory[past(first, whole + 1, kind, wheel)]
-    )
+@dataclass(frozen=True, kw_only=True)
+class DelayPrediction(Part):
+    """Feed back the state in which late torques will act.
+
+    Raises
+    ------
+    InputError
+        If the delay is not positive.
+    """
+
+    label = "prediction"
+    comment = "Torques act late; the state fed back is the one predicted for when they act."
+    record = PredictionRecord
+    state = PredictionState
+    steps = Steps(predict=_predict)
+
+    delay: float = field(metadata=setting("s", "from a measurement to the action of its torque", above=0.0))
+
+    def numbers(self, settings: LawSettings) -> PredictionRecord:
+        """Return the prediction for the robot."""
+        return prediction_record(settings.robot, delay=self.delay, sample_time=settings.sample_time)

@@ -21,22 +21,164 @@ p* held over a sample of h, d_i = s_i - p* and g = w h, the lags are stepped exa
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.errors import InputError
+from ballbot.control.parts.part import LawSettings, Part, Smooth, Steps
+from ballbot.control.records import fill_record, number, schema_of, setting, whole
 from ballbot.mechanics.engine.compiled import compiled, inlined
 
-#: numbers of a shaping beyond which its derivatives are lost in rounding or overflow
+#: settings of a shaping beyond which its derivatives are lost in rounding or overflow
 _LEAST, _MOST = 1e-12, 1e12
+#: lag of the bends [s]
+_BEND_LAG = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapingRecord:
+    """The sampled shaping."""
+
+    on: int = field(default=1, metadata=whole())
+    frequency: float = field(metadata=number("rad/s"))
+    decay: float = field(metadata=number("1"))
+    yaw_frequency: float = field(metadata=number("rad/s"))
+    yaw_decay: float = field(metadata=number("1"))
+    #: how far p may go in a sample, and psi
+    speed: float = field(metadata=number("m"))
+    turn: float = field(metadata=number("rad"))
+    #: how much more they may go than in the last
+    kink: float = field(metadata=number("m"))
+    turning_kink: float = field(metadata=number("rad"))
+    rate: float = field(metadata=number("1/s"))
+    #: that is predicted over
+    delay: float = field(metadata=number("s"))
+    #: fraction of the way that a bend's lag goes in a sample
+    late: float = field(metadata=number("1"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShapingState:
+    """Of x, y and psi: four lags each, p, the last r, its last change, and of that the change that counts."""
+
+    lags: NDArray[np.float64] = field(metadata=number("m", 3, 4))
+    followed: NDArray[np.float64] = field(metadata=number("m", 3))
+    last: NDArray[np.float64] = field(metadata=number("m", 3))
+    started: int = field(metadata=whole())
+    change: NDArray[np.float64] = field(metadata=number("m", 3))
+    bend: NDArray[np.float64] = field(metadata=number("m", 3))
+
+
+class _Lags(NamedTuple):
+    """One axis's lags over a sample, in compiled code."""
+
+    frequency: float  #: w [rad/s]
+    decay: float  #: exp(-w h)
+    step: float  #: g = w h
+
+
+@inlined
+def _shape(law, memory, state, wanted):
+    """Return the shaped reference, or the reference itself without shaping."""
+    if law.shaping.on == 0:
+        return wanted
+    return _shaped(law.shaping, memory.shaping, state, wanted)
+
+
+@inlined
+def _shaped(own, memory, state, wanted):
+    """Return the shaped x, y and psi as three `Smooth`, and step the memory on; they start at the pose."""
+    x, y, psi = wanted[0].value, wanted[1].value, wanted[2].value
+    place = _Lags(own.frequency, own.decay, own.frequency / own.rate)
+    heading = _Lags(own.yaw_frequency, own.yaw_decay, own.yaw_frequency / own.rate)
+    p, last, change, bend = memory.followed, memory.last, memory.change, memory.bend
+    if memory.started == 0:
+        _start(memory, state, x, y, psi)
+    d_x, d_y, d_psi = x - last[0], y - last[1], psi - last[2]
+    n_x, n_y, n_psi = d_x - change[0], d_y - change[1], d_psi - change[2]
+    moves, turns = d_x * d_x + d_y * d_y <= own.speed * own.speed, abs(d_psi) <= own.turn
+    bends, veers = (
+        _counted((n_x * n_x + n_y * n_y) ** 0.5 / own.kink),
+        _counted(abs(n_psi) / own.turning_kink),
+    )
+    bend[0] += own.late * (bends * n_x - bend[0])
+    bend[1] += own.late * (bends * n_y - bend[1])
+    bend[2] += own.late * (veers * n_psi - bend[2])
+    lead_x = _lead(own, place, d_x, bend[0], moves)
+    lead_y = _lead(own, place, d_y, bend[1], moves)
+    lead_psi = _lead(own, heading, d_psi, bend[2], turns)
+    _follow(own, p, last, x, y, psi)
+    change[0], change[1], change[2] = d_x, d_y, d_psi
+    return (
+        _lagged(place, memory.lags, 0, p[0] + lead_x),
+        _lagged(place, memory.lags, 1, p[1] + lead_y),
+        _lagged(heading, memory.lags, 2, p[2] + lead_psi),
+    )
+
+
+@inlined
+def _start(memory, state, r_x, r_y, r_psi):
+    x, y, psi = state[0], state[1], state[4]
+    for i in range(4):
+        memory.lags[0, i], memory.lags[1, i], memory.lags[2, i] = x, y, psi
+    memory.followed[0], memory.followed[1], memory.followed[2] = x, y, psi
+    memory.last[0], memory.last[1], memory.last[2] = r_x, r_y, r_psi
+    memory.started = 1
+
+
+@inlined
+def _counted(size):
+    """Return how much of a bend counts, whose size is over the limit's."""
+    return max(0.0, min(1.0, 2.0 - size))
+
+
+@inlined
+def _lead(own, lags, change, bend, moves):
+    """Return how far p* is ahead of p for the reference's change in a sample, and that change's own, if any counts."""
+    w, tau, rate = lags.frequency, own.delay, own.rate
+    lead = (4.0 / w + tau) * rate * change
+    curve = (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau) * rate * rate * bend
+    return lead + curve if moves else 0.0
+
+
+@inlined
+def _follow(own, p, last, x, y, psi):
+    """Let p go towards r within the limits, and remember r."""
+    d_x, d_y, d_psi = x - p[0], y - p[1], psi - p[2]
+    distance = (d_x * d_x + d_y * d_y) ** 0.5
+    share = own.speed / distance if distance > own.speed else 1.0
+    p[0] += share * d_x
+    p[1] += share * d_y
+    p[2] += max(-own.turn, min(own.turn, d_psi))
+    last[0], last[1], last[2] = x, y, psi
+
+
+@inlined
+def _lagged(lags, memory, axis, target):
+    """Return an axis's `Smooth` at the sample and step its four lags on to the next."""
+    w, a, g = lags.frequency, lags.decay, lags.step
+    d_1, d_2 = memory[axis, 0] - target, memory[axis, 1] - target
+    d_3, d_4 = memory[axis, 2] - target, memory[axis, 3] - target
+    half, sixth = 0.5 * g * g, g * g * g / 6.0
+    memory[axis, 0] = target + a * d_1
+    memory[axis, 1] = target + a * (d_2 + g * d_1)
+    memory[axis, 2] = target + a * (d_3 + g * d_2 + half * d_1)
+    memory[axis, 3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
+    w_2 = w * w
+    return Smooth(
+        target + d_4,
+        w * (d_3 - d_4),
+        w_2 * (d_2 - 2.0 * d_3 + d_4),
+        w_2 * w * (d_1 - 3.0 * d_2 + 3.0 * d_3 - d_4),
+        w_2 * w_2 * (-4.0 * d_1 + 6.0 * d_2 - 4.0 * d_3 + d_4),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceShaping:
+class ReferenceShaping(Part):
     """How references are smoothed.
 
     The defaults suit the thesis's robot: a step of 0.5 m is done to 1 mm after 5 s and asks for a lean of 0.05 rad.
@@ -47,82 +189,61 @@ class ReferenceShaping:
         If a value is not from 1e-12 to 1e12.
     """
 
-    frequency: float = 3.0  #: w of each of the four lags of x and y [rad/s]
-    speed_limit: float = 0.5  #: of a jump's way over the floor [m/s]
-    yaw_frequency: float = 3.0  #: w of each of the four lags of psi [rad/s]
-    yaw_rate_limit: float = 1.0  #: of a turn [rad/s]
-    acceleration_limit: float = 0.2  #: beyond which a change of r' is ever more of a kink [m/s^2]
-    yaw_acceleration_limit: float = 0.4  #: the same of a turn [rad/s^2]
+    label = "reference shaping"
+    comment = (
+        "References are made smooth: four lags for x, y and psi each, jumps limited in speed. A steady motion is not\n"
+        "# lagged, nor one that bends within the acceleration limits."
+    )
+    record = ShapingRecord
+    state = ShapingState
+    steps = Steps(shape=_shape)
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not _LEAST <= value <= _MOST:
-                raise InputError(
-                    f"{field.name} of the reference shaping is {value:g}; it must be from {_LEAST:g} to {_MOST:g}."
-                )
+    frequency: float = field(
+        default=3.0,
+        metadata=setting("rad/s", "w of each of the four lags of x and y", at_least=_LEAST, at_most=_MOST),
+    )
+    speed_limit: float = field(
+        default=0.5, metadata=setting("m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST)
+    )
+    yaw_frequency: float = field(
+        default=3.0,
+        metadata=setting("rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST),
+    )
+    yaw_rate_limit: float = field(
+        default=1.0, metadata=setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST)
+    )
+    acceleration_limit: float = field(
+        default=0.2,
+        metadata=setting(
+            "m/s^2",
+            "beyond which a change of the reference's speed counts ever less as a bend",
+            at_least=_LEAST,
+            at_most=_MOST,
+        ),
+    )
+    yaw_acceleration_limit: float = field(
+        default=0.4, metadata=setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST)
+    )
 
+    def numbers(self, settings: LawSettings) -> ShapingRecord:
+        """Return the sampled shaping; the lead makes up for a delay that is predicted over."""
+        return self.sampled(settings.sample_time, delay=settings.delay)
 
-#: lag of the bends [s]
-_BEND_LAG = 0.05
-
-
-class Lags(NamedTuple):
-    """One axis's lags over a sample, in compiled code."""
-
-    frequency: float  #: w [rad/s]
-    decay: float  #: exp(-w h)
-    step: float  #: g = w h
-
-
-class Shaping(NamedTuple):
-    """A shaping's numbers, in compiled code."""
-
-    place: Lags
-    heading: Lags
-    speed: float  #: how far p may go in a sample [m]
-    turn: float  #: the same of psi [rad]
-    kink: float  #: how much more it may go than in the last [m]
-    turning_kink: float  #: the same of psi [rad]
-    rate: float  #: samples a second [1/s]
-    delay: float  #: that is predicted over [s]
-    late: float  #: part of the way that a bend's lag goes in a sample
-
-
-class Smooth(NamedTuple):
-    """One axis's shaped reference, in compiled code."""
-
-    value: float
-    rate: float
-    second: float
-    third: float
-    fourth: float
-
-
-#: numbers that `pack_shaping` returns
-SHAPING_SIZE = 11
-#: numbers that it remembers: four lags, p and the last r for each of x, y and psi; whether it has started; the last
-#: change of r, and of that the change that counts
-SHAPING_MEMORY = 25
-
-
-def pack_shaping(shaping: ReferenceShaping | None, sample_time: float, *, delay: float = 0.0) -> list[float]:
-    """Return the numbers that `load_shaping` reads; all zero where there is none. `delay` [s] is predicted over."""
-    if shaping is None:
-        return [0.0] * SHAPING_SIZE
-    return [
-        shaping.frequency,
-        math.exp(-shaping.frequency * sample_time),
-        shaping.yaw_frequency,
-        math.exp(-shaping.yaw_frequency * sample_time),
-        shaping.speed_limit * sample_time,
-        shaping.yaw_rate_limit * sample_time,
-        shaping.acceleration_limit * sample_time**2,
-        shaping.yaw_acceleration_limit * sample_time**2,
-        1.0 / sample_time,
-        delay,
-        -math.expm1(-sample_time / _BEND_LAG),
-    ]
+    def sampled(self, sample_time: float, *, delay: float = 0.0) -> ShapingRecord:
+        """Return the shaping for a sample time [s] and a delay [s] that is predicted over."""
+        return ShapingRecord(
+            frequency=self.frequency,
+            decay=math.exp(-self.frequency * sample_time),
+            yaw_frequency=self.yaw_frequency,
+            yaw_decay=math.exp(-self.yaw_frequency * sample_time),
+            speed=self.speed_limit * sample_time,
+            turn=self.yaw_rate_limit * sample_time,
+            kink=self.acceleration_limit * sample_time**2,
+            turning_kink=self.yaw_acceleration_limit * sample_time**2,
+            rate=1.0 / sample_time,
+            delay=delay,
+            late=-math.expm1(-sample_time / _BEND_LAG),
+        )
 
 
 def shape_references(
@@ -137,116 +258,26 @@ def shape_references(
     """
     rows = real_array(references, ("N", 10), "The array of references")
     smooth = np.empty((len(rows), 3, 5))
-    packed = pack_shaping(shaping, positive_number(sample_time, "The sample time"))
-    _shape_all(np.array(packed), rows, smooth)
+    record = schema_of(ShapingRecord).zeros()
+    fill_record(record, shaping.sampled(positive_number(sample_time, "The sample time")))
+    memory = schema_of(ShapingState).zeros()
+    _shape_all(record.view(np.float64), memory.view(np.float64), rows, smooth)
     return smooth
 
 
+_RECORD, _STATE = schema_of(ShapingRecord).dtype(), schema_of(ShapingState).dtype()
+
+
 @compiled
-def _shape_all(row, references, smooth):
-    memory = np.zeros(SHAPING_MEMORY)
-    S = load_shaping(row, 0)
+def _shape_all(record, memory, references, smooth):
+    own, state = record.view(_RECORD)[0], memory.view(_STATE)[0]
     for k in range(len(references)):
-        x, y, psi = shaped(S, memory, references[0], references[k])
+        row = references[k]
+        wanted = (
+            Smooth(row[0], 0.0, 0.0, 0.0, 0.0),
+            Smooth(row[1], 0.0, 0.0, 0.0, 0.0),
+            Smooth(row[4], 0.0, 0.0, 0.0, 0.0),
+        )
+        x, y, psi = _shaped(own, state, references[0], wanted)
         for i in range(5):
             smooth[k, 0, i], smooth[k, 1, i], smooth[k, 2, i] = x[i], y[i], psi[i]
-
-
-@inlined
-def load_shaping(row, place):
-    """Return the `Shaping` at that place of a row."""
-    rate = row[place + 8]
-    return Shaping(
-        Lags(row[place], row[place + 1], row[place] / rate),
-        Lags(row[place + 2], row[place + 3], row[place + 2] / rate),
-        row[place + 4],
-        row[place + 5],
-        row[place + 6],
-        row[place + 7],
-        rate,
-        row[place + 9],
-        row[place + 10],
-    )
-
-
-@inlined
-def shaped(S, memory, state, reference):
-    """Return the shaped x, y and psi as three `Smooth`, and step the memory (25,) on; they start at the pose."""
-    if memory[18] == 0.0:
-        _start(memory, state, reference)
-    x, y, psi = reference[0], reference[1], reference[4]
-    d_x, d_y, d_psi = x - memory[15], y - memory[16], psi - memory[17]
-    n_x, n_y, n_psi = d_x - memory[19], d_y - memory[20], d_psi - memory[21]
-    moves, turns = d_x * d_x + d_y * d_y <= S.speed * S.speed, abs(d_psi) <= S.turn
-    bends, veers = _share((n_x * n_x + n_y * n_y) ** 0.5 / S.kink), _share(abs(n_psi) / S.turning_kink)
-    memory[22] += S.late * (bends * n_x - memory[22])
-    memory[23] += S.late * (bends * n_y - memory[23])
-    memory[24] += S.late * (veers * n_psi - memory[24])
-    lead_x = _lead(S, S.place, d_x, memory[22], moves)
-    lead_y = _lead(S, S.place, d_y, memory[23], moves)
-    lead_psi = _lead(S, S.heading, d_psi, memory[24], turns)
-    _follow(S, memory, x, y, psi)
-    memory[19], memory[20], memory[21] = d_x, d_y, d_psi
-    return (
-        _lagged(S.place, memory, 0, memory[12] + lead_x),
-        _lagged(S.place, memory, 4, memory[13] + lead_y),
-        _lagged(S.heading, memory, 8, memory[14] + lead_psi),
-    )
-
-
-@inlined
-def _start(memory, state, reference):
-    x, y, psi = state[0], state[1], state[4]
-    for i in range(4):
-        memory[i], memory[4 + i], memory[8 + i] = x, y, psi
-    memory[12], memory[13], memory[14] = x, y, psi
-    memory[15], memory[16], memory[17] = reference[0], reference[1], reference[4]
-    memory[18] = 1.0
-
-
-@inlined
-def _share(size):
-    """Return how much of a bend counts, whose size is over the limit's."""
-    return max(0.0, min(1.0, 2.0 - size))
-
-
-@inlined
-def _lead(S, lags, change, bend, moves):
-    """Return how far p* is ahead of p for the reference's change in a sample, and that change's own, if any counts."""
-    w, tau, rate = lags.frequency, S.delay, S.rate
-    lead = (4.0 / w + tau) * rate * change
-    curve = (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau) * rate * rate * bend
-    return lead + curve if moves else 0.0
-
-
-@inlined
-def _follow(S, memory, x, y, psi):
-    """Let p go towards r within the limits, and remember r."""
-    d_x, d_y, d_psi = x - memory[12], y - memory[13], psi - memory[14]
-    distance = (d_x * d_x + d_y * d_y) ** 0.5
-    share = S.speed / distance if distance > S.speed else 1.0
-    memory[12] += share * d_x
-    memory[13] += share * d_y
-    memory[14] += max(-S.turn, min(S.turn, d_psi))
-    memory[15], memory[16], memory[17] = x, y, psi
-
-
-@inlined
-def _lagged(lags, memory, first, target):
-    """Return an axis's `Smooth` at the sample and step its four lags on to the next."""
-    w, a, g = lags.frequency, lags.decay, lags.step
-    d_1, d_2 = memory[first] - target, memory[first + 1] - target
-    d_3, d_4 = memory[first + 2] - target, memory[first + 3] - target
-    half, sixth = 0.5 * g * g, g * g * g / 6.0
-    memory[first] = target + a * d_1
-    memory[first + 1] = target + a * (d_2 + g * d_1)
-    memory[first + 2] = target + a * (d_3 + g * d_2 + half * d_1)
-    memory[first + 3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
-    w_2 = w * w
-    return Smooth(
-        target + d_4,
-        w * (d_3 - d_4),
-        w_2 * (d_2 - 2.0 * d_3 + d_4),
-        w_2 * w * (d_1 - 3.0 * d_2 + 3.0 * d_3 - d_4),
-        w_2 * w_2 * (-4.0 * d_1 + 6.0 * d_2 - 4.0 * d_3 + d_4),
-    )

@@ -1,0 +1,123 @@
+"""Records: one schema gives the structured type, the file table and the conversion to single precision."""
+
+from dataclasses import dataclass, field, fields, make_dataclass
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+
+from ballbot import InputError
+from ballbot.control.law import LAW, MEMORY, MEMORY_SIZE
+from ballbot.control.parts import KINDS, Parts
+from ballbot.control.records import (
+    MAX_WHEELS,
+    Schema,
+    converted,
+    fill_record,
+    number,
+    schema_of,
+    settings_of,
+    table_of,
+    whole,
+)
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Example:
+    """A record with a flag, a number and an array."""
+
+    on: int = field(default=1, metadata=whole())
+    torque: float = field(default=0.5, metadata=number("N m"))
+    gains: np.ndarray = field(metadata=number("1", MAX_WHEELS, 2))
+
+
+def test_structured_type_has_the_names_order_and_lengths_of_the_dataclass():
+    assert schema_of(Example).dtype() == np.dtype([("on", "i8"), ("torque", "f8"), ("gains", "f8", (4, 2))])
+    assert schema_of(Example).lines() == ["on whole [] 1", "torque real [] N m", "gains real [4, 2] 1"]
+
+
+@pytest.mark.parametrize("schema", [LAW, MEMORY], ids=["law", "memory"])
+@pytest.mark.parametrize(("precision", "width"), [("double", 8), ("single", 4)])
+def test_records_have_no_padding(schema: Schema, precision, width):
+    numbers = sum(int(np.prod(eval(line.split("[")[1].split("]")[0] or "1"))) for line in schema.lines())
+    assert schema.dtype(precision).itemsize == width * numbers
+
+
+def test_digest_covers_names_types_lengths_units_and_order():
+    def digest(**described) -> str:
+        made = make_dataclass("Made", [(name, float, field(metadata=one)) for name, one in described.items()])
+        return schema_of(made).digest
+
+    plain = digest(a=number("m"), b=number("s"))
+    assert digest(a=number("m"), b=number("s")) == plain
+    others = [
+        digest(b=number("s"), a=number("m")),
+        digest(a=number("m"), c=number("s")),
+        digest(a=number("mm"), b=number("s")),
+        digest(a=number("m", 2), b=number("s")),
+        digest(a=number("m"), b=whole()),
+    ]
+    assert len({plain, *others}) == 6
+
+
+def test_smaller_array_fills_the_first_places():
+    record = schema_of(Example).zeros()
+    fill_record(record, Example(gains=np.ones((3, 2))))
+    np.testing.assert_array_equal(record["gains"][0], [[1, 1], [1, 1], [1, 1], [0, 0]])
+    assert (record["on"][0], record["torque"][0]) == (1, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("gains", "sentence"),
+    [
+        (np.ones((5, 2)), r"gains of .*Example has the shape \(5, 2\); there is room for \(4, 2\)"),
+        (np.ones(2), r"the shape \(2,\)"),
+        (np.full((3, 2), np.nan), "not finite"),
+    ],
+)
+def test_array_without_room_is_refused(gains, sentence):
+    with pytest.raises(InputError, match=sentence):
+        fill_record(schema_of(Example).zeros(), Example(gains=gains))
+
+
+@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+def test_single_precision_keeps_every_number_of_a_controller_to_1e_7(robot):
+    record = everything(robot).record
+    single = converted(record, LAW)
+    assert single.dtype == LAW.dtype("single")
+    for name in KINDS:
+        for key in schema_of(KINDS[name].record).fields:
+            np.testing.assert_allclose(single[name][key], record[name][key], rtol=1e-7)
+
+
+def test_single_precision_refuses_what_is_out_of_range_or_lost():
+    schema = schema_of(Example)
+    for torque, sentence in ((1e39, "becomes? inf|become inf"), (1e-46, "become 0")):
+        record = schema.zeros()
+        record["torque"] = torque
+        with pytest.raises(InputError, match=f"Example.torque is {torque:g}; .*{sentence}"):
+            converted(record, schema)
+    record = schema.zeros()
+    record["on"] = 2**40
+    with pytest.raises(InputError, match=r"Example.on is 1.09951e\+12"):
+        converted(record, schema)
+
+
+def test_parts_list_gives_file_tables_and_records():
+    assert list(KINDS) == [one.name for one in fields(Parts)]
+    assert set(KINDS) < set(LAW.fields)
+    assert set(KINDS) < set(MEMORY.fields)
+    assert MEMORY.dtype().itemsize == MEMORY_SIZE * 8
+    for name, kind in KINDS.items():
+        assert list(table_of(kind).model_fields) == list(settings_of(kind)), name
+        assert {one.name for one in fields(kind)} <= set(get_type_hints(kind)), name
+
+
+def test_every_record_of_a_part_begins_with_whether_it_is_there():
+    """A step reads `on` of its record; zeros mean that there is no such part."""
+    record = everything(alten(FRICTION)).record
+    for name, kind in KINDS.items():
+        assert next(iter(schema_of(kind.record).fields)) == "on"
+        assert record[name]["on"][0] == 1
+    assert LAW.zeros()["notch"]["on"][0] == 0
