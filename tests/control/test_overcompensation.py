@@ -17,6 +17,7 @@ from ballbot.control.overcompensation import (
 from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
+from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.file import write_robot
 from ballbot.robot.robot import scaled_friction
 from tests.support.control_examples import FRICTION, alten
@@ -144,3 +145,43 @@ def test_run_with_a_controller_file_reports_overcompensation(tmp_path, capsys):
         words.append(capsys.readouterr().out)
     assert "injects energy" not in words[0]
     assert "injects energy" in words[1]
+
+
+DIRECTED = replace(
+    FRICTION,
+    coulomb_asymmetry=(0.03, -0.02, 0.04),
+    stribeck_asymmetry=(-0.02, 0.01, 0.05),
+    load=(0.2, 0.1, 0.3),
+)
+
+
+def test_compensation_is_the_friction_of_the_direction_and_the_load():
+    robot = alten(replace(DIRECTED, rolling=0.0))
+    state = np.array([0.0, 0.0, 0.01, -0.02, 0.0, 0.3, -0.2, 0.1, 0.0, 0.6])
+    speeds = Model(robot).wheel_speed(state[:5], state[5:])
+    assert (np.abs(speeds) > 0.2).all()
+    assert len(set(np.sign(speeds))) == 2
+    torques = []
+    for compensation in ("none", "full"):
+        controller = Controller(robot, GAIN, compensation=compensation, speed_band=0.1)
+        controller.reset()
+        torques.append(controller.update(0.0, state, np.zeros(10)))
+    feedback, whole = torques
+    unloaded = wheel_friction(speeds, robot.friction)
+    expected = wheel_friction(speeds, robot.friction, torque=feedback + unloaded)
+    np.testing.assert_allclose(whole - feedback, expected, rtol=1e-9)
+
+
+def test_directed_friction_is_checked_in_both_directions():
+    knowing = Controller(alten(DIRECTED), GAIN, compensation="full")
+    assert compensation_margin(knowing, DIRECTED).largest == pytest.approx(1.0)
+    symmetric = Controller(alten(FRICTION), GAIN, compensation="full")
+    margin = compensation_margin(symmetric, DIRECTED)
+    assert margin.largest > 1.1
+    assert min(margin.speeds) < 0.0 < max(margin.speeds)
+
+
+def test_controller_file_keeps_the_terms_of_the_friction(tmp_path):
+    controller = Controller(alten(DIRECTED), GAIN, compensation="full")
+    write_controller(controller, tmp_path / "directed.toml")
+    assert read_controller(tmp_path / "directed.toml", alten(FRICTION)).robot.friction == DIRECTED

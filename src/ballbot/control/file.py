@@ -41,6 +41,9 @@ class FrictionTable(Table):
     stribeck_speed: PositiveFloat
     stribeck_exponent: PositiveFloat
     rolling: NonNegativeFloat
+    coulomb_asymmetry: tuple[FiniteFloat, ...] = ()
+    stribeck_asymmetry: tuple[FiniteFloat, ...] = ()
+    load: tuple[NonNegativeFloat, ...] = ()
 
 
 class FeedbackTable(Table):
@@ -182,7 +185,22 @@ stribeck_speed = {friction.stribeck_speed!r}
 stribeck_exponent = {friction.stribeck_exponent!r}
 # C_rr [-]
 rolling = {friction.rolling!r}
-{_parts_text(controller.parts)}"""
+{_friction_terms_text(friction)}{_parts_text(controller.parts)}"""
+
+
+def _friction_terms_text(friction: Friction) -> str:
+    """Return the lines of the terms that a friction has beyond those of every file."""
+    terms = {
+        "coulomb_asymmetry": "c forward less the mean of both directions [N m]",
+        "stribeck_asymmetry": "s forward less the mean of both directions [N m]",
+        "load": "mu, dry friction for each N m of the motor's torque [-]",
+    }
+    lines = [
+        f"# {text}\n{key} = {_row(getattr(friction, key))}\n"
+        for key, text in terms.items()
+        if getattr(friction, key)
+    ]
+    return "".join(lines)
 
 
 def _parts_text(parts: Parts) -> str:

@@ -30,7 +30,7 @@ from scipy.stats import norm
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import stribeck_decay, wheel_friction
+from ballbot.mechanics.friction import breakaway_torques, stribeck_decay, wheel_friction
 from ballbot.robot import Friction, Robot
 from ballbot.robot.robot import scaled_friction
 
@@ -212,7 +212,10 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
         Of as many wheels: a robot file's, or what is certain of it (`certain_friction`).
     """
     n = len(controller.gain)
-    given, taken = compensation_curve(controller, _SPEEDS), _curve(friction, _SPEEDS)
+    directions = _directions(controller, friction)
+    signed = np.concatenate([direction * _SPEEDS for direction in directions])
+    given = np.concatenate([compensation_curve(controller, _SPEEDS, one) for one in directions])
+    taken = np.concatenate([_curve(friction, _SPEEDS, one) for one in directions])
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
     on = controller.compensation != "none"
@@ -220,22 +223,39 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
     shares = ratio[worst, np.arange(n)]
     return CompensationMargin(
         shares=tuple(shares.tolist()),
-        speeds=tuple(_SPEEDS[worst].tolist()),
+        speeds=tuple(signed[worst].tolist()),
         rolling=rolling,
         swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
     )
 
 
-def compensation_curve(controller: Controller, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the most that each wheel is given along its motion at speeds (k,) > 0 [rad/s]: (k, n) [N m]."""
+def _directions(controller: Controller, friction: Friction) -> tuple[float, ...]:
+    """Return the directions of turning in which the compensation or the friction differ."""
+    return (1.0,) if controller.robot.friction.is_plain and friction.is_plain else (1.0, -1.0)
+
+
+def compensation_curve(
+    controller: Controller, speeds: NDArray[np.float64], direction: float = 1.0
+) -> NDArray[np.float64]:
+    """Return the most that each wheel is given along its motion without load, (k, n) [N m].
+
+    Parameters
+    ----------
+    controller : Controller
+    speeds : ndarray (k,)
+        Above zero [rad/s].
+    direction : float
+        1 for a wheel that turns forward, -1 for backward.
+    """
     friction, standstill = controller.robot.friction, controller.parts.standstill
     if controller.compensation == "none":
         return np.zeros((len(speeds), len(controller.gain)))
     ramp = np.minimum(1.0, speeds / controller.speed_band)[:, None]
     viscous = speeds[:, None] * np.asarray(friction.viscous)
-    dry = _curve(friction, speeds) - viscous
+    dry = _curve(friction, speeds, direction) - viscous
+    start = breakaway_torques(friction)[0 if direction > 0.0 else 1]
     feed = standstill.feed if standstill is not None else 0.0
-    return viscous + dry * ramp + feed * (1.0 - ramp) * np.add(friction.coulomb, friction.stribeck)
+    return viscous + dry * ramp + feed * (1.0 - ramp) * start
 
 
 def certain_friction(robot: Robot) -> Friction:
@@ -284,14 +304,21 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
 
 def _swing(controller: Controller, friction: Friction, amplitude: float) -> Swing:
     speeds = amplitude * np.sin(_PHASES)
-    given = (compensation_curve(controller, speeds) * speeds[:, None]).mean(axis=0)
-    taken = (_curve(friction, speeds) * speeds[:, None]).mean(axis=0)
+    directions = _directions(controller, friction)
+    given = np.mean(
+        [(compensation_curve(controller, speeds, one) * speeds[:, None]).mean(axis=0) for one in directions],
+        axis=0,
+    )
+    taken = np.mean(
+        [(_curve(friction, speeds, one) * speeds[:, None]).mean(axis=0) for one in directions], axis=0
+    )
     return Swing(amplitude=amplitude, given=tuple(given.tolist()), taken=tuple(taken.tolist()))
 
 
-def _curve(friction: Friction, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return tau (k, n) at speeds (k,)."""
-    return wheel_friction(np.repeat(speeds[:, None], len(friction.coulomb), axis=1), friction)
+def _curve(friction: Friction, speeds: NDArray[np.float64], direction: float = 1.0) -> NDArray[np.float64]:
+    """Return the friction (k, n) against a direction of turning at speeds (k,) > 0, without load."""
+    turning = np.repeat(direction * speeds[:, None], len(friction.coulomb), axis=1)
+    return direction * wheel_friction(turning, friction)
 
 
 def _ratio(given: NDArray[np.float64], taken: NDArray[np.float64]) -> NDArray[np.float64]:

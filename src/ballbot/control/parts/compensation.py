@@ -7,6 +7,10 @@ For wheel i with encoder speed w_i and the feedback's own torque u_i,
 
 and the wheel torques that carry the rolling friction N C_rr v/|v| (partial: only while they do not oppose u).
 
+Friction that differs with direction is compensated in the direction of the speed. The load of a drive is estimated by
+the torque that is about to be commanded, the feedback's and the compensation without the load: a little less than it
+will be, and never more, if friction is compensated in full.
+
 Below the speed band the sign of a speed is a ramp, so that a wheel at rest is not compensated at all: it sticks until
 the feedback alone overcomes its breakaway torque, and then jumps. `.standstill` has two cures, each a fraction from 0
 (off) to 1:
@@ -30,9 +34,9 @@ from ballbot.control.records import MAX_WHEELS, number
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
 from ballbot.mechanics.equations import ball_rate, body_rates
-from ballbot.mechanics.friction import dry_friction
+from ballbot.mechanics.friction import dry_friction, friction_shift, friction_terms
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.parameters import Wheel
+from ballbot.mechanics.parameters import DirectedWheel, Wheel
 from ballbot.robot import Robot
 
 
@@ -55,6 +59,11 @@ class CompensationRecord:
     viscous: NDArray[np.float64] = field(metadata=number("N m s/rad", MAX_WHEELS))
     coulomb: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
     stribeck: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+    #: 1 if the friction has one of the next three terms
+    directed: float = field(metadata=number("1"))
+    coulomb_asymmetry: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+    stribeck_asymmetry: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+    load: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS))
     #: torque for a force of 1 N along x, and along y
     for_rolling: NDArray[np.float64] = field(metadata=number("m", MAX_WHEELS, 2))
 
@@ -62,6 +71,7 @@ class CompensationRecord:
 def compensation_record(settings: LawSettings) -> CompensationRecord:
     """Return the friction of a controller's robot as compiled code reads it."""
     robot, friction = settings.robot, settings.robot.friction
+    terms = friction_terms(friction)
     return CompensationRecord(
         inv_rb=1.0 / robot.ball.radius,
         inv_vs=1.0 / friction.stribeck_speed,
@@ -75,6 +85,10 @@ def compensation_record(settings: LawSettings) -> CompensationRecord:
         viscous=np.asarray(friction.viscous),
         coulomb=np.asarray(friction.coulomb),
         stribeck=np.asarray(friction.stribeck),
+        directed=float(not friction.is_plain),
+        coulomb_asymmetry=terms.coulomb_asymmetry,
+        stribeck_asymmetry=terms.stribeck_asymmetry,
+        load=terms.load,
         for_rolling=rolling_torques(robot),
     )
 
@@ -149,8 +163,22 @@ def _wheel_friction(own, standstill, i, relative, torque) -> tuple[float, float]
         standstill.feed * (1.0 - abs(ramp)) * (wheel.c + wheel.s) * _ramp(torque * standstill.feed_steepness)
     )
     friction = wheel.b * speed + dry_friction(wheel, speed) * ramp + given
+    if own.directed > 0.0:
+        pushed = _ramp(torque * standstill.feed_steepness)
+        friction += _directed_part(
+            own, wheel, i, speed, ramp, standstill.feed * (1.0 - abs(ramp)) * abs(pushed)
+        )
+        friction += own.load[i] * abs(torque + friction) * ramp
     works_against = torque * friction > 0.0
     return friction, own.full + (own.partial if works_against else 0.0)
+
+
+@inlined
+def _directed_part(own, wheel, i, speed, ramp, assist):
+    """Return by how much the friction forward, or less than it backward, differs from the mean of both directions."""
+    d, e = own.coulomb_asymmetry[i], own.stribeck_asymmetry[i]
+    terms = DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, d, e, own.load[i])
+    return friction_shift(terms, speed) * abs(ramp) + assist * (d + e)
 
 
 @inlined
