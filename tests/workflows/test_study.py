@@ -239,7 +239,9 @@ def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, chec
     whole = checkpoint.read_bytes()
     lines = whole.splitlines(keepends=True)
     # the last of them: the runs, 2 plants by 4 candidates and 1 plant by 6 ablations
-    assert [b'"trial"' in line for line in lines] == [False] * (len(lines) - 14) + [True] * 14
+    assert [json.loads(line).get("stage") == "run" for line in lines] == [False] * (len(lines) - 14) + [
+        True
+    ] * 14
     killed = tmp_path / "checkpoint.jsonl"
     killed.write_bytes(b"".join(lines[:-3]))  # written whole at every answer, so a kill leaves it like this
     again = run(killed, resume=True)
