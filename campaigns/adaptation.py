@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, precise_controller
 from ballbot.control.references import Reference, circle, square
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.processes import worker_pool
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Twin

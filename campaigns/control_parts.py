@@ -19,7 +19,8 @@ from ballbot.control.controller import Compensation
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import adaptive, nominal_controller, precise_controller
 from ballbot.control.references import Reference, hold, square
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.comparison import ComparedRun, RunResult, mean_with_interval, run_comparison

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, Twin

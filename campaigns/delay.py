@@ -17,7 +17,8 @@ from ballbot import Controller, Model, Robot
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold, square
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin

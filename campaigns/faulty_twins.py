@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight, square
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.files import read_sealed, write_sealed
 from ballbot.identification import Identification, identify
 from ballbot.log import Log

@@ -26,7 +26,7 @@ from ballbot.control.presets import (
     precise_controller,
 )
 from ballbot.control.references import change_pose, hold
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.processes import worker_pool
 from ballbot.simulation.conditions import FALLING_PART

@@ -8,7 +8,8 @@ from time import perf_counter
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
 from ballbot.report.design import robust_figure
 from ballbot.robot import Robot

@@ -17,7 +17,7 @@ import ballbot
 from ballbot.control.file import read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.twin import Twin
 from ballbot.workflows.metrics import score
 

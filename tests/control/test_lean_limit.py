@@ -13,7 +13,7 @@ from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.presets import design_integral_gain, precise_controller
 from ballbot.control.references import hold
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.limits import leaning_state, pushed_state

@@ -17,7 +17,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model

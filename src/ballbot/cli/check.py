@@ -194,8 +194,7 @@ def _log(robot: Robot, source: str, path: Path, accept: list[str] | None) -> Che
 
 def _report(checked: CheckedRobot, *, framed: bool) -> list[RenderableType]:
     """Return the parts of what is printed, top to bottom."""
-    from ballbot.report.design import MISTAKEN_MATRICES
-    from ballbot.workflows.robot_check import MATRICES
+    from ballbot.workflows.robot_check import MATRICES, MISTAKEN_MATRICES
 
     robot = checked.robot
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
@@ -227,7 +226,7 @@ def _unit(one: Derived) -> str:
 
 
 def _linear_lines(checked: CheckedRobot) -> list[Text]:
-    from ballbot.report.design import state_order
+    from ballbot.workflows.robot_check import state_order
 
     return [
         Text("\nLinear model x_dot = A x + B u about upright, exact model", style="bold"),

@@ -41,12 +41,13 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import identity
 from ballbot.mechanics.model import Model
-from ballbot.report.design import linearization_results, robust_figure, state_order
+from ballbot.report.design import robust_figure
 from ballbot.report.style import drawn
 from ballbot.robot import Friction, Robot
 from ballbot.robot.robot import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
 from ballbot.workflows.perturbed_robots import PerturbationRanges
+from ballbot.workflows.robot_check import linearization_results, state_order
 from ballbot.workflows.robust_design import Effort, RobustDesign, robust_design
 
 #: of a design with and without a search

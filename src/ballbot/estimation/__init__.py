@@ -1,10 +1,33 @@
 """The state from the robot's own sensors, and from a fix where there is one.
 
 `OnboardState` is the thesis's way. `ballbot.estimation.kalman.KalmanFilter`, the better one, is compiled and comes
-from its own file, so that only who uses it loads Numba.
+from its own file, so that only who uses it loads Numba; `named_estimator` makes either.
 """
 
-from ballbot.estimation.interface import Estimator, Fix, Reading
+from ballbot.estimation.interface import Estimator, EstimatorName, Fix, Reading, checked_name
 from ballbot.estimation.onboard import OnboardState
+from ballbot.robot import Robot
 
-__all__ = ["Estimator", "Fix", "OnboardState", "Reading"]
+__all__ = ["Estimator", "Fix", "OnboardState", "Reading", "named_estimator"]
+
+
+def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:
+    """Return a new estimator of that name for a robot.
+
+    Parameters
+    ----------
+    name : {"onboard", "kalman"}
+    robot : Robot
+    sample_time : float
+        Time between two updates [s].
+
+    Raises
+    ------
+    InputError
+        If there is none of that name, or the sample time is not positive.
+    """
+    if checked_name(name) == "onboard":
+        return OnboardState(robot, sample_time=sample_time)
+    from ballbot.estimation.kalman import KalmanFilter
+
+    return KalmanFilter(robot, sample_time=sample_time)

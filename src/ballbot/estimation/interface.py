@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.robot.robot import Robot
 
 #: a value beyond this is none that a sensor says: angles [rad], speeds [rad/s]
 _LARGEST = 1e6
@@ -172,27 +171,3 @@ def checked_name(name: str) -> EstimatorName:
     raise InputError(
         f"There is no estimator {name!r}; the estimators are {', '.join(get_args(EstimatorName))}."
     )
-
-
-def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) -> Estimator:
-    """Return a new estimator of that name for a robot.
-
-    Parameters
-    ----------
-    name : {"onboard", "kalman"}
-    robot : Robot
-    sample_time : float
-        Time between two updates [s].
-
-    Raises
-    ------
-    InputError
-        Where there is none of that name, or the sample time is not positive.
-    """
-    if checked_name(name) == "onboard":
-        from ballbot.estimation.onboard import OnboardState
-
-        return OnboardState(robot, sample_time=sample_time)
-    from ballbot.estimation.kalman import KalmanFilter
-
-    return KalmanFilter(robot, sample_time=sample_time)

@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import SHORTEST_SAMPLE, positive_number, real_array, real_number, whole_number
 from ballbot.errors import InputError
-from ballbot.estimation.interface import EstimatorName, Reading, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model

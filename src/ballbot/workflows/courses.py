@@ -16,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat
 
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError, suggest
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.files import parse_toml, read_toml
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import hold
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressCallback, ignore_progress

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.identification import Identification
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import estimated_robot

@@ -25,7 +25,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.control.references import is_reference_file, reference_from, reference_text
 from ballbot.errors import InputError
-from ballbot.estimation.interface import named_estimator
+from ballbot.estimation import named_estimator
 from ballbot.files import write_text
 from ballbot.log.formats import WRITTEN_ENDINGS
 from ballbot.processes import uninterrupted, worker_pool

@@ -27,10 +27,10 @@ from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.checks.time_and_rates import check_gaps, check_jitter
+from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
-from ballbot.report.design import MISTAKEN_MATRICES, linearization_results
 from ballbot.robot import Robot
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.parameters import value_of
@@ -56,6 +56,16 @@ MATRICES = {
     "T_owr": "wheel speed from the body's angular velocity (II.14)",
     "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
 }
+
+#: what is wrong with each matrix that the thesis's mistakes are in; numbers: docs/generated/reproduce.md
+MISTAKEN_MATRICES = {
+    "T_trw": "the thesis's mistake 6: without the motors' counter-torque; the exact model does not use it",
+    "T_owr": "the thesis's mistake 8: absolute spin, where motor, friction and encoder have the speed against the "
+    "body; the exact model does not use it",
+}
+MISTAKEN_LINEARIZATION = (
+    "the thesis's mistakes 5, 6, 7 and 17 (docs/generated/reproduce.md): to compare with, not to design with"
+)
 
 #: how long a named reference is examined [s]: the longest of them goes once around
 _DURATION = 40.0
@@ -237,3 +247,34 @@ def check_robot(
         linearization=linearization_results(model),
         poles=poles[np.argsort(-poles.real)],
     )
+
+
+def linearization_results(model: Model) -> dict[str, object]:
+    """Return what results.json holds of a model's linearization, the thesis's formulation marked beside it.
+
+    Parameters
+    ----------
+    model : Model
+        In the exact formulation, with the friction whose viscous part is to be in A.
+    """
+    names = [*STATE_NAMES]
+    return {
+        "about": "upright, at rest, psi = 0; viscous friction only",
+        "state": names,
+        "state_units": [unit_of(name) for name in names],
+        "input": [*torque_names(model.robot.wheel_count)],
+        "input_unit": "N m",
+        "exact": _matrices(model.linearize()),
+        "thesis": {"mistake": MISTAKEN_LINEARIZATION}
+        | _matrices(replace(model, formulation="thesis").linearize()),
+    }
+
+
+def state_order(wheel_count: int) -> str:
+    """Return what the rows and columns of A and B are, as a line of text."""
+    states = ", ".join(f"{name} [{unit_of(name)}]" for name in STATE_NAMES)
+    return f"x = {states}\nu = {', '.join(torque_names(wheel_count))} [N m]"
+
+
+def _matrices(linear: LinearModel) -> dict[str, object]:
+    return {"A": linear.A.tolist(), "B": linear.B.tolist()}

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import square
-from ballbot.estimation.interface import EstimatorName, named_estimator
+from ballbot.estimation import named_estimator
+from ballbot.estimation.interface import EstimatorName
 from ballbot.progress import ProgressCallback, ignore_progress, part_of
 from ballbot.robot.robot import Robot
 from ballbot.simulation.sensors import FixSource
