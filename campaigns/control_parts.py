@@ -85,9 +85,9 @@ class Dithered:
 
 
 def dithered(robot: Robot, *, share: float) -> Dithered:
-    """Return the precise controller with dither in place of its standstill, a share of the mean break-away torque."""
+    """Return the precise controller with dither, a fraction of the mean breakaway torque."""
     break_away = np.mean(np.add(robot.friction.coulomb, robot.friction.stribeck))
-    return Dithered(controller=precise(robot, standstill=None), amplitude=share * float(break_away))
+    return Dithered(controller=precise_controller(robot), amplitude=share * float(break_away))
 
 
 #: by the name in the table
@@ -106,9 +106,8 @@ PARTS: Mapping[str, Part] = {
     "precise, no integral action": Part(make=partial(precise, integral=None)),
     "precise, no shaping": Part(make=partial(precise, shaping=None, feed_forward=None)),
     "precise, no feed-forward": Part(make=partial(precise, feed_forward=None)),
-    "precise, no standstill": Part(make=partial(precise, standstill=None)),
-    "precise, dither of half the break-away for the standstill": Part(make=partial(dithered, share=0.5)),
-    "precise, dither of the break-away for the standstill": Part(make=partial(dithered, share=1.0)),
+    "precise, dither of half the breakaway torque": Part(make=partial(dithered, share=0.5)),
+    "precise, dither of the breakaway torque": Part(make=partial(dithered, share=1.0)),
     "precise, no bound on the lean": Part(make=partial(precise, lean_limit=None)),
     "precise, thesis's state": Part(make=precise_controller, estimator="onboard"),
     "precise, no observer": Part(make=partial(precise, disturbance_observer=None)),

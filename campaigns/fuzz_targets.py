@@ -283,7 +283,7 @@ def _courses() -> bytes:
 def _controllers() -> tuple[bytes, ...]:
     plain = controller_text(nominal_controller(ALTEN, compensation="full"))
     parts = "\n[shaping]\nfrequency = 4.0\n[integral]\ngain = [[1.0, 0.0, 0.1], [0.5, 1.0, 0.1], [0.0, 1.0, 0.1]]\n"
-    parts += "[standstill]\n[lean_limit]\n[prediction]\ndelay = 0.01\n"
+    parts += "[lean_limit]\n[prediction]\ndelay = 0.01\n"
     return plain.encode(), (plain + parts).encode()
 
 

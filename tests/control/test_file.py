@@ -117,7 +117,7 @@ ALL = controller_text(everything(alten(FRICTION)))
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),
         ("robot =", "robot ==", "not valid TOML"),
         ("frequency = 3.0", "frequency = 0.0", r"shaping.frequency is 0.0; it must be at least 1e-12"),
-        ("feed = 0.4", "feed = 4", r"standstill.feed is 4"),
+        ("depth = 0.2", "depth = 2", r"notch.depth is 2; it must be below 1"),
         ("[floor_adaptation]", "[floor_adaption]", "floor_adaption is not a key of a controller file"),
     ],
 )
@@ -150,6 +150,7 @@ def test_file_of_an_earlier_version_gives_the_same_controller_and_says_what_chan
     assert "feed_forward of [shaping] is now a table" in text
     assert "[driveline_adaptation] is ignored" in text
     assert "[load_scaling] is ignored" in text
+    assert "[standstill] is ignored" in text
 
 
 def test_file_of_this_version_is_read_without_a_hint(tmp_path):

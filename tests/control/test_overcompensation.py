@@ -15,7 +15,7 @@ from ballbot.control.overcompensation import (
     refuse_overcompensation,
 )
 from ballbot.control.parts import Parts
-from ballbot.control.presets import design_gain, nominal_controller, precise_controller
+from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.file import write_robot
@@ -69,15 +69,6 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     assert margin.rolling == pytest.approx(1.0)
     assert "wheel 2" in margin.sentence
     assert not compensation_margin(Controller(wheel, GAIN), FRICTION).pumps  # it compensates nothing
-
-
-def test_a_break_away_torque_at_rest_counts_where_friction_falls_faster_than_the_band_is_wide():
-    steep = replace(FRICTION, coulomb=(0.02,) * 3, stribeck=(0.2,) * 3, stribeck_speed=0.02)
-    robot = alten(steep)
-    margin = compensation_margin(precise_controller(robot), steep)
-    assert margin.pumps
-    assert max(margin.speeds) < precise_controller(robot).speed_band
-    assert not compensation_margin(precise_controller(ROBOT), FRICTION).pumps
 
 
 def test_energy_of_a_swing_equals_the_closed_forms():

@@ -1,4 +1,4 @@
-"""What is added to the gain: smooth references, feed-forward, integral action, standstill, observer, adaptation."""
+"""What is added to the gain: smooth references, feed-forward, integral action, observer, adaptation."""
 
 from dataclasses import replace
 from math import factorial
@@ -14,7 +14,6 @@ from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.control.parts.standstill import Standstill
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
 from ballbot.simulation.batch import simulate_batch
@@ -177,37 +176,6 @@ def test_the_integral_rests_within_its_dead_band_and_at_the_torque_limit_and_sta
     assert turned[-1] < 0.0  # 0.2 s; 2 s of it, wound up, would take 2 s to unwind
 
 
-def test_a_wheel_at_rest_is_given_its_break_away_torque_in_the_direction_of_the_push():
-    robot = alten(replace(FRICTION, rolling=0.0))
-    gain = design_gain(robot).gain
-    state = leaning(0.05)
-    pushed = Controller(robot, gain).update(0.0, state, np.zeros(10))
-    fed = Controller(
-        robot, gain, compensation="full", parts=Parts(standstill=Standstill(feed=0.7, feed_torque=0.1))
-    )
-    added = fed.update(0.0, state, np.zeros(10)) - pushed
-    wanted = 0.7 * np.add(FRICTION.coulomb, FRICTION.stribeck) * np.clip(pushed / 0.1, -1.0, 1.0)
-    np.testing.assert_allclose(added, wanted, atol=1e-12)
-
-
-def test_reference_blend_compensates_the_reference_speed():
-    robot = alten(FRICTION)
-    gain = np.zeros((3, 10))
-    parts = Parts(shaping=ReferenceShaping(speed_limit=1e3), feed_forward=FeedForward())
-    bare = Controller(robot, gain, parts=parts)
-    given = replace(parts, standstill=Standstill(ahead=1.0))
-    ahead = Controller(robot, gain, compensation="full", parts=given)
-    at_rest, reference = np.zeros(10), np.zeros(10)
-    reference[0] = 0.5
-    for _ in range(200):  # 1 s: on the way at 0.3 m/s
-        added = ahead.update(0.0, at_rest, reference) - bare.update(0.0, at_rest, reference)
-    moving = np.zeros(10)
-    moving[5] = 0.3
-    known = Controller(robot, gain, compensation="full").update(0.0, moving, np.zeros(10))
-    assert (np.sign(added[1:]) == np.sign(known[1:])).all()  # wheel 1 does not turn on this way
-    np.testing.assert_allclose(np.abs(added), np.abs(known), atol=0.03)
-
-
 def peak_error(robot: Robot, controller: Controller, *, duration: float = 16.0) -> float:
     """Return the largest distance from the square's second corner in its last two seconds [m]."""
     log = simulate(Model(robot), controller, square(), duration=duration)
@@ -273,8 +241,6 @@ def test_precise_controller_stands_at_its_reference(robot: Robot):
         (lambda: IntegralAction(gain=np.zeros((3, 2))), "three finite numbers for each wheel"),
         (lambda: IntegralAction(gain=np.zeros((3, 3)), memory=0.0), "memory of the integral action is 0"),
         (lambda: IntegralAction(gain=np.zeros((3, 3)), dead_band=-1.0), "dead_band"),
-        (lambda: Standstill(feed=1.5), "feed of the standstill is 1.5; it must be from 0 to 1"),
-        (lambda: Standstill(feed_torque=0.0), "feed_torque"),
         (lambda: DisturbanceObserver(frequency=-1.0), "frequency of the dist"),
         (lambda: Parts(feed_forward=FeedForward()), "needs reference shaping"),
         (

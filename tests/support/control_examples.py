@@ -11,7 +11,6 @@ from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.parts.standstill import Standstill
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
@@ -53,7 +52,6 @@ def everything(robot: Robot) -> Controller:
     return precise.with_parts(
         replace(
             precise.parts,
-            standstill=Standstill(ahead=0.3, feed=0.4),
             disturbance_observer=DisturbanceObserver(frequency=3.0),
             floor_adaptation=FloorAdaptation(time=5.0),
             lean_limit=LeanLimit(lean=0.6, turn=2.0),

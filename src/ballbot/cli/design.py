@@ -268,7 +268,7 @@ def design(
     Example: ballbot design found/robot.toml --robust --compensation full --out robust
 
     Writes controller.toml and results.json (gain, closed-loop poles, A and B). The precise kind is stiff and has
-    integral action, smoothed references with feed-forward, friction handling at standstill and a disturbance observer;
+    integral action, smoothed references with feed-forward and a disturbance observer;
     it needs the Kalman filter's state. Standard deviations in the robot's file are carried through to each entry of the
     gain; those of its friction limit the compensation to the friction that is present with 95 % confidence. More than
     that injects energy and can destabilise the robot: it is refused, and the margin is shown.

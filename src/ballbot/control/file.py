@@ -71,6 +71,7 @@ _RENAMED = {"lean_bound": "lean_limit"}
 _REMOVED = {
     "driveline_adaptation": "driveline adaptation was removed, because it followed too little of a change of friction",
     "load_scaling": "load scaling was removed, because it gained nothing",
+    "standstill": "the breakaway assist at standstill was removed, because it gained nothing",
 }
 
 

@@ -2,9 +2,9 @@
 
 At wheel speed w the compensation gives at most (`ballbot.control.parts.compensation`, the feedback pushing along)
 
-    k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w) + a (1 - ramp(w)) (c + s),       w > 0
+    k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w),       w > 0
 
-of the friction that it assumes, a the breakaway assist, and friction takes tau(w) of its own. A wheel that turns
+of the friction that it assumes, and friction takes tau(w) of its own. A wheel that turns
 steadily at w is driven faster where k(w) > tau(w). A wheel that swings, w = A sin(phi), is given <k(w) w> and loses
 <tau(w) w>, means over a swing [W]: the describing function's view, in which the compensation injects energy where it
 gives more. A late torque gives less, not more (what it pushes after the wheel has turned round, it takes), and gear
@@ -30,7 +30,7 @@ from scipy.stats import norm
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import breakaway_torques, stribeck_decay, wheel_friction
+from ballbot.mechanics.friction import stribeck_decay, wheel_friction
 from ballbot.robot import Friction, Robot
 from ballbot.robot.robot import scaled_friction
 
@@ -247,15 +247,13 @@ def compensation_curve(
     direction : float
         1 for a wheel that turns forward, -1 for backward.
     """
-    friction, standstill = controller.robot.friction, controller.parts.standstill
+    friction = controller.robot.friction
     if controller.compensation == "none":
         return np.zeros((len(speeds), len(controller.gain)))
     ramp = np.minimum(1.0, speeds / controller.speed_band)[:, None]
     viscous = speeds[:, None] * np.asarray(friction.viscous)
     dry = _curve(friction, speeds, direction) - viscous
-    start = breakaway_torques(friction)[0 if direction > 0.0 else 1]
-    feed = standstill.feed if standstill is not None else 0.0
-    return viscous + dry * ramp + feed * (1.0 - ramp) * start
+    return viscous + dry * ramp
 
 
 def certain_friction(robot: Robot) -> Friction:

@@ -27,7 +27,6 @@ from ballbot.control.parts.floor_adaptation import FloorAdaptation
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.control.parts.standstill import Standstill
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
@@ -76,8 +75,6 @@ PRECISE_TORQUE_WEIGHT = 30.0
 
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
-#: share of the break-away torque that a wheel at rest is given
-BREAKAWAY_ASSIST = 0.7
 #: share of its load that a wheel pushes the ball with at most: stiff, the controller else spins its wheels in a fall
 GRIP_FRACTION = 0.4
 
@@ -167,7 +164,6 @@ def precise_controller(
             shaping=ReferenceShaping(),
             feed_forward=FeedForward(),
             integral=IntegralAction(gain=chosen.integral_gain),
-            standstill=Standstill(feed=BREAKAWAY_ASSIST),
             disturbance_observer=DisturbanceObserver(),
             lean_limit=LeanLimit(),
         ),

@@ -15,7 +15,6 @@ from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.part import Part
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.control.parts.standstill import Standstill
 from ballbot.errors import InputError
 
 
@@ -35,7 +34,6 @@ class Parts:
     shaping: ReferenceShaping | None = None  #: makes smooth motions of references
     feed_forward: FeedForward | None = None  #: lean and torques that a shaped motion needs
     integral: IntegralAction | None = None  #: works against errors that stay
-    standstill: Standstill | None = None  #: how friction is compensated about zero speed
     disturbance_observer: DisturbanceObserver | None = None  #: gives back the torque that is lost
     floor_adaptation: FloorAdaptation | None = None  #: follows what the floor takes
     lean_limit: LeanLimit | None = None  #: keeps errors of position and speed from asking for too much

@@ -1,4 +1,4 @@
-"""Friction compensation, compiled: what is added to the feedback's torques, with its behaviour at standstill.
+"""Friction compensation, compiled: what is added to the feedback's torques.
 
 For wheel i with encoder speed w_i and the feedback's own torque u_i,
 
@@ -12,14 +12,7 @@ the torque that is about to be commanded, the feedback's and the compensation wi
 will be, and never more, if friction is compensated in full.
 
 Below the speed band the sign of a speed is a ramp, so that a wheel at rest is not compensated at all: it sticks until
-the feedback alone overcomes its breakaway torque, and then jumps. `.standstill` has two cures, each a fraction from 0
-(off) to 1:
-
-    ahead      reference blend: the speed compensated is w + ahead (w_d - w), w_d that of the motion asked for: friction
-               is paid before the wheel turns, and at a fixed position there is nothing to chatter
-    feed       breakaway assist: within the band, feed (1 - |ramp(w)|) (c + s) u/u_0 is added, u the feedback's own
-               torque, u/u_0 limited to between -1 and 1: a wheel at rest gets its breakaway torque in the direction in
-               which it is pushed
+the feedback alone overcomes its breakaway torque.
 """
 
 from __future__ import annotations
@@ -107,24 +100,15 @@ def rolling_torques(robot: Robot) -> NDArray[np.float64]:
 @inlined
 def compensate(law, memory, now, torques):
     """Add the friction's compensation to the feedback's torques."""
-    own, a, e, state = law.compensation, now.a, now.e, now.state
-    ahead, added = law.standstill.ahead, memory.history.compensated
-    d_x, d_y = a.cos_psi * e[5] - a.sin_psi * e[6], a.sin_psi * e[5] + a.cos_psi * e[6]
-    d_t, d_p = a.cos_psi * e[7] - a.sin_psi * e[8], a.sin_psi * e[7] + a.cos_psi * e[8]
-    rates = (
-        state[5] + ahead * d_x,
-        state[6] + ahead * d_y,
-        state[7] + ahead * d_t,
-        state[8] + ahead * d_p,
-        state[9] + ahead * e[9],
-    )
+    own, a, state, added = law.compensation, now.a, now.state, memory.history.compensated
+    rates = (state[5], state[6], state[7], state[8], state[9])
     relative, force = _relative_rate(own, a, rates), _rolling_force(own, a, rates)
     agreement = 0.0  # u . rolling
     for i in range(len(torques)):
         agreement += torques[i] * _rolling_torque(own, i, force)
     rolls = own.full + (own.partial if agreement > 0.0 else 0.0)
     for i in range(len(torques)):
-        friction, fraction = _wheel_friction(own, law.standstill, i, relative, torques[i])
+        friction, fraction = _wheel_friction(own, i, relative, torques[i])
         more = fraction * friction + rolls * _rolling_torque(own, i, force)
         torques[i] += more
         added[0, i] = more
@@ -153,32 +137,26 @@ def _rolling_torque(own, i, force):
 
 
 @inlined
-def _wheel_friction(own, standstill, i, relative, torque) -> tuple[float, float]:
+def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
     """Return a wheel's friction, and the fraction compensated where the feedback's torque is `torque`."""
     axle = (own.axles[i, 0], own.axles[i, 1], own.axles[i, 2])
     speed = dot(axle, relative)
     wheel = Wheel(axle, own.viscous[i], own.coulomb[i], own.stribeck[i], own.inv_vs, own.delta)
     ramp = _ramp(speed * own.steepness)
-    given = (
-        standstill.feed * (1.0 - abs(ramp)) * (wheel.c + wheel.s) * _ramp(torque * standstill.feed_steepness)
-    )
-    friction = wheel.b * speed + dry_friction(wheel, speed) * ramp + given
+    friction = wheel.b * speed + dry_friction(wheel, speed) * ramp
     if own.directed > 0.0:
-        pushed = _ramp(torque * standstill.feed_steepness)
-        friction += _directed_part(
-            own, wheel, i, speed, ramp, standstill.feed * (1.0 - abs(ramp)) * abs(pushed)
-        )
+        friction += _directed_part(own, wheel, i, speed, ramp)
         friction += own.load[i] * abs(torque + friction) * ramp
     works_against = torque * friction > 0.0
     return friction, own.full + (own.partial if works_against else 0.0)
 
 
 @inlined
-def _directed_part(own, wheel, i, speed, ramp, assist):
+def _directed_part(own, wheel, i, speed, ramp):
     """Return by how much the friction forward, or less than it backward, differs from the mean of both directions."""
     d, e = own.coulomb_asymmetry[i], own.stribeck_asymmetry[i]
     terms = DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, d, e, own.load[i])
-    return friction_shift(terms, speed) * abs(ramp) + assist * (d + e)
+    return friction_shift(terms, speed) * abs(ramp)
 
 
 @inlined
