@@ -23,7 +23,7 @@ from ballbot.twin.scenario import (
     Supply,
     Timing,
 )
-from ballbot.twin.scenario_file import EXAMPLES, read_scenario, scenario_text, write_scenario
+from ballbot.twin.scenario_file import EXAMPLES, load_scenario, read_scenario, scenario_text, write_scenario
 from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
@@ -41,8 +41,8 @@ def test_named_scenarios_round_trip(name: str, tmp_path: Path) -> None:
     scenario = Scenario.named(name, ALTEN)
     write_scenario(scenario, tmp_path / "one.toml")
     assert read_scenario(tmp_path / "one.toml", ALTEN) == scenario
-    assert Scenario.load(tmp_path / "one.toml", ALTEN) == scenario
-    assert Scenario.load(name, ALTEN) == scenario
+    assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
+    assert load_scenario(name, ALTEN) == scenario
 
 
 # up to the size of a wall socket's frequency or a wrestler's push; the smallest keeps products from underflowing
@@ -166,13 +166,13 @@ def test_refuses_in_one_sentence(text: str, sentence: str, tmp_path: Path) -> No
 
 def test_unknown_scenario_lists_the_known_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="did you mean 'nominal'"):
-        Scenario.load("nominl", ALTEN)
+        load_scenario("nominl", ALTEN)
     path = tmp_path / "bytes.toml"
     path.write_bytes(b"\xff\xfe")
     with pytest.raises(InputError, match="UTF-8"):
-        Scenario.load(path, ALTEN)
+        load_scenario(path, ALTEN)
     with pytest.raises(InputError, match="cannot be read"):
-        Scenario.load(tmp_path, ALTEN)
+        load_scenario(tmp_path, ALTEN)
 
 
 def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:

@@ -32,8 +32,7 @@ from ballbot.report.excitation import errors_figure, followed_run, run_figure
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
 from ballbot.robot import Robot
-from ballbot.twin import Scenario
-from ballbot.twin.scenario_file import scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits, RunPeaks
 from ballbot.workflows.excite import Excitation, ExcitationOptions, Trial, deviations_found
@@ -236,7 +235,7 @@ def excite(
     )
     effort = DesignEffort(generations=search.generations, population=search.population)
     chosen = read_controller(controller, described) if controller else nominal_controller(described)
-    scenario = Scenario.load(trial.scenario, described)
+    scenario = load_scenario(trial.scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
     deviations = deviations_found(identification.found) if identification.found else None
     depends_on = {

@@ -128,9 +128,9 @@ def _law(name: str, controller: object) -> Controller:
 
 
 def _truth(scenario: str, robot: Robot) -> Scenario:
-    from ballbot.twin import Scenario  # MuJoCo is an extra
+    from ballbot.twin.scenario_file import load_scenario
 
-    return Scenario.load(scenario, robot)
+    return load_scenario(scenario, robot)
 
 
 def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinEdge]:

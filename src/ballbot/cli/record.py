@@ -20,8 +20,8 @@ from ballbot.fitting.run import check_seed
 from ballbot.log.formats import check_ending
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
-from ballbot.twin import Scenario
 from ballbot.twin.recording import DURATIONS, Experiment
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.record import (
     RecordJob,
     RecordOutcome,
@@ -111,7 +111,7 @@ def record(
     controller = chosen.read(described)
     job = RecordJob(
         robot=described,
-        scenario=Scenario.load(scenario, described),
+        scenario=load_scenario(scenario, described),
         controller=controller if estimator is None else controller.with_estimator(estimator),
         experiment=run.experiment,
         reference=run.reference,

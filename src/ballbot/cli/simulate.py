@@ -23,8 +23,8 @@ from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.metrics import SETTLE, score, settled
 
 _WRITTEN = (*(f"log.{ending}" for ending in WRITTEN_ENDINGS), "results.json")
@@ -118,7 +118,7 @@ def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plan
     """Return the model, behind the sensors of a scenario where there is one."""
     if scenario is None:
         return model
-    imperfections = imperfections_of(Scenario.load(scenario, model.robot))
+    imperfections = imperfections_of(load_scenario(scenario, model.robot))
     return SensedPlant(model, imperfections, estimator=estimator)
 
 

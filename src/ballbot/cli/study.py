@@ -25,8 +25,7 @@ from ballbot.log.checks import CheckedLogs
 from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
-from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_file import scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.workflows.courses import PlantName
 from ballbot.workflows.plant_draws import available_plant
 from ballbot.workflows.study import StudyOptions
@@ -110,7 +109,7 @@ def study(
         mappings=dict.fromkeys(logs, fit.mapping),
     )
     back_emf, excluded = back_emf_of(fit.mapping), names_listed(fit.exclude_states)
-    scenario, plant = Scenario.load(trial.scenario, described), available_plant(trial.plant)
+    scenario, plant = load_scenario(trial.scenario, described), available_plant(trial.plant)
     depends_on = {"bounds": within, "left_out": excluded, "back_emf": back_emf, "seed": seed}
     depends_on |= {"plant": plant, "scenario": scenario_text(scenario), "draws": trial.draws}
     with (

@@ -14,9 +14,9 @@ from ballbot.files import check_file, write_text
 from ballbot.report.page import as_json
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot
-from ballbot.twin import Scenario, twin_mjcf
+from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
-from ballbot.twin.scenario_file import write_scenario
+from ballbot.twin.scenario_file import load_scenario, write_scenario
 
 _ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendations tried on it.
 
@@ -55,7 +55,7 @@ def export(
     """
     described = Robot.load(robot)
     check_file(out)
-    write_text(out, twin_mjcf(described, Scenario.load(scenario, described), mounting=mounting) + "\n")
+    write_text(out, twin_mjcf(described, load_scenario(scenario, described), mounting=mounting) + "\n")
     standard_output().print(str(out), soft_wrap=True)
 
 
@@ -74,7 +74,7 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> 
     out
         The file to write.
     """
-    write_scenario(Scenario.load(source, Robot.load(robot)), out)
+    write_scenario(load_scenario(source, Robot.load(robot)), out)
     standard_output().print(str(out), soft_wrap=True)
 
 

@@ -68,6 +68,7 @@ def _findings(robot: Robot) -> Iterator[Finding]:
         _of_body(robot),
         _of_moments(robot),
         _of_wheel_places(robot),
+        _of_rollers(robot),
         _of_wheel_inertia(robot),
         _of_gear(robot),
         _of_motor(robot),
@@ -243,7 +244,10 @@ def _of_wheel_places(robot: Robot) -> Iterator[Finding]:
             f"ball their radius must be below {room:.3g} m."
         )
         yield Finding(code="robot-wheels", severity="error", text=text, where=Place(columns=names))
-    rollers = wheels.rollers
+
+
+def _of_rollers(robot: Robot) -> Iterator[Finding]:
+    wheels, rollers = robot.wheels, robot.wheels.rollers
     for name, size, most in (
         ("wheels.rollers.radius", rollers.radius, 0.35),
         ("wheels.rollers.row_spacing", rollers.row_spacing, 1.0),
@@ -260,7 +264,7 @@ def _of_wheel_places(robot: Robot) -> Iterator[Finding]:
             usual=(0.0, most),
             possible=(0.0, 1.5 * most),
         )
-    per_row = wheels.rollers.per_row
+    per_row = rollers.per_row
     yield from _within(
         "robot-wheels",
         ("wheels.rollers.per_row",),

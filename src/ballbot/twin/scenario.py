@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Literal
 
 from ballbot.arrays import SHORTEST_STEP
@@ -357,24 +356,6 @@ class Scenario:
         """Return `nominal` with a ball that gives way under the wheels by 1 N in 30 um, as an inflated one does."""
         softness = Softness(stiffness=3e4, damping=200.0)
         return replace(Scenario.nominal(robot), name="soft_ball", softness=softness)
-
-    @staticmethod
-    def load(source: str | Path, robot: Robot) -> Scenario:
-        """Return the scenario of that name, or the one in that TOML file, for a robot.
-
-        Raises
-        ------
-        InputError
-            If there is neither, or the file does not describe a scenario.
-        """
-        from ballbot.twin.scenario_file import read_scenario
-
-        if source in _NAMED:
-            return Scenario.named(str(source), robot)
-        if not Path(source).exists():
-            hint = suggest(str(source), _NAMED, otherwise="the named ones are")
-            raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
-        return read_scenario(source, robot)
 
     @staticmethod
     def names() -> list[str]:

@@ -38,6 +38,22 @@ _PARAMETERS = {one.name: one for one in parameters_of(Scenario)}
 _HINTS = get_type_hints(Scenario)
 
 
+def load_scenario(source: str | Path, robot: Robot) -> Scenario:
+    """Return the scenario of that name, or the one in that TOML file, for a robot.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or the file does not describe a scenario.
+    """
+    if source in Scenario.names():
+        return Scenario.named(str(source), robot)
+    if not Path(source).exists():
+        hint = suggest(str(source), Scenario.names(), otherwise="the named ones are")
+        raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
+    return read_scenario(source, robot)
+
+
 def read_scenario(path: str | Path, robot: Robot) -> Scenario:
     """Return the scenario that a TOML file describes, for a robot.
 

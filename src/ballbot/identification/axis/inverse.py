@@ -11,12 +11,12 @@ The model gives the force as a linear sum of what the axis did, by least squares
     F = M a + F_v v + F_c sgn(v) + offset                                    ("coulomb")
     F = M a + (F_v+ v + F_c+) [v > 0] + (F_v- v - F_c-) [v < 0]              ("asymmetric")
 
-Friction takes energy: a coefficient of it that comes out below zero is held at zero, and the others are fitted anew.
-Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which takes every row for independent,
-and clustered by blocks of one second, which does not (see `ballbot.fitting.uncertainty`).
+A friction coefficient that comes out below zero is held at zero, and the others are fitted again, for friction takes
+energy. Standard deviations are given twice: as published, s sqrt(diag (X^T X)^-1), which takes every row for
+independent, and clustered by blocks of one second, which does not (see `ballbot.fitting.uncertainty`).
 
-The checks of a record: over all of it the model must find a mass and a dry friction above zero, since friction takes
-energy always. Where the loop is known, the record itself says what force it asked for,
+The checks of a record: over all of it the model must find a mass and a dry friction above zero. Where the loop is
+known, the record itself says what force it asked for,
 
     force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
 
