@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ballbot.findings import texts
 from ballbot.identification.driveline import NAMES, fit_as_printed, fit_driveline, sweeps_of
 from ballbot.log import Log
 from ballbot.report.driveline import UNITS, driveline_findings
@@ -36,5 +37,5 @@ def campaign() -> Section:
         "strategy and a polish; standard errors clustered in time.",
         columns=["", *(f"wheel {fit.wheel}" for fit in fits)],
         rows=rows,
-        after=" ".join(driveline_findings(fits, printed)),
+        after=" ".join(texts(driveline_findings(fits, printed))),
     )

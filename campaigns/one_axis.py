@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ballbot.findings import texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord, identify_axis
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
@@ -84,4 +85,5 @@ def _after(found: AxisIdentification) -> str:
         for one in found.ladder.candidates
         if one.gain
     )
-    return f"Less error on windows of 1 s held out, with 95 % intervals: {gains}. {' '.join(found.remarks)}"
+    remarks = " ".join(texts(found.remarks))
+    return f"Less error on windows of 1 s held out, with 95 % intervals: {gains}. {remarks}"

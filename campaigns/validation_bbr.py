@@ -72,7 +72,7 @@ def _after(validations: dict[str, Validation], closed: ErrorPair) -> str:
         pair = _open_loop(one)
         if pair.ratio_interval()[0, 0] == pair.ratio_interval()[0, 0]:
             counts.append(f"in open loop on `{name}` in {pair.verdicts().count('better')}")
-    said = "\n".join(f"- {words}" for words in findings(validations["square_soft"])).replace("_", r"\_")
+    said = "\n".join(f"- {one.text}" for one in findings(validations["square_soft"])).replace("_", r"\_")
     return (
         f"The interval is wholly above one {', '.join(counts)}. On `square_stiff` the robot fell after eight seconds, "
         "its motors chattering in their play (see [errors with identified friction](#errors-with-identified-friction-"

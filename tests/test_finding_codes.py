@@ -38,6 +38,7 @@ def _calls(tree: ast.AST, name: str) -> list[ast.Call]:
 def _codes_in(tree: ast.Module) -> set[str]:
     """Return the codes of all findings that a module makes, through its own helper functions too."""
     made = {id(call): _argument(call, "code", None) for call in _calls(tree, "Finding")}
+    made |= {id(call): call.args[0] for name in ("warning", "note") for call in _calls(tree, name)}
     codes = {code for value in made.values() if value is not None for code in _texts(value)}
     for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
         names = [one.arg for one in (*function.args.args, *function.args.kwonlyargs)]

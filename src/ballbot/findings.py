@@ -21,40 +21,59 @@ _ORDER = ("error", "warning", "note")
 CODES: Mapping[str, str] = MappingProxyType(
     {
         "alignment": "comparison of a log's sensors with motion capture",
+        "asymmetry": "friction differs by direction, on one record only",
+        "at-bound": "a parameter is at a bound",
         "axis-loop": "the recorded force is not that of the loop with its gains",
         "axis-reference": "the position of an axis does not follow its reference",
         "axis-unit": "the position of an axis appears to be in another unit",
         "ball-axes": "x and y are swapped or negated against the wheels",
         "ball-omega": "the angular velocity of the ball on the clamped robot has other axes, signs or units",
+        "chatter": "the wheels oscillate within the play of the gears",
+        "closed-loop": "which model predicts the closed loop better",
         "coarse": "a lean or its rate comes in coarse steps",
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "commands": "motor commands do not drive the wheels, or do so in another order or with other signs",
         "constant": "a column never changes",
         "copied": "an interval of rows appears twice",
-        "dead-motor": "a torque is zero or constant though its wheel "
-        "moves, or a wheel does not respond to its torque",
+        "correlated": "parameters that the data cannot separate",
+        "corrupted": "rows with corrupted values are not used",
+        "dead-motor": "a torque is zero or constant though its wheel moves, or a wheel does not respond to its torque",
         "degrees": "angles or rates are in degrees, or mixed with radians",
         "disturbance": "something other than wheels and gravity moves the lean",
         "drive": "the delay from command to motor in a foreign log",
+        "driveline": "how well a sweep determines the friction of a wheel",
+        "excitation": "the logs do not excite a parameter",
         "fall": "the robot falls, or is not on its ball",
         "file": "how a foreign file was read",
         "force-friction": "the friction of an axis is estimated below zero and fixed at zero",
         "force-sign": "the force on an axis has the opposite sign, or is delayed",
         "force-unrelated": "the motion of an axis does not explain its force",
+        "foreign-torque": "the torques of a log are not those of the controller",
+        "friction-differs": "a log needs more or less friction than was identified",
         "gap": "rows are missing",
+        "geometry": "how the geometry in the robot file agrees with the logs",
         "glitch": "logged wheel speeds contradict the wheel angles",
         "hands": "the robot is held or pushed",
         "heading": "the heading turns too little to show the signs of the wheels",
         "heading-sign": "psi is negated against the wheels",
         "held": "values are held over several rows",
+        "horizon": "how the error of a prediction grows with its length",
         "jitter": "the time from row to row varies",
         "jump": "a position or an angle jumps",
+        "law": "which friction law was chosen, and which did not improve the prediction",
         "lean-axes": "theta and phi are swapped, negated or turned against the ball's acceleration",
         "lean-offset": "the lean is not zero on average",
         "lean-scale": "the ball accelerates more or less than the lean implies",
         "missing": "values are missing (NaN)",
+        "no-influence": "a parameter has no influence on the logs",
+        "no-robot-file": "no robot file was written",
+        "not-predicted": "friction does not improve the prediction of a state",
+        "open-loop": "which model predicts the open loop better",
         "physics": "the log cannot show whether lean and torques are right",
+        "pivoting": "the ball pivots on the floor",
+        "poorly-determined": "the standard error of a parameter is large",
         "reset": "an encoder was reset",
+        "residuals": "what the one-step residuals of a model show",
         "robot-balance": "the robot's motors or controller cannot balance its body",
         "robot-ball": "the ball's size and mass do not fit together",
         "robot-body": "the body's mass, height and inertia do not fit together",
@@ -75,6 +94,8 @@ CODES: Mapping[str, str] = MappingProxyType(
         "spin": "results of a video of the ball",
         "stuck": "a sensor repeats its value for a long time",
         "swapped": "two columns are swapped",
+        "sweep": "what of a sweep was combined with the logs",
+        "swing": "what a swing shows of the body's inertia",
         "swing-clipped": "the sensor of a swing is clipped",
         "swing-fit": "the recording is not a free swing of a pendulum",
         "swing-inertia": "a swing gives an implausible inertia",
@@ -90,7 +111,9 @@ CODES: Mapping[str, str] = MappingProxyType(
         "torque-sign": "torques have the opposite sign of what the motion needs",
         "torque-unrelated": "the torques are unrelated to the motion",
         "unknown": "columns that Ballbot does not know",
+        "unlimited": "the data limit a parameter on one side only, or not at all",
         "use": "the log lacks columns for a use",
+        "weak-state": "a state that the model does not predict significantly better",
         "wheels": "wheel angles or speeds contradict the states, or the places of the wheels are uncertain",
         "wrap": "an angle jumps by a full turn",
     }
@@ -117,6 +140,21 @@ class Finding:
     severity: Severity
     text: str  #: one sentence: what is wrong, where, and what would be right
     where: Place = Place()
+
+
+def warning(code: str, text: str) -> Finding:
+    """Return a finding that must be known before results are used."""
+    return Finding(code=code, severity="warning", text=text)
+
+
+def note(code: str, text: str) -> Finding:
+    """Return a finding that is a fact."""
+    return Finding(code=code, severity="note", text=text)
+
+
+def texts(findings: Iterable[Finding]) -> list[str]:
+    """Return the sentences of findings."""
+    return [finding.text for finding in findings]
 
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:

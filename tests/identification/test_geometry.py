@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
+from ballbot.findings import texts
 from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
 from ballbot.identification.geometry_fits import (
     axle_directions,
@@ -116,7 +117,7 @@ class TestKnownRobots:
             assert abs(one.value - truth.get(one.name, 0.0)) < 4.0 * one.standard_error, one
         assert found.find("ball.radius").standard_error < 2e-4  # a tape measure has a millimetre
         assert found.find("wheels.tilt").standard_error < math.radians(0.05)
-        remarks = " ".join(geometry_findings(found))
+        remarks = " ".join(texts(geometry_findings(found)))
         for name in (
             "ball.radius",
             "wheels.radius",
@@ -133,11 +134,11 @@ class TestKnownRobots:
         found = survey_geometry(
             TRUE, upside_down=[upside_down_log(TRUE, seed=4)], balancing=[balancing_run(TRUE, seed=5)]
         )
-        assert geometry_findings(found)[0].startswith("The file agrees")
+        assert geometry_findings(found)[0].text.startswith("The file agrees")
 
     def test_upside_down_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), upside_down=[upside_down_log(ALTEN, seed=6)])
-        remarks = geometry_findings(found)
+        remarks = texts(geometry_findings(found))
         assert "would show which of the two radii" in remarks[0]
         assert "need a balancing run" in remarks[-1]
         with pytest.raises(InputError, match=r"do not determine ball\.radius"):
@@ -145,14 +146,14 @@ class TestKnownRobots:
 
     def test_balancing_alone_says_what_it_cannot_tell(self):
         found = survey_geometry(other(radius=0.0605), balancing=[balancing_run(ALTEN, seed=7)])
-        remarks = geometry_findings(found)
+        remarks = texts(geometry_findings(found))
         assert "whether the radius or the tilt" in remarks[0]
         assert "upside down as well" in remarks[-1]
 
     def test_a_turned_camera_is_not_taken_for_turned_wheels(self):
         turned = Rotation.from_rotvec(np.radians([1.5, -2.0, 3.0]))
         found = survey_geometry(ALTEN, upside_down=[upside_down_log(ALTEN, seed=8, turned=turned)])
-        remarks = " ".join(geometry_findings(found))
+        remarks = " ".join(texts(geometry_findings(found)))
         assert "All azimuths are turned by" in remarks
         assert "tilted by" in remarks
         assert "wheels.azimuths[" not in remarks
@@ -163,7 +164,7 @@ class TestKnownRobots:
     def test_one_larger_wheel_is_named(self):
         log = upside_down_log(ALTEN, seed=9)
         found = survey_geometry(ALTEN, upside_down=[log.with_columns({"wheel2": 0.97 * log["wheel2"]})])
-        assert any(sentence.startswith("Wheel 2 turns -") for sentence in geometry_findings(found))
+        assert any(sentence.startswith("Wheel 2 turns -") for sentence in texts(geometry_findings(found)))
 
     @pytest.mark.parametrize("degrees", [[2.0, -1.0, 4.0], [0.0, 0.0, 90.0], [180.0, 0.0, 0.0]])
     def test_the_imus_mounting_and_the_cameras_clock(self, degrees: list[float]):
@@ -241,7 +242,7 @@ class TestStandIn:
         for one in found.measured:
             if one.unit == "rad":
                 assert abs(one.value - one.in_file) < max(math.radians(0.35), 4.0 * one.standard_error)
-        assert geometry_findings(found)[0].startswith("The file agrees")
+        assert geometry_findings(found)[0].text.startswith("The file agrees")
 
     def test_wrong_file_by_the_command(self, shared_data, tmp_path, capsys):
         folder = shared_data / "bbr"

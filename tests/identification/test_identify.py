@@ -10,6 +10,7 @@ import pytest
 
 from ballbot import Robot
 from ballbot.errors import InputError
+from ballbot.findings import texts
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds, Identification, Progress, cross_validate, identify
 from ballbot.identification.excitation import check_excitation
@@ -112,7 +113,7 @@ def test_a_parameter_without_influence_gets_no_number():
     assert math.isnan(found.parameters["v_s"])
     assert math.isnan(found.parameters["delta"])
     assert math.isnan(found.standard_errors["v_s"])
-    assert any(sentence.startswith("v_s has no influence") for sentence in found.warnings)
+    assert any(sentence.startswith("v_s has no influence") for sentence in texts(found.warnings))
     assert found.to_dict()["parameters"]["v_s"] is None
     assert found.robot.friction.stribeck_speed == alten().friction.stribeck_speed  # as it was before
     assert np.isfinite(flat(found.parameters)[:9]).all()
@@ -124,7 +125,7 @@ def test_active_bounds_are_kept_and_reported():
     found = quick(log, bounds=bounds)
     assert found.parameters["C_rr"] == 0.012
     assert math.isnan(found.standard_errors["C_rr"])
-    assert any(sentence.startswith("C_rr is at its lower bound 0.012") for sentence in found.warnings)
+    assert any(sentence.startswith("C_rr is at its lower bound 0.012") for sentence in texts(found.warnings))
     assert all(0.0 <= b <= 0.03 for b in found.parameters["b"])
 
 
@@ -231,7 +232,7 @@ def test_unidentifiable_quantities_get_no_number():
     constant = replace(windows, torques=np.broadcast_to(windows.torques[:1, :1], windows.torques.shape))
     found = check_excitation(constant, alten(), coordinates)
     assert [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row] == ["delay"]
-    assert found.remarks == (
+    assert tuple(texts(found.remarks)) == (
         "The torques change by only 0 N m per row; a step of the reference would help: delay cannot be estimated.",
     )
     alone = estimated_parameters(alten(), free=("delay",), law="stribeck", bounds=Bounds())
@@ -257,8 +258,10 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     assert step.remarks == ()
     # the wheels chatter within the play: friction makes the lean's prediction worse, and this is said with the reason
     worse = [state for state, ratio in stiff.errors.ratios.items() if ratio >= 1.0]
-    assert [remark for remark in stiff.remarks if "within the gearbox's play" in remark]
-    assert all(any(f" {state} is not predicted" in remark for remark in stiff.remarks) for state in worse)
+    assert [remark for remark in texts(stiff.remarks) if "within the gearbox's play" in remark]
+    assert all(
+        any(f" {state} is not predicted" in remark for remark in texts(stiff.remarks)) for state in worse
+    )
     assert np.isfinite(flat(found.standard_errors)).all()
 
 

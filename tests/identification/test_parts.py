@@ -90,7 +90,7 @@ def test_a_wheel_that_hardly_turns_is_named():
     windows = cut_windows([log.with_columns(ahead)], wheel_count=3, duration=0.25)
     coordinates = scale_between(alten(), free=("friction", "torque_gain"))
     found = check_excitation(windows, alten(), coordinates)
-    assert found.remarks[0].startswith("Wheel 1 turns in only 0 of")
+    assert found.remarks[0].text.startswith("Wheel 1 turns in only 0 of")
     refused = [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row]
     assert refused == ["b1", "c1", "s1", "gain1"]
 
@@ -224,5 +224,5 @@ def test_the_stiff_log_chatters_and_the_soft_ones_do_not(shared_data):
         for name in ("square_soft", "hold_soft", "thesis_step_soft", "square_stiff")
     }
     assert [name for name, one in found.items() if one.matters] == ["square_stiff"]
-    said = chatter_finding(found["square_stiff"], alten(), "square_stiff")
+    said = chatter_finding(found["square_stiff"], alten(), "square_stiff").text
     assert "by 1.0 deg for 89 % of the time" in said

@@ -362,7 +362,8 @@ def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
         (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
         ((), ("pivoting",), "T_p, was among the estimated parameters"),
     ):
-        (told,) = heading_findings([share, None], left_out=left_out, sought=freed)
+        (finding,) = heading_findings([share, None], left_out=left_out, sought=freed)
+        told = finding.text
         assert told.startswith("The wheels show only 40 % of the turning of the heading")
         assert words in told
 

@@ -109,7 +109,8 @@ def test_contradicting_sweep_is_excluded_and_reported():
     combined = combine(Layout(wheel_count=3), TRUE[:12], C, SweepFriction(values=told, covariances=P))
     assert set(combined.used) == {"b1", "b2", "b3", "c1", "c3"}
     assert [
-        remark.startswith("c2 of the sweep, 0.06, and of the balancing logs") for remark in combined.remarks
+        remark.text.startswith("c2 of the sweep, 0.06, and of the balancing logs")
+        for remark in combined.remarks
     ] == [True]
     np.testing.assert_allclose(combined.values, TRUE[:12], rtol=1e-12)
 

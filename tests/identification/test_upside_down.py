@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
+from ballbot.findings import texts
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds
@@ -237,7 +238,7 @@ class TestIdentification:
         assert found.parameters["s"] == [0.0, 0.0, 0.0]
         assert np.isnan(found.standard_errors["s"]).all()
         assert np.isnan(found.parameters["v_s"])  # without s it has no influence
-        assert any("v_s has no influence" in sentence for sentence in found.warnings)
+        assert any("v_s has no influence" in sentence for sentence in texts(found.warnings))
 
     @pytest.mark.parametrize(
         ("change", "options", "sentence"),

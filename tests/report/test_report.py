@@ -166,7 +166,7 @@ def test_parameter_at_a_bound_is_not_printed_as_a_number(values, errors, words):
         without=np.zeros(10),
     )
     clamp = PrintedFit(values=np.array(values), rmse=0.1, predicted=np.zeros(10), rmse_restarted=0.1)
-    told = driveline_findings([fit], [clamp])[0]
+    told = driveline_findings([fit], [clamp])[0].text
     assert words in told
     assert "nan" not in told
     assert "inf" not in told

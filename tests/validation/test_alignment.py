@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.cli.main import main
 from ballbot.errors import InputError
+from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.twin.motion_capture import MotionCapture
 from ballbot.validation.alignment import align, alignment_findings
@@ -124,7 +125,7 @@ def test_a_motion_that_repeats_itself_has_a_rival():
     periods = (found.motion.clock.offset - 3.0) / 4.0
     assert abs(periods - round(periods)) < ONE_MILLISECOND / 4.0
     assert found.rival_clock is not None
-    assert any("repeats itself" in sentence for sentence in alignment_findings(found))
+    assert any("repeats itself" in sentence for sentence in texts(alignment_findings(found)))
 
 
 def test_the_aligned_log_is_the_robots_truth():
@@ -146,7 +147,7 @@ def test_findings_report_the_thesis_heading_drift():
     # nothing but the heading's error is in the position, so that it explains all but the cameras' noise
     assert position is not None
     assert position.by_heading > 0.95
-    heading = alignment_findings(found)[0]
+    heading = alignment_findings(found)[0].text
     assert heading.startswith("Heading drifts 5.3 degrees a minute")
     assert "position error follows it" in heading
 
@@ -159,7 +160,7 @@ def test_a_wheel_radius_that_is_wrong_is_no_drift():
     assert position.by_heading < 0.2
     assert position.scale is not None
     assert abs(position.scale.scale - 1.03) < 2e-3
-    sentences = alignment_findings(found)
+    sentences = texts(alignment_findings(found))
     assert sentences[0].startswith("Heading does not drift")
     assert any("% too long" in sentence for sentence in sentences)
 
@@ -170,7 +171,7 @@ def test_delayed_angles_are_separated_from_the_clock_offset():
     assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
     for name in ("theta", "phi", "psi"):
         assert found.sensors.of[name].delay == pytest.approx(0.02, abs=2e-3)
-    assert sum("behind the gyro" in sentence for sentence in alignment_findings(found)) == 3
+    assert sum("behind the gyro" in sentence for sentence in texts(alignment_findings(found))) == 3
 
 
 def test_the_lever_arm_is_found_and_taken_off():
@@ -192,7 +193,9 @@ def test_clock_comes_from_angles_without_gyro_and_from_gyro_without_angles():
     for found in (by_angles, by_gyro):
         assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
         assert off(found.motion.body_marker, setup.body_marker) < TENTH_OF_A_DEGREE
-        assert any("rotated by 90 degrees about z" in sentence for sentence in alignment_findings(found))
+        assert any(
+            "rotated by 90 degrees about z" in sentence for sentence in texts(alignment_findings(found))
+        )
     assert by_angles.sensors is not None
     assert by_angles.sensors.position is None
     assert by_gyro.frame is None
@@ -233,7 +236,9 @@ def test_turning_about_one_axis_leaves_the_marker_frame_undetermined():
     assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
     assert found.motion.untold_axis is not None
     np.testing.assert_allclose(found.motion.untold_axis, [0.0, 0.0, 1.0], rtol=0.0, atol=0.02)
-    assert any("about z of the body is not determined" in sentence for sentence in alignment_findings(found))
+    assert any(
+        "about z of the body is not determined" in sentence for sentence in texts(alignment_findings(found))
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from ballbot.cli.main import main
+from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.validation.alignment import Alignment, align, alignment_findings
 from ballbot.validation.alignment.clock import Clock
@@ -67,7 +68,8 @@ def test_broads_own_lag_is_found(untouched: Alignment):
     assert abs(clock.rate) < 5e-6
     assert untouched.motion.body_marker.magnitude() < 2.0 * TENTH_OF_A_DEGREE
     assert any(
-        "4.16" in words and "later than the cameras" in words for words in alignment_findings(untouched)
+        "4.16" in words and "later than the cameras" in words
+        for words in texts(alignment_findings(untouched))
     )
 
 
@@ -117,7 +119,7 @@ def test_the_stand_ins_heading_drifts_and_its_position_follows(shared_data, name
     assert found.sensors is not None
     position = found.sensors.position
     assert position is not None
-    words = alignment_findings(found)[0]
+    words = alignment_findings(found)[0].text
     assert words.startswith(f"Heading drifts {per_minute:.1f} degrees a minute")
     assert "position error follows it" in words
     assert position.by_heading > explained

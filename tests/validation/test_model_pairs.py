@@ -12,6 +12,7 @@ import pytest
 
 from ballbot.cli.main import main
 from ballbot.errors import InputError
+from ballbot.findings import texts
 from ballbot.mechanics.model import Model
 from ballbot.report.validation import key_of, validation_results
 from ballbot.robot import Robot
@@ -42,7 +43,9 @@ def test_swapping_the_models_inverts_every_ratio_and_verdict():
     assert set(one.open_loop.errors.verdicts()) == {"better"}
     assert set(other.open_loop.errors.verdicts()) == {"worse"}
     np.testing.assert_allclose(one.horizon.ratio, 1.0 / other.horizon.ratio, rtol=1e-12)
-    assert "the model of true.toml is better than the one of viscous.toml in every one" in findings(one)[0]
+    assert (
+        "the model of true.toml is better than the one of viscous.toml in every one" in findings(one)[0].text
+    )
     assert "worse in x, y" in better_in(other.open_loop.errors, other.models)
 
 
@@ -87,7 +90,7 @@ def test_pushed_log_gets_no_open_loop_verdict():
     validation = validate(small_robot(), pushed, accept=["lean-scale"])
     assert validation.open_loop is None
     assert validation.closed_loop is None
-    said = " ".join(findings(validation))
+    said = " ".join(texts(findings(validation)))
     assert "No open-loop validation: Something other than wheels and gravity moves the lean" in said
     assert "Open loop," not in said
     assert validation_results(validation)["open_loop"] is None
@@ -95,7 +98,7 @@ def test_pushed_log_gets_no_open_loop_verdict():
 
 def test_a_short_log_gets_no_verdict():
     validation = validate(true_robot(), noisy_log().select(slice(0, 700)))
-    said = " ".join(findings(validation))
+    said = " ".join(texts(findings(validation)))
     assert "runs are too few to show" in said
     assert "is better than" not in said
 

@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
+from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model
@@ -200,7 +201,7 @@ def test_a_resonance_is_named_within_the_resolution(frequency):
     assert abs(peak.frequency - frequency) < found.spectrum.resolution < 0.6
     assert "theta_dot" in peak.states
     assert peak.cause.startswith("a resonance")
-    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in residual_findings(found))
+    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in texts(residual_findings(found)))
     assert _analysed(true_robot(), log).peaks == ()
 
 
@@ -282,7 +283,7 @@ def test_fault_free_robot_gets_no_residual_finding():
     assert found.by_travel is not None
     assert found.by_position is not None
     assert found.by_position.found == ()
-    said = " ".join(residual_findings(found))
+    said = " ".join(texts(residual_findings(found)))
     for nothing in (
         "does not depend on the wheel speeds",
         "no sign of play",
@@ -314,7 +315,7 @@ def test_torque_ripple_is_found_with_its_order_and_amplitude():
     place = SPOTS_PER_TURN - 1
     assert found.by_position.significant[place].all()
     np.testing.assert_allclose(found.by_position.amplitudes[place], SPOT_TORQUE, atol=0.01)
-    said = " ".join(residual_findings(found))
+    said = " ".join(texts(residual_findings(found)))
     assert "18 times a turn, the rollers' passing" in said
     speeds = np.quantile(np.abs(wheel_log("spots").wheel_speeds[:-1]), (0.1, 0.9))
     slow, fast = 9 * speeds / (2.0 * np.pi)
@@ -326,7 +327,7 @@ def test_play_is_found_after_reversals():
     found = _wheels("play")
     assert found.by_travel is not None
     assert found.by_travel.p_value < 1e-3
-    said = " ".join(residual_findings(found))
+    said = " ".join(texts(residual_findings(found)))
     assert "play of the gearbox" in said
     assert "no torque ripple" in said
 
@@ -342,7 +343,7 @@ def test_wrong_friction_shows_as_a_speed_effect():
         # the model brakes 0.03 N m too little, whichever way the wheel turns
         missing = -0.03 * np.sign(effect.speeds[rolling])
         assert np.all(np.abs(effect.torques[rolling] - missing) < 1.5 * effect.half_widths[rolling])
-    assert "depends on the speed" in " ".join(residual_findings(found))
+    assert "depends on the speed" in " ".join(texts(residual_findings(found)))
 
 
 # --- refusals ---
@@ -353,14 +354,14 @@ def test_log_without_encoders_is_reported():
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
     found = _analysed(true_robot(), bare)
     assert found.by_speed is None
-    assert any("lacks the encoder angles" in sentence for sentence in residual_findings(found))
+    assert any("lacks the encoder angles" in sentence for sentence in texts(residual_findings(found)))
 
 
 def test_wheels_at_rest_give_no_effects():
     log = noisy_log()
     still = {f"wheel{i}{end}": np.zeros(len(log)) for i in (1, 2, 3) for end in ("", "_dot")}
     found = _analysed(true_robot(), log.with_columns(still))
-    said = " ".join(residual_findings(found))
+    said = " ".join(texts(residual_findings(found)))
     assert "reversed too seldom" in said
     assert "covered 0.00 of a turn" in said
     assert "nan" not in said
@@ -369,7 +370,7 @@ def test_wheels_at_rest_give_no_effects():
 @pytest.mark.parametrize("rows", [12, 60, 450, 1500])
 def test_short_logs_give_the_reason_instead_of_an_effect(rows):
     found = _analysed(true_robot(), wheel_log("none").select(slice(0, rows)))
-    said = " ".join(residual_findings(found))
+    said = " ".join(texts(residual_findings(found)))
     assert "too short" in said
     assert "nan" not in said
     assert found.by_position is None

@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
 from ballbot.errors import InputError
+from ballbot.findings import texts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
@@ -241,11 +242,11 @@ def test_wrong_friction_is_named_with_the_states_it_spoils():
         Model(bare), Controller(bare, gain()), square(period=16.0), duration=24.0, initial_state=start
     )
     validation = validate(true_robot(), log.without_truth())
-    named, verdicts = " ".join(weak_states(validation)), _open_loop(validation).errors.verdicts()
+    named, verdicts = " ".join(texts(weak_states(validation))), _open_loop(validation).errors.verdicts()
     worse = [name for name, verdict in zip(STATE_NAMES, verdicts, strict=True) if verdict == "worse"]
     assert set(worse) >= {"x", "theta", "phi"}
     assert all(f"{name}: the model with friction is worse than the one without" in named for name in worse)
-    assert any("eason" in finding for finding in findings(validation))
+    assert any("eason" in finding for finding in texts(findings(validation)))
 
 
 def test_several_logs_are_validated_together():
@@ -295,7 +296,7 @@ def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
     loop = _open_loop(validation)
     swapped = replace(loop.errors, first=loop.errors.second, second=loop.errors.first)
     worse = replace(validation, dither=shaken, open_loop=replace(loop, errors=swapped))
-    reasons = {sentence.split(":")[0]: sentence for sentence in weak_states(worse)}
+    reasons = {sentence.split(":")[0]: sentence for sentence in texts(weak_states(worse))}
     assert tuple(reasons) == STATE_NAMES
     assert "the rollers dither the wheels" in reasons["psi"]
     assert "rollers" not in reasons["x"]
@@ -311,7 +312,7 @@ def test_a_log_without_a_reference_has_no_closed_loop_and_says_why():
     assert validation.closed_loop is None
     assert validation.no_closed_loop is not None
     assert "ref_x" in validation.no_closed_loop
-    assert any(finding.startswith("No closed-loop validation") for finding in findings(validation))
+    assert any(finding.startswith("No closed-loop validation") for finding in texts(findings(validation)))
 
 
 def test_invalid_validations_are_refused():

@@ -10,6 +10,7 @@ import pytest
 from ballbot import Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
+from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.vision.comparison import compare_with_wheels, spin_findings
@@ -97,7 +98,9 @@ def test_a_covered_ball_is_lost_and_found_again(tmp_path):
     assert spin.track.tracked[65:].all()  # it is sought in one frame of four
     true = motion.omega_at(spin.t)
     np.testing.assert_allclose(spin.omega[spin.known], true[spin.known], rtol=0.0, atol=HARD * 6.0)
-    assert any("lost in" in sentence and "0.67 to" in sentence for sentence in spin_findings(spin, None))
+    assert any(
+        "lost in" in sentence and "0.67 to" in sentence for sentence in texts(spin_findings(spin, None))
+    )
 
 
 def wheel_log(made: Film, robot: Robot, *, forward: float, offset: float) -> Log:
@@ -124,7 +127,7 @@ def test_wheels_of_another_size_do_not_agree(plain, measured):
     larger = robot.replace(wheels=replace(robot.wheels, radius=1.05 * robot.wheels.radius))
     comparison = compare_with_wheels(measured, log, larger)
     np.testing.assert_allclose(comparison.gain, 1.0 / 1.05, rtol=PLAIN)
-    assert any("do not match" in sentence for sentence in spin_findings(measured, comparison))
+    assert any("do not match" in sentence for sentence in texts(spin_findings(measured, comparison)))
 
 
 def test_a_log_of_another_run_is_refused(plain, measured):

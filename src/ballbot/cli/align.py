@@ -67,6 +67,6 @@ def align(
         headings = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
         rows = error_rows(alignment.sensors)
         console.print(table("On board minus cameras", headings, rows, framed=console.is_terminal))
-    for sentence in alignment_findings(alignment):
-        console.print(sentence, markup=False, soft_wrap=True)
+    for finding in alignment_findings(alignment):
+        console.print(finding.text, markup=False, soft_wrap=True)
     result.show_file("report.html")

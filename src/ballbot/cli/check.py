@@ -278,7 +278,7 @@ def _swing_parts(swing: CheckedSwing, *, framed: bool) -> list[RenderableType]:
         Text(""),
         table(title, headings, swing.rows(), framed=framed),
         *(finding_line(one, accepted=one.severity == "error") for one in swing.findings),
-        *(Text(one) for one in swing.sentences()),
+        *(Text(one.text) for one in swing.remarks()),
     ]
 
 

@@ -434,5 +434,5 @@ def _show(
     for one in holdouts:
         if one.horizons:
             console.print(horizon_table(one, framed=framed))
-    for sentence in (*found.warnings, *(remark for one in holdouts for remark in one.remarks)):
-        console.print(sentence, markup=False, soft_wrap=True)
+    for finding in (*found.warnings, *(remark for one in holdouts for remark in one.remarks)):
+        console.print(finding.text, markup=False, soft_wrap=True)

@@ -163,5 +163,5 @@ def _show(found: AxisIdentification, console: Console) -> None:
     headings = ("method", "law", "record", "open loop, RMS", "closed loop, force", "position")
     rows = [row for one in found.estimates for row in error_rows(one, found.unit)]
     console.print(table("errors", headings, rows, framed=framed))
-    for sentence in found.remarks:
-        console.print(sentence, markup=False, soft_wrap=True)
+    for remark in found.remarks:
+        console.print(remark.text, markup=False, soft_wrap=True)

@@ -170,5 +170,5 @@ def _show(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], console: 
         "same friction in (3.2)",
     )
     console.print(table("Speed errors", headings, error_rows(fits, printed), framed=framed))
-    for sentence in driveline_findings(fits, printed):
-        console.print(sentence, markup=False, soft_wrap=True)
+    for finding in driveline_findings(fits, printed):
+        console.print(finding.text, markup=False, soft_wrap=True)

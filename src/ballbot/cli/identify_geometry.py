@@ -11,7 +11,7 @@ from ballbot.cli.context import input_files, open_result, read_logs
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import Finding, by_severity, finding_results, note
 from ballbot.identification.geometry import (
     Geometry,
     Measured,
@@ -87,11 +87,12 @@ def identify_geometry(
             try:
                 write_robot(robot_with_geometry(described, found), new / "robot.toml")
             except InputError as error:
-                remarks.append(
+                text = (
                     "No robot.toml was written, because the geometry found is not "
                     f"possible with the other values of the robot file: {error}"
                 )
-            result.write_json(found.to_dict() | {"remarks": remarks}, new, findings=findings)
+                remarks.append(note("no-robot-file", text))
+            result.write_json(found.to_dict() | {"remarks": finding_results(remarks)}, new, findings=findings)
     _show(found, remarks)
     result.show_file("results.json")
 
@@ -114,14 +115,14 @@ def _checked(
     return findings
 
 
-def _show(found: Geometry, remarks: list[str]) -> None:
+def _show(found: Geometry, remarks: list[Finding]) -> None:
     console = standard_output()
     more = [one for one in (found.camera_delay, found.leaning_seen) if one]
     rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
     headings = ("quantity", "by the logs", "+-", "in the file", "unit", "off by", "from")
     console.print(table("Geometry", headings, rows, framed=console.is_terminal))
-    for sentence in remarks:
-        console.print(sentence, markup=False, soft_wrap=True)
+    for remark in remarks:
+        console.print(remark.text, markup=False, soft_wrap=True)
 
 
 def _row(one: Measured) -> list[str]:

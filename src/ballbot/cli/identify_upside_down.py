@@ -22,7 +22,7 @@ from ballbot.cli.context import (
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.cli.output import table
 from ballbot.files import write_text
-from ballbot.findings import Finding, by_severity
+from ballbot.findings import Finding, by_severity, texts
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import Progress, read_bounds
 from ballbot.identification.upside_down import UpsideDown
@@ -141,7 +141,7 @@ def _write(
 def _show(found: UpsideDown, described: Robot, console: Console) -> None:
     console.print(_parameter_table(found, described, framed=console.is_terminal))
     console.print(_error_table(found, framed=console.is_terminal))
-    for sentence in (*found.warnings, *_comparison(described)):
+    for sentence in (*texts(found.warnings), *_comparison(described)):
         console.print(sentence, markup=False, soft_wrap=True)
 
 

@@ -124,8 +124,8 @@ def spin(
         with result.replaced() as new:
             result.write_json(spin_results(found, comparison, log_findings=findings), new)
             _write(new, found, comparison, run)
-    for sentence in spin_findings(found, comparison):
-        result.console.print(sentence, markup=False, soft_wrap=True)
+    for finding in spin_findings(found, comparison):
+        result.console.print(finding.text, markup=False, soft_wrap=True)
     result.show_file("spin.csv")
 
 

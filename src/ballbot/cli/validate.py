@@ -136,7 +136,7 @@ def _show_verdict(verdict: Verdict, steps: Sequence[str]) -> None:
     console = standard_output()
     console.print(Text(headline(verdict), style="bold"), soft_wrap=True)
     for remark in verdict.remarks:
-        console.print(remark, markup=False, soft_wrap=True)
+        console.print(remark.text, markup=False, soft_wrap=True)
     rows = quantity_rows(verdict)
     console.print(table("Predicted and measured", _PREDICTION_HEADINGS, rows, framed=console.is_terminal))
     lines = cause_lines(verdict)
@@ -329,7 +329,7 @@ def _show(validation: Validation) -> None:
         if errors is not None:
             console.print(_error_table(what, errors, validation.models, framed=console.is_terminal))
     for finding in findings(validation):
-        console.print(finding, markup=False, soft_wrap=True)
+        console.print(finding.text, markup=False, soft_wrap=True)
 
 
 def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool) -> Table:

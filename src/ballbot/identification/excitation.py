@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, texts, warning
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.windows import Windows, ball_spin, measured_wheel_speeds
@@ -69,7 +70,7 @@ class Excitation:
     """What logs can give."""
 
     refused: NDArray[np.bool_]  #: (p,), parameters sought that they cannot
-    remarks: tuple[str, ...]  #: a sentence for each reason
+    remarks: tuple[Finding, ...]  #: one for each reason
 
 
 def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
@@ -133,10 +134,12 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
         rows = _rows(coordinates, names, wheel) & coordinates.free & ~refused
         if rows.any():
             labels = [label for label, row in zip(coordinates.labels, rows, strict=True) if row]
-            remarks.append(f"{reason}: {', '.join(labels)} cannot be estimated.")
+            remarks.append(warning("excitation", f"{reason}: {', '.join(labels)} cannot be estimated."))
             refused |= rows
     if np.all(refused[coordinates.free]):
-        raise InputError(f"These logs do not determine the parameters to be estimated: {' '.join(remarks)}")
+        raise InputError(
+            f"These logs do not determine the parameters to be estimated: {' '.join(texts(remarks))}"
+        )
     return Excitation(refused=refused, remarks=tuple(remarks))
 
 
@@ -251,14 +254,15 @@ def chatter(log: Log, robot: Robot) -> Chatter:
     return Chatter(share=float(rows[within].sum() / rows.sum()), swing=swing)
 
 
-def chatter_finding(found: Chatter, robot: Robot, name: str) -> str:
-    """Return what to say of a log that chatters."""
-    return (
+def chatter_finding(found: Chatter, robot: Robot, name: str) -> Finding:
+    """Return the warning of a log that chatters."""
+    text = (
         f"In {name} the wheels oscillate by {math.degrees(found.swing):.1f} deg for {100 * found.share:.0f} % "
         f"of the time, within the gearbox's play of {math.degrees(robot.drive.backlash):.1f} deg: the motors "
         "strike the stops while ball and body hardly follow. The model has no play, so friction there makes "
         "its predictions worse, first those of the lean. Validate friction on logs of a softer gain."
     )
+    return warning("chatter", text)
 
 
 def _swings(angle: NDArray[np.float64], least: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -291,8 +295,8 @@ def share_shown(log: Log, robot: Robot) -> float | None:
 
 def heading_findings(
     shares: Sequence[float | None], *, left_out: Sequence[str], sought: Sequence[str]
-) -> list[str]:
-    """Return a sentence where wheels do not show the heading of logs, with what was done or what to do about it.
+) -> list[Finding]:
+    """Return a warning where wheels do not show the heading of logs, with what was done or what to do about it.
 
     Parameters
     ----------
@@ -318,10 +322,8 @@ def heading_findings(
         )
     least = f"{100 * min(few):.0f} %"
     most = f" to {100 * max(few):.0f} %" if len(few) > 1 else ""
-    return [
-        f"The wheels show only {least}{most} of the turning "
-        f"of the heading: the ball pivots on the floor{done}"
-    ]
+    text = f"The wheels show only {least}{most} of the turning of the heading: the ball pivots on the floor{done}"
+    return [warning("pivoting", text)]
 
 
 def _block_means(values: NDArray[np.float64], rows: int) -> NDArray[np.float64]:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, note
 from ballbot.fitting.search import ClusteredFit
 from ballbot.identification.geometry_fits import (
     MocapRun,
@@ -315,8 +316,8 @@ _AGREES = (
 )
 
 
-def geometry_findings(geometry: Geometry) -> list[str]:
-    """Return sentences, the gravest first."""
+def geometry_findings(geometry: Geometry) -> list[Finding]:
+    """Return what is to be known of a geometry, the gravest first."""
     turns = {kind: _frame_turn(geometry, kind) for kind in ("upside down", "balancing")}
     remarks = [_turned(kind, turn) for kind, turn in turns.items() if turn]
     both_radii = any(one.kind == "both" for one in geometry.measured)
@@ -335,7 +336,7 @@ def geometry_findings(geometry: Geometry) -> list[str]:
                 f"Wheel {number} turns {more:+.1f} % faster than the mean of the wheels "
                 "for the same motion of the ball: its radius differs, or it slips."
             )
-    return [*(remarks or [_AGREES]), *_missing(geometry)]
+    return [note("geometry", text) for text in (*(remarks or [_AGREES]), *_missing(geometry))]
 
 
 def _stands_out(one: Measured, turn: float) -> bool:

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, finding_results, warning
 from ballbot.identification.excitation import Chatter, chatter, chatter_finding
 from ballbot.identification.prediction import Predictor, chunks
 from ballbot.identification.result import Identification, WindowErrors
@@ -198,7 +199,7 @@ class HoldoutResult:
     horizons: tuple[HorizonErrors, ...]  #: none where no stretch of the log is as long as the longest
     causal: bool  #: whether their predictions start from what was known by then, and not from the log's rows
     chatter: Chatter
-    remarks: tuple[str, ...]  #: the states that friction does not help to predict, and why, in sentences
+    remarks: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -207,7 +208,7 @@ class HoldoutResult:
             "errors": self.errors.to_dict(),
             "ratios": self.errors.ratios,
             "horizons": {"causal_starts": self.causal, "errors": by_horizon},
-            "remarks": list(self.remarks),
+            "remarks": finding_results(self.remarks),
         }
 
 
@@ -243,8 +244,11 @@ def cross_validate(
     moved = chatter(log, predictor.robot)
     horizons = horizon_errors(predictor, found.values, log, starts=starts)
     remarks = [
-        f"In {name}, {state} is not predicted better with friction than without "
-        f"(error ratio {judged.ratios[state]:.2f})."
+        warning(
+            "not-predicted",
+            f"In {name}, {state} is not predicted better with friction than without "
+            f"(error ratio {judged.ratios[state]:.2f}).",
+        )
         for state in worse
     ]
     remarks += _share_findings(name, horizons)
@@ -260,8 +264,8 @@ def cross_validate(
     )
 
 
-def _share_findings(name: str, horizons: Sequence[HorizonErrors]) -> list[str]:
-    """Return a sentence where a log asks for clearly more or less friction than was found.
+def _share_findings(name: str, horizons: Sequence[HorizonErrors]) -> list[Finding]:
+    """Return a warning where a log asks for clearly more or less friction than was found.
 
     The shortest horizon is asked: after it, whatever else moves an unstable robot has grown.
     """
@@ -273,9 +277,10 @@ def _share_findings(name: str, horizons: Sequence[HorizonErrors]) -> list[str]:
     if not (off > _DIFFERS and off > _SURE * speed.share_error):
         return []
     word = "less" if speed.share < 1.0 else "more"
-    return [
+    text = (
         f"{name} needs {word} friction than was identified: over {horizons[0].horizon:.2g} s its wheels "
         f"need {speed.share:.2f} +- {speed.share_error:.2f} times as much, its lean {lean.share:.2f} +- "
         f"{lean.share_error:.2f} times. The friction was different when the logs were made, or times in "
         "one of them are wrong. Fit both together for a mean, or each by itself."
-    ]
+    )
+    return [warning("friction-differs", text)]

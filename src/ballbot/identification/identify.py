@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import assess
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
@@ -217,8 +217,8 @@ def _result(
 
 def _findings(
     prepared: Prepared, estimate: PointEstimate, final: Estimate, held_out: WindowErrors
-) -> list[str]:
-    """Return what to know of the numbers, in sentences."""
+) -> list[Finding]:
+    """Return what to know of the numbers."""
     coordinates, sure = prepared.problem.coordinates, final.uncertainty
     apart = (
         *correlation_findings(coordinates.labels, sure.correlation),
@@ -235,29 +235,30 @@ def _findings(
     ]
 
 
-def _log_findings(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[str]:
+def _log_findings(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[Finding]:
     """Return what the logs themselves show that the model does not have: spoilt rows, play, and a ball that pivots."""
     robot = predictor.robot
     found = [chatter(log, robot) for log in logs]
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
     shares = [share_shown(log, robot) for log, one in zip(logs, found, strict=True) if not one.matters]
     return [
-        *filter(None, (_spoilt(log, robot, name) for log, name in zip(logs, names, strict=True))),
+        *(one for log, name in zip(logs, names, strict=True) for one in _spoilt(log, robot, name)),
         *(chatter_finding(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
         *heading_findings(shares, left_out=left_out, sought=predictor.layout.extra),
     ]
 
 
-def _spoilt(log: Log, robot: Robot, name: str) -> str:
-    """Return what to say of a log's spoilt rows; nothing where there is none."""
+def _spoilt(log: Log, robot: Robot, name: str) -> list[Finding]:
+    """Return a warning of a log's corrupted rows, if there are any."""
     rows = np.flatnonzero(spiked_rows(log, (*STATE_NAMES, *torque_names(robot.wheel_count))))
     if not rows.size:
-        return ""
+        return []
     count = "one row is" if rows.size == 1 else f"{rows.size} rows are"
-    return (
+    text = (
         f"In {name} {count} corrupted, the first at t = {log.t[rows[0]]:.6g} s. "
         "Windows with them are not used; `ballbot check-log` names the columns."
     )
+    return [warning("corrupted", text)]
 
 
 def _at_bounds(coordinates: Coordinates, estimate: PointEstimate) -> NDArray[np.bool_]:

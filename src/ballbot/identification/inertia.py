@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.findings import Finding, Place, by_severity
+from ballbot.findings import Finding, Place, by_severity, note
 from ballbot.identification.swing import Swing, SwingFit, fits_better_in_degrees, period_growth
 from ballbot.robot import Robot
 from ballbot.robot.derived import inertia_from_swing
@@ -349,8 +349,8 @@ def _of_fit(fit: SwingFit) -> Iterator[Finding]:
 _DIGITS = 6
 
 
-def swing_sentences(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[str]:
-    """Return what the swing says, in words, the answer first."""
+def inertia_findings(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[Finding]:
+    """Return what the swing shows, the answer first."""
     one = found.about_ball_center
     sentences = [
         f"The body's inertia about the ball's centre is {_known(one.value, one.half_width)} kg m^2 (95 %); "
@@ -368,7 +368,7 @@ def swing_sentences(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[st
         sentences.append(
             f"About the centre of mass, {100.0 * share:.0f} % of the variance comes from the {cause}."
         )
-    return sentences
+    return [note("swing", sentence) for sentence in sentences]
 
 
 def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str, object]:

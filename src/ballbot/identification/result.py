@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Predictor
@@ -118,7 +118,7 @@ class Identification:
         float, ...
     ]  #: best cost after each generation, on the windows drawn for the evolution
     polish_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
-    warnings: tuple[str, ...]  #: sentences
+    warnings: tuple[Finding, ...]  #: of the numbers
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
 
     @property
@@ -148,7 +148,7 @@ class Identification:
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
-            "warnings": list(self.warnings),
+            "warnings": finding_results(self.warnings),
             "findings": finding_results(self.log_findings),
         }
 
@@ -268,61 +268,68 @@ _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
 
 def bound_findings(
     coordinates: Coordinates, values: NDArray[np.float64], at_bound: NDArray[np.bool_]
-) -> list[str]:
-    """Return a sentence for each parameter that stands at a bound; `values` (p,) in SI units."""
+) -> list[Finding]:
+    """Return a finding for each parameter that stands at a bound; `values` (p,) in SI units."""
     remarks = []
     for i in np.flatnonzero(at_bound):
         lowest = values[i] <= coordinates.lower[i]
         side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
         none = "zero friction of this kind" if coordinates.names[i] in FRICTION else "none of it"
         advice = f"{none} fits best" if bound == 0.0 else "widen it, or fix the parameter"
-        remarks.append(
+        text = (
             f"{coordinates.labels[i]} is at its {side} bound {bound:g} and has no standard error: {advice}."
         )
+        remarks.append(warning("at-bound", text))
     return remarks
 
 
 def influence_findings(
     coordinates: Coordinates, values: NDArray[np.float64], no_influence: NDArray[np.bool_]
-) -> list[str]:
-    """Return a sentence for each parameter that the logs say nothing of; `values` (p,) in SI units."""
+) -> list[Finding]:
+    """Return a finding for each parameter that the logs say nothing of; `values` (p,) in SI units."""
     return [
-        f"{coordinates.labels[i]} has no influence on these logs "
-        f"and was not estimated; robot.toml keeps {values[i]:g}."
+        warning(
+            "no-influence",
+            f"{coordinates.labels[i]} has no influence on these logs "
+            f"and was not estimated; robot.toml keeps {values[i]:g}.",
+        )
         for i in np.flatnonzero(no_influence)
     ]
 
 
-def error_findings(coordinates: Coordinates, scaled_errors: NDArray[np.float64]) -> list[str]:
-    """Return a sentence for each parameter whose standard error (p,), scaled, leaves it all but open."""
+def error_findings(coordinates: Coordinates, scaled_errors: NDArray[np.float64]) -> list[Finding]:
+    """Return a finding for each parameter whose standard error (p,), scaled, leaves it all but open."""
     return [
-        f"{coordinates.labels[i]} is poorly determined: its standard error "
-        f"is {100 * scaled_errors[i]:.0f} % of the width of its bounds."
+        warning(
+            "poorly-determined",
+            f"{coordinates.labels[i]} is poorly determined: its standard error "
+            f"is {100 * scaled_errors[i]:.0f} % of the width of its bounds.",
+        )
         for i in np.flatnonzero(scaled_errors > LARGEST_ERROR)
     ]
 
 
-def interval_findings(intervals: Mapping[str, Interval]) -> list[str]:
-    """Return a sentence for each parameter that the logs limit on one side only, or not at all."""
-    remarks = []
+def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
+    """Return a finding for each parameter that the logs limit on one side only, or not at all."""
+    found = []
     for label, one in intervals.items():
         if np.isinf(one.lower) and np.isinf(one.upper):
-            remarks.append(f"{label} is not limited by these logs on either side: its value means nothing.")
+            found.append(f"{label} is not limited by these logs on either side: its value means nothing.")
         elif one.lower == 0.0 and np.isinf(one.upper):
-            remarks.append(f"{label} is not limited by these logs: any value fits, zero included.")
+            found.append(f"{label} is not limited by these logs: any value fits, zero included.")
         elif np.isinf(one.upper):
-            remarks.append(
+            found.append(
                 f"{label} is limited from below only: {one.lower:.3g} or more, with 95 % confidence."
             )
         elif np.isinf(one.lower):
-            remarks.append(
+            found.append(
                 f"{label} is limited from above only: {one.upper:.3g} or less, with 95 % confidence."
             )
-    return remarks
+    return [warning("unlimited", text) for text in found]
 
 
-def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[str]:
-    """Return sentences that name the pairs of parameters that the logs cannot tell apart, and what would."""
+def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
+    """Return findings that name the pairs of parameters that the logs cannot tell apart, and what would."""
     rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
     strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
     named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
@@ -331,15 +338,16 @@ def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float6
     pairs = [f"{one} and {other} ({value:+.2f})" for one, other, value in named[:MOST_PAIRS]]
     more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
     advice = dict.fromkeys(text for one, other, _ in named if (text := _experiment(one, other)))
-    return [
+    found = [
         f"Poorly separated by these logs, by their correlation: {', '.join(pairs)}{more}; "
         "trust the combined effect of such a pair, not each value.",
         *advice,
     ]
+    return [warning("correlated", text) for text in found]
 
 
-def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[str]:
-    """Return a sentence that names parameters each of which the others can stand in for, where more than a pair do.
+def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
+    """Return a finding that names parameters each of which the others can stand in for, where more than a pair do.
 
     The inverse's diagonal tells what knowing all others would take off a parameter's variance.
     """
@@ -353,12 +361,13 @@ def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) ->
         return []
     least = inflation[inflation > LEAST_INFLATION].min()
     advice = (_experiment(one, other) for one, other in combinations(together, 2))
-    return [
+    found = [
         f"{', '.join(together[:-1])} and {together[-1]} are nearly collinear and can "
         f"replace one another: each would be known at least {least:.0f} times better "
         "if the others were known. Fix some of them at values measured otherwise.",
         *dict.fromkeys(text for text in advice if text),
     ]
+    return [warning("correlated", text) for text in found]
 
 
 def _experiment(one: str, other: str) -> str:
@@ -371,11 +380,14 @@ def _symbol(label: str) -> str:
     return label if label in _WHOLE else label.rstrip("0123456789").split("_")[0]
 
 
-def prediction_findings(ratios: Mapping[str, float]) -> list[str]:
-    """Return a sentence for each state that friction does not help to predict; error ratios by state."""
+def prediction_findings(ratios: Mapping[str, float]) -> list[Finding]:
+    """Return a finding for each state that friction does not help to predict; error ratios by state."""
     return [
-        f"{state} is not predicted better with friction than "
-        f"without (error ratio {ratio:.2f} on held-out windows)."
+        warning(
+            "not-predicted",
+            f"{state} is not predicted better with friction than "
+            f"without (error ratio {ratio:.2f} on held-out windows).",
+        )
         for state, ratio in ratios.items()
         if not ratio < 1.0
     ]

@@ -28,6 +28,7 @@ from scipy.stats import norm
 
 from ballbot.errors import InputError
 from ballbot.files import read_json
+from ballbot.findings import Finding, warning
 from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.parameters import Coordinates
@@ -58,7 +59,7 @@ class Estimate:
 
     values: NDArray[np.float64]  #: (p,), SI units
     uncertainty: Uncertainty
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +69,7 @@ class Combined:
     values: NDArray[np.float64]  #: (p,), SI units
     covariance: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
     used: tuple[str, ...]  #: the sweep's numbers that entered, by label
-    remarks: tuple[str, ...]
+    remarks: tuple[Finding, ...]
 
 
 def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
@@ -151,9 +152,12 @@ def combine(
     apart = np.abs(asked.r) / np.sqrt((asked.H @ C @ asked.H.T + asked.covariance).diagonal())
     agrees = apart <= CONTRADICTS
     remarks = [
-        f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, "
-        f"{theirs + r:.3g}, differ by {z:.1f} of their standard errors, so the value of "
-        "the sweep is not used. A wheel under the robot's weight may have other friction."
+        warning(
+            "sweep",
+            f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, "
+            f"{theirs + r:.3g}, differ by {z:.1f} of their standard errors, so the value of "
+            "the sweep is not used. A wheel under the robot's weight may have other friction.",
+        )
         for label, theirs, r, z in zip(asked.labels, asked.theirs, asked.r, apart, strict=True)
         if z > CONTRADICTS
     ]
@@ -162,7 +166,10 @@ def combine(
             values=values,
             covariance=covariance,
             used=(),
-            remarks=(*remarks, "Nothing of the sweep could be combined with these logs."),
+            remarks=(
+                *remarks,
+                warning("sweep", "Nothing of the sweep could be combined with these logs."),
+            ),
         )
     H, S, r = asked.H[agrees], asked.covariance[np.ix_(agrees, agrees)], asked.r[agrees]
     K = np.linalg.solve(H @ C @ H.T + S, H @ C).T

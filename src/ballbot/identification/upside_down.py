@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
@@ -153,7 +154,7 @@ class UpsideDown:
     held_out_windows: tuple[Span, ...]
     evolution_cost: tuple[float, ...]  #: after each generation [rad/s]
     window: float  #: length of a window [s]
-    warnings: tuple[str, ...]  #: sentences
+    warnings: tuple[Finding, ...]  #: of the numbers
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; NaN becomes None, JSON's null."""
@@ -175,7 +176,7 @@ class UpsideDown:
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
             },
-            "warnings": list(self.warnings),
+            "warnings": finding_results(self.warnings),
         }
 
 
@@ -334,8 +335,8 @@ def _coordinates(robot: Robot, bounds: Bounds) -> Coordinates:
     return scale_between(robot, free=FRICTION[:-1], bounds=replace(bounds, rolling=None))
 
 
-def _check(problem: BallProblem) -> list[str]:
-    """Refuse too few windows and a ball at rest; return a sentence for each wheel that hardly turns."""
+def _check(problem: BallProblem) -> list[Finding]:
+    """Refuse too few windows and a ball at rest; return a warning for each wheel that hardly turns."""
     windows, sought = problem.windows, int(problem.coordinates.free.sum())
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")
@@ -352,8 +353,11 @@ def _check(problem: BallProblem) -> list[str]:
             f"{WINDOWS_PER_PARAMETER * sought}. Log for longer, or choose a shorter window."
         )
     return [
-        f"Wheel {i + 1} turns in only {100 * share[i]:.0f} % "
-        "of the windows; turn the ball about other axes too."
+        warning(
+            "excitation",
+            f"Wheel {i + 1} turns in only {100 * share[i]:.0f} % "
+            "of the windows; turn the ball about other axes too.",
+        )
         for i in np.flatnonzero(share < 0.1)
     ]
 
@@ -408,7 +412,7 @@ def _result(
     fit: dict[str, NDArray[np.float64]],
     held_out_windows: BallWindows,
     evolution_cost: tuple[float, ...],
-    remarks: list[str],
+    remarks: list[Finding],
     log_count: int,
 ) -> UpsideDown:
     coordinates, equations = problem.coordinates, _normal_equations(problem, point)

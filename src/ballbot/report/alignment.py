@@ -122,7 +122,7 @@ def alignment_report(
     alignment: Alignment, *, title: str, lead: str, made: Provenance, log_findings: Sequence[Finding]
 ) -> str:
     """Return the page."""
-    verdict, *others = (with_symbols(sentence) for sentence in alignment_findings(alignment))
+    verdict, *others = (with_symbols(finding.text) for finding in alignment_findings(alignment))
     has_angles = alignment.sensors is not None
     has_place = alignment.sensors is not None and alignment.sensors.position is not None
     draws = {
@@ -164,13 +164,9 @@ def error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
 
 def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] = ()) -> dict[str, object]:
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
-    found = [
-        Finding(code="alignment", severity="note", text=sentence)
-        for sentence in alignment_findings(alignment)
-    ]
     motion, lever, rival = alignment.motion, alignment.lever, alignment.rival_clock
     return {
-        "findings": finding_results([*log_findings, *found]),
+        "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
         "clock": {
             "offset": motion.clock.offset,
             "offset_half_width": motion.offset_half_width,

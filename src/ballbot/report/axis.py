@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.inverse import default_bandwidth, smoothed_motion, speed_at_start
@@ -147,7 +147,7 @@ def axis_report(
     values: dict[str, object] = {
         "title": f"{found.record}: mass and friction",
         "lead": f"{seconds:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}.",
-        "remarks": found.remarks,
+        "remarks": texts(found.remarks),
         "parameters": parameter_rows(found),
         "methods": [f"{one.method} ({one.rung.name})" for one in found.estimates],
         "errors": [row for one in found.estimates for row in error_rows(one, found.unit)],

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, finding_results, note, texts
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.axis import panels_over_time
@@ -140,7 +140,7 @@ def driveline_report(
         "wheels": [f"wheel {fit.wheel}" for fit in fits],
         "parameters": parameter_rows(fits),
         "errors": error_rows(fits, printed),
-        "remarks": driveline_findings(fits, printed),
+        "remarks": texts(driveline_findings(fits, printed)),
         "comparison_figures": comparisons,
         "made": made,
         "log_findings": findings,
@@ -178,8 +178,8 @@ def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> l
     ]
 
 
-def driveline_findings(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[str]:
-    """Return what the sweep tells and what it does not, as sentences."""
+def driveline_findings(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[Finding]:
+    """Return what the sweep shows and what it does not."""
     sentences = []
     for fit in fits:
         pairs = [
@@ -211,7 +211,7 @@ def driveline_findings(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFi
             f"{ratio:.1f} times the error: the integrated speed winds up at the limit and "
             "leaves it late, and the search compensates with friction that does not exist."
         )
-    return sentences
+    return [note("driveline", sentence) for sentence in sentences]
 
 
 def _sureness(fit: DrivelineFit) -> str:
@@ -256,6 +256,6 @@ def driveline_results(
             "rmse": [one.rmse for one in printed],
             "rmse_of_the_friction_found": [one.rmse_restarted for one in printed],
         },
-        "remarks": driveline_findings(fits, printed),
+        "remarks": finding_results(driveline_findings(fits, printed)),
         "provenance": made.to_dict(),
     }

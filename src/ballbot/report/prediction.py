@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.findings import Finding
+from ballbot.findings import Finding, finding_results, texts
 from ballbot.printable import shell_line
 from ballbot.report.page import Provenance, render
 from ballbot.workflows.controller_causes import CAUSE_MEANINGS, Cause
@@ -53,7 +53,7 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
         },
         "none": {name: asdict(one) for name, one in verdict.none.items()},
         "causes": [asdict(cause) | {"meaning": CAUSE_MEANINGS[cause.name]} for cause in verdict.causes],
-        "remarks": verdict.remarks,
+        "remarks": finding_results(verdict.remarks),
         "next_steps": steps,
         "course": asdict(prediction.course),
         "controller": prediction.controller,
@@ -78,7 +78,7 @@ def prediction_report(
             (cause.name, CAUSE_MEANINGS[cause.name], *_cause_words(cause)) for cause in verdict.causes
         ],
         "anything_outside": bool(verdict.outside) or verdict.ended is not None,
-        "remarks": verdict.remarks,
+        "remarks": texts(verdict.remarks),
         "steps": steps,
         "prediction": prediction,
         "log_findings": findings,

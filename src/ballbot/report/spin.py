@@ -96,14 +96,11 @@ def spin_results(
     spin: Spin, comparison: WheelComparison | None, *, log_findings: Sequence[Finding] = ()
 ) -> dict[str, object]:
     """Return what results.json holds of a video's ball."""
-    found = [
-        Finding(code="spin", severity="note", text=sentence) for sentence in spin_findings(spin, comparison)
-    ]
     view, errors, colour = spin.view, spin.calibration.errors, spin.colour
     known = spin.known
     omega = spin.omega[known]
     return {
-        "findings": finding_results([*log_findings, *found]),
+        "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
         "frames": len(spin.t),
         "duration": float(spin.t[-1] - spin.t[0]),
         "tracked_share": float(np.mean(spin.track.tracked)),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_integral_gain
+from ballbot.findings import texts
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.comparison import paths_figure, poles_figure, position_error_figure
@@ -77,7 +78,9 @@ def model_sentence(study: Study) -> str:
     if validation.open_loop is None:
         return f"{sentence}. No open-loop verdict: {validation.no_open_loop}"
     over_runs = better_in(validation.open_loop.errors, validation.models)
-    return " ".join([f"{sentence}. Over open-loop runs until a fall, {over_runs}.", *weak_states(validation)])
+    return " ".join(
+        [f"{sentence}. Over open-loop runs until a fall, {over_runs}.", *texts(weak_states(validation))]
+    )
 
 
 def controller_sentence(study: Study) -> str:
@@ -183,7 +186,7 @@ def doubts_sentence(study: Study) -> str:
     warnings = study.found.warnings
     if warnings:
         more = len(warnings) - 1
-        return warnings[0] + (
+        return warnings[0].text + (
             f" {more} more are listed under what the data do not determine." if more else ""
         )
     correlation = np.nan_to_num(np.triu(study.found.correlation, 1))
@@ -236,7 +239,7 @@ def study_report(study: Study, made: Provenance) -> str:
         "robot_words": robot_words(study.robot),
         "log_words": _log_words(study),
         "parameters": parameter_rows(study.found),
-        "warnings": [with_symbols(warning) for warning in study.found.warnings],
+        "warnings": [with_symbols(warning.text) for warning in study.found.warnings],
         "doubts": with_symbols(doubts_sentence(study)),
         "validation_words": _validation_words(study),
         "v": validation_values(study.validation, example_of=study.logs[0].name),

@@ -14,6 +14,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ballbot.findings import finding_results
 from ballbot.log import STATE_NAMES
 from ballbot.report.page import Provenance, by_state, figure_markup, render
 from ballbot.report.style import STATE_UNITS, drawn
@@ -42,7 +43,7 @@ def validation_results(validation: Validation) -> dict[str, object]:
             {"name": one.name, "robot": one.model.robot.name, "formulation": one.model.formulation}
             for one in (models.first, models.second)
         ],
-        "findings": findings(validation),
+        "findings": finding_results(findings(validation)),
         "duration": validation.duration,
         "open_loop": None
         if loop is None
@@ -189,7 +190,7 @@ def validation_report(
     validation: Validation, *, title: str, lead: str, example_of: str, made: Provenance
 ) -> str:
     """Return a validation's own page as HTML; `example_of` names the log that its examples are of."""
-    verdict, *others = (with_symbols(finding) for finding in findings(validation))
+    verdict, *others = (with_symbols(finding.text) for finding in findings(validation))
     values = {
         "title": title,
         "lead": lead,
@@ -204,7 +205,7 @@ def validation_report(
 
 def validation_values(validation: Validation, *, example_of: str) -> dict[str, object]:
     """Return what the template's sections on a validation take; `example_of` names the log of the examples."""
-    found = [with_symbols(finding) for finding in findings(validation)]
+    found = [with_symbols(finding.text) for finding in findings(validation)]
     return {
         "first": validation.models.first.name,
         "second": validation.models.second.name,
@@ -258,7 +259,7 @@ def _residual_values(validation: Validation) -> dict[str, object]:
     found = validation.residuals
     matrix = found.correlations
     return {
-        "residual_findings": [with_symbols(finding) for finding in residual_findings(found)],
+        "residual_findings": [with_symbols(finding.text) for finding in residual_findings(found)],
         "correlation_figure": _svg(
             "residuals",
             partial(correlation_figure, symbols(matrix.labels), matrix.matrix, marked=matrix.significant),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ballbot.findings import Finding, note
 from ballbot.log import STATE_NAMES
 from ballbot.validation.errors import ErrorPair, verdicts
 from ballbot.validation.models import ModelPair
@@ -21,20 +22,20 @@ _CHATTER = 5.0
 _SLOWER = 0.95
 
 
-def findings(validation: Validation) -> tuple[str, ...]:
-    """Return the findings as plain sentences, the verdict first."""
-    found = [_open_loop_verdict(validation), *weak_states(validation)]
+def findings(validation: Validation) -> tuple[Finding, ...]:
+    """Return the findings, the verdict first."""
+    found = [note("open-loop", _open_loop_verdict(validation)), *weak_states(validation)]
     if validation.closed_loop is not None:
-        found.append(_closed_loop_verdict(validation))
+        found.append(note("closed-loop", _closed_loop_verdict(validation)))
     elif validation.no_closed_loop is not None:
-        found.append(f"No closed-loop validation: {validation.no_closed_loop}")
-    found.append(_horizon_verdict(validation))
+        found.append(note("closed-loop", f"No closed-loop validation: {validation.no_closed_loop}"))
+    found.append(note("horizon", _horizon_verdict(validation)))
     found.extend(residual_findings(validation.residuals))
     return tuple(found)
 
 
-def weak_states(validation: Validation) -> tuple[str, ...]:
-    """Return a sentence for each state that the first model does not surely foretell better in open loop, and why.
+def weak_states(validation: Validation) -> tuple[Finding, ...]:
+    """Return a finding for each state that the first model does not surely predict better in open loop, and why.
 
     "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. Without an open loop, or with
     too few runs for an interval, there is nothing to say of single states.
@@ -56,7 +57,7 @@ def weak_states(validation: Validation) -> tuple[str, ...]:
             continue
         numbers = f"ratio {errors.ratio[index]:.2f}, 95 % interval {lower[index]:.2f} to {upper[index]:.2f}"
         sentences.append(f"{name}: {claims[verdict]} ({numbers}). {_reason(validation, index)}")
-    return tuple(sentences)
+    return tuple(note("weak-state", sentence) for sentence in sentences)
 
 
 def better_in(errors: ErrorPair, models: ModelPair) -> str:

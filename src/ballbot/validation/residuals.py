@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, note
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -187,15 +188,16 @@ _COLOURS: dict[Colour, str] = {
 }
 
 
-def residual_findings(analysis: ResidualAnalysis) -> list[str]:
+def residual_findings(analysis: ResidualAnalysis) -> list[Finding]:
     """Return what a model's one-step residuals show, a sentence or two for each question."""
-    return [
+    sentences = [
         *_pair_findings(analysis.correlations),
         named_pairs(analysis.correlations),
         _whiteness_finding(analysis.whiteness),
         _peak_finding(analysis),
         *_wheel_findings(analysis),
     ]
+    return [note("residuals", sentence) for sentence in sentences]
 
 
 def named_pairs(found: Correlations) -> str:

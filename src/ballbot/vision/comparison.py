@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, note
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
@@ -172,12 +173,12 @@ _POOR = 0.85
 _NAMED = 3
 
 
-def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[str, ...]:
-    """Return the findings as plain sentences."""
+def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Finding, ...]:
+    """Return what a video shows of the ball's turning."""
     words = [_velocity_finding(spin), _tracking_finding(spin), *_poor_fit_finding(spin), _view_finding(spin)]
     if comparison is not None:
         words += [_agreement_finding(comparison), _clock_finding(comparison)]
-    return tuple(words)
+    return tuple(note("spin", sentence) for sentence in words)
 
 
 def _velocity_finding(spin: Spin) -> str:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
+from ballbot.findings import Finding, warning
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.robot import Robot
@@ -94,7 +95,7 @@ class Verdict:
     none: Mapping[str, PredictionInterval]  #: what is predicted without compensation; empty if that falls
     ended: str | None  #: why the run ended before the course, or None
     causes: tuple[Cause, ...]  #: of what is outside, the likeliest first; empty if nothing is
-    remarks: tuple[str, ...]  #: what limits the verdict
+    remarks: tuple[Finding, ...]  #: what limits the verdict
 
     @property
     def outside(self) -> tuple[QuantityResult, ...]:
@@ -335,11 +336,12 @@ def _listed(quantities: Sequence[QuantityResult]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def _warnings(log: Log, controller: Controller) -> tuple[str, ...]:
+def _warnings(log: Log, controller: Controller) -> tuple[Finding, ...]:
     share = foreign_torque(log, controller)
     if share <= _NOT_ITS_OWN:
         return ()
-    return (
+    text = (
         f"The torques are not those that the controller gives for the logged states (RMS difference {100 * share:.0f} "
-        "% of the torques): the log may have been made with another controller, or begin in the middle of a run.",
+        "% of the torques): the log may have been made with another controller, or begin in the middle of a run."
     )
+    return (warning("foreign-torque", text),)

@@ -20,6 +20,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, square
 from ballbot.errors import InputError
 from ballbot.files import read_json
+from ballbot.findings import finding_results
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
 from ballbot.identification.identify import estimated_parameters
@@ -264,7 +265,7 @@ class Excitation:
             "scaled": _by_label(self.task.question.labels, trial.errors),
             "parameters": trial.found.to_dict()["parameters"],
             "standard_errors": trial.found.to_dict()["standard_errors"],
-            "warnings": list(trial.found.warnings),
+            "warnings": finding_results(trial.found.warnings),
         }
 
 

@@ -16,12 +16,12 @@ from ballbot.findings import Finding, by_severity, finding_results, no_command, 
 from ballbot.identification.inertia import (
     Pivot,
     SwingInertia,
+    inertia_findings,
     inertia_of_swing,
     recording_findings,
     swing_findings,
     swing_results,
     swing_rows,
-    swing_sentences,
 )
 from ballbot.identification.swing import SwingFit, fit_swing, swing_in_log
 from ballbot.log import Log
@@ -87,7 +87,7 @@ class CheckedSwing:
         """Return what results.json holds."""
         stated: dict[str, object] = {
             "findings": finding_results(self.findings),
-            "remarks": self.sentences(),
+            "remarks": finding_results(self.remarks()),
         }
         return stated | swing_results(self.fit, self.found, self.pivot)
 
@@ -95,9 +95,9 @@ class CheckedSwing:
         """Return quantity, value and unit of each result."""
         return swing_rows(self.fit, self.found)
 
-    def sentences(self) -> list[str]:
+    def remarks(self) -> list[Finding]:
         """Return what the results mean."""
-        return swing_sentences(self.fit, self.found, self.robot)
+        return inertia_findings(self.fit, self.found, self.robot)
 
 
 def check_swing(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, finding_results, note
 from ballbot.fitting.model_selection import Candidate, ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.inverse import (
@@ -90,7 +91,7 @@ class AxisIdentification:
     asymmetry: NDArray[
         np.float64
     ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none where a part cannot tell
-    remarks: tuple[str, ...]
+    remarks: tuple[Finding, ...]
 
     def estimate(self, method: str) -> Estimate:
         """Return the estimate by that method."""
@@ -114,7 +115,7 @@ class AxisIdentification:
             "ladder": [_ladder_result(one) for one in self.ladder.candidates],
             "laws": {name: one.to_dict() for name, one in self.rungs.items()},
             "asymmetry_over_time": self.asymmetry,
-            "remarks": list(self.remarks),
+            "remarks": finding_results(self.remarks),
         }
 
 
@@ -144,8 +145,8 @@ def axis_findings(
     asymmetry: NDArray[np.float64],
     *,
     taken: bool,
-) -> tuple[str, ...]:
-    """Return the sentences; `taken` says that the user named the law."""
+) -> tuple[Finding, ...]:
+    """Return the findings; `taken` says that the user named the law."""
     return (
         _choice_finding(ladder, rung, taken=taken),
         *_asymmetry_findings(record, ladder, rung, asymmetry),
@@ -153,31 +154,33 @@ def axis_findings(
     )
 
 
-def _choice_finding(ladder: ModelSelection[AxisLaw], rung: AxisLaw, *, taken: bool) -> str:
+def _choice_finding(ladder: ModelSelection[AxisLaw], rung: AxisLaw, *, taken: bool) -> Finding:
     others = [one for one in ladder.candidates if one.within and one.model.symmetric]
     failed = [one.name for one in others if not one.accepted and one.name != rung.name]
     words = f"The law {rung.name} was {('asked for' if taken else 'taken')}"
     if not failed:
-        return f"{words}; every law below it improves the prediction of held-out windows."
-    return (
+        return note("law", f"{words}; every law below it improves the prediction of held-out windows.")
+    text = (
         f"{words}; on held-out windows, {', '.join(failed)} "
         "did not improve the prediction over the law below."
     )
+    return note("law", text)
 
 
 def _asymmetry_findings(
     record: AxisRecord, ladder: ModelSelection[AxisLaw], rung: AxisLaw, asymmetry: NDArray[np.float64]
-) -> list[str]:
+) -> list[Finding]:
     verdict = next(one for one in ladder.candidates if not one.model.symmetric)
     if verdict.gain is None or not verdict.accepted or not rung.symmetric:
         return []
     over_time = _over_time(asymmetry, PARAMETERS["viscous"].unit_for(record.unit)) if len(asymmetry) else ""
-    return [
+    text = (
         "The asymmetric law predicts other windows of this record with "
         f"{100.0 * verdict.gain.share:.0f} % less error, yet it is not selected: "
         f"{over_time}only another record can show whether the asymmetry belongs to the machine "
         "or to this run (temperature, supply). Validate against one, or choose --law asymmetric."
-    ]
+    )
+    return [note("asymmetry", text)]
 
 
 def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
@@ -193,17 +196,16 @@ def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
     )
 
 
-def _open_parameters(best: Estimate) -> list[str]:
-    sentences = []
+def _open_parameters(best: Estimate) -> list[Finding]:
+    found = []
     for name, value in best.values.items():
         error, symbol = best.standard_errors[name], PARAMETERS[name].symbol
         if not np.isfinite(error):
-            sentences.append(f"{symbol} is at a bound and has no standard error.")
+            found.append(note("at-bound", f"{symbol} is at a bound and has no standard error."))
         elif error > _OPEN * abs(value):
-            sentences.append(
-                f"{symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
-            )
-    return sentences
+            text = f"{symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
+            found.append(note("poorly-determined", text))
+    return found
 
 
 #: where a search starts: the bristles' travel over the record's, the break-away's share of Coulomb friction

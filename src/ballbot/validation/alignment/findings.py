@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, note
 from ballbot.validation.alignment.align import Alignment
 from ballbot.validation.alignment.errors import ANGLES, SensorError, SensorErrors
 from ballbot.validation.alignment.frame import LEAST_LEVER
@@ -20,8 +21,8 @@ _LEAST_DELAY = 2e-3
 _UNSEEN = 0.01
 
 
-def alignment_findings(alignment: Alignment) -> tuple[str, ...]:
-    """Return the findings as plain sentences, the one on the heading first where there is one."""
+def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
+    """Return the findings, the one on the heading first where there is one."""
     found: list[str] = []
     if alignment.sensors is not None:
         found += [_heading(alignment.sensors), _leans(alignment.sensors), *_delays(alignment)]
@@ -34,7 +35,7 @@ def alignment_findings(alignment: Alignment) -> tuple[str, ...]:
         + _frame(alignment)
         + _undetermined(alignment)
     )
-    return tuple(found)
+    return tuple(note("alignment", sentence) for sentence in found)
 
 
 def _heading(sensors: SensorErrors) -> str:
