@@ -20,7 +20,7 @@ known, the record itself says what force it asked for,
 
     force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
 
-so that both factors show a wrong scale, a_2 alone a wrong time base, and what is left a wrong column or gain.
+so that both factors show a wrong scale, a_2 alone a wrong time base, and the residual a wrong column or gain.
 """
 
 from __future__ import annotations
@@ -40,8 +40,7 @@ from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 
 _BUTTERWORTH_ORDER = 4
-_DECIMATION_ORDER = 8
-_DECIMATION_RIPPLE = 0.05  # [dB]
+_DECIMATION_ORDER, _DECIMATION_RIPPLE = 8, 0.05  # ripple in dB
 #: the filter passes so many times the motion's bandwidth, decimation keeps twice it
 _FILTER_RATIO, _DECIMATION_RATIO = 5.0, 2.0
 #: an axis of that mass that moves faster than this is rare [Hz]
