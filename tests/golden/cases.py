@@ -97,6 +97,7 @@ CASES: tuple[Case, ...] = (
         "simulate_full",
         f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_full.toml",
         sampled=True,
+        alone=True,
     ),
     _command(
         "simulate_precise",
@@ -186,12 +187,14 @@ CASES: tuple[Case, ...] = (
         "design_robust",
         f"design {_ROBOT} --robust --compensation full --allow-pumping "
         "--robots 20 --generations 2 --population 4 --fresh 20",
+        alone=True,
     ),
     _command("limits", f"limits {_ROBOT} none files/controller_full.toml --refinements 0"),
     _command(
         "compare",
         f"compare {_ROBOT} none full precise --scenarios files/courses.toml --seeds 4,5 --processes 1",
         sampled=True,
+        alone=True,
     ),
     _command(
         "compare_twin",
