@@ -47,7 +47,7 @@ from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
-from ballbot.log.apply_mapping import causal_states
+from ballbot.log.causal_states import causal_states
 from ballbot.log.checks import CheckedLogs
 from ballbot.report.friction import ladder_figure
 from ballbot.report.style import drawn

@@ -10,34 +10,21 @@ An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ball
 R_world_body = Rx(theta) Ry(phi) Rz(psi). An IMU whose x axis stands at an angle `turn` from the robot's, towards the
 left, has R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about
 axes that turn with the heading: they are the same only while the heading is zero.
-
-A mapped log looks ahead, though a little: rates are differences that take in the next row, rows at even intervals lie
-between two of the file's, and the repair of times looks `sampling_times.REACH` to each side. A prediction that starts
-from such a row has seen some of what it predicts. So `causal_states` maps the file's rows anew for each moment, as if
-the file ended there, and includes the row in which a sensor that reports late describes that moment; a rate that the
-mapping differentiates is the slope of a line through the last rows.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
-from ballbot.log.columns import STATE_NAMES, mark_missing, numbered_names
-from ballbot.log.formats import read_columns
-from ballbot.log.log import Log
+from ballbot.log.columns import mark_missing, numbered_names
 from ballbot.log.mapping import Attitude, DutyInput, LogMapping, MotorInput, Source
-from ballbot.log.mapping_file import read_mapping
-from ballbot.log.pose import with_position
 from ballbot.log.sampling_times import new_messages, sampling_times
-from ballbot.robot import Robot
 
 
 def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
@@ -334,72 +321,3 @@ def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Co
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     return {name: values[kept] for name, values in columns.items()}
-
-
-#: how much of the past is mapped [s], and the least that tells a state
-_PAST, _LEAST_PAST = 1.0, 0.2
-#: length of the line whose slope is a rate [s]
-_LINE = 0.04
-#: [s] by which rounding may move a row
-_ROW_ROUNDING = 1e-6
-
-
-def causal_states(
-    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the states (m, 10) at rows of a mapped log, by what the file had told by then.
-
-    Parameters
-    ----------
-    path : str or Path
-        The foreign file.
-    mapping : str, Path or LogMapping
-        How it becomes a log.
-    robot : Robot
-        Its wheels tell where the ball went, where the log has no position. That counts from the start of what is
-        mapped: positions on the floor mean nothing, their rates do.
-    moments : ndarray (m,)
-        Times of rows of the log that file and mapping make [s].
-
-    Returns
-    -------
-    ndarray (m, 10)
-        NaN where too little of the file comes before.
-
-    Raises
-    ------
-    InputError
-        Where the file or the mapping cannot be read or does not make a log.
-    """
-    mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
-    table = read_columns(path, mapping.layout)
-    t, late = row_times(mapping, table), sensor_delay(mapping)
-    everything = replace(mapping, timing=replace(mapping.timing, keep=None))
-    states = np.full((len(moments), len(STATE_NAMES)), np.nan)
-    for number, moment in enumerate(moments):
-        first = int(np.searchsorted(t, moment - _PAST))
-        # the rows up to the first that tells of the moment
-        end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
-        if moment - t[first] >= _LEAST_PAST:
-            rows = {name: values[first:end] for name, values in table.items()}
-            past = Log(apply_mapping(everything, rows, even_from=float(t[0])))
-            states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
-    return states
-
-
-def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> NDArray[np.float64]:
-    """Return the state (10,) in the last row."""
-    by_wheels = "x" not in past
-    past = with_position(past, robot)
-    state = past.states[-1]
-    differentiated = set(mapping.derivatives)
-    if by_wheels and "wheel1_dot" in differentiated:
-        differentiated |= {"x_dot", "y_dot"}
-    rows = min(len(past), max(3, 1 + round(_LINE / past.sample_time)))
-    times = past.t[-rows:] - past.t[-1]
-    half = len(STATE_NAMES) // 2
-    for place, name in enumerate(STATE_NAMES[:half]):
-        if f"{name}_dot" in differentiated:
-            slope, value = np.polyfit(times, past[name][-rows:], 1)
-            state[place], state[half + place] = value, slope
-    return state

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.apply_mapping import causal_states, sensor_delay
+from ballbot.log.apply_mapping import sensor_delay
+from ballbot.log.causal_states import causal_states
 from ballbot.log.mapping import LogMapping
 from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_inference.mapping_text import mapping_text
