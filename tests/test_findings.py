@@ -76,6 +76,10 @@ def _codes_in(tree: ast.Module) -> set[str]:
                 for outer in _calls(tree, function.name):
                     given = _argument(outer, value.id, names.index(value.id))
                     codes |= _texts(given) if given is not None else set()
+    for shorthand in ("warning", "note"):
+        for call in _calls(tree, shorthand):
+            given = _argument(call, "code", 0)
+            codes |= _texts(given) if given is not None else set()
     return codes
 
 
@@ -104,7 +108,7 @@ def test_the_documents_show_every_code_with_its_meaning():
 
 def test_an_unknown_code_is_refused_with_the_nearest():
     assert check_codes(["gap", "sign", "gap"]) == ("gap", "sign")
-    with pytest.raises(InputError, match=r"no finding with the code 'signs'.*did you mean sign"):
+    with pytest.raises(InputError, match=r"no finding with the code 'signs'.*did you mean 'sign'"):
         check_codes(["signs"])
     with pytest.raises(InputError, match="the codes are alignment, "):
         check_codes(["qqqqqq"])

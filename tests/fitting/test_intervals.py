@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballbot.findings import texts
 from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals
 from ballbot.fitting.uncertainty import covariance, unleveraged
 from ballbot.identification.parameters import scale_between
@@ -102,7 +103,7 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
 
 def test_open_intervals_are_reported():
     two = Interval(lower=0.1, upper=0.2, method="clustered")
-    told = interval_findings(
+    found = interval_findings(
         {
             "b1": two,
             "v_s": replace(two, upper=math.inf),
@@ -111,6 +112,7 @@ def test_open_intervals_are_reported():
             "c1": replace(two, lower=0.0, upper=math.inf),
         }
     )
+    told = texts(found)
     assert [sentence.split()[0] for sentence in told] == ["v_s", "delta", "s1", "c1"]
     assert "limited from below only: 0.1 or more" in told[0]
     assert "limited from above only: 0.2 or less" in told[1]
@@ -132,7 +134,7 @@ def test_open_intervals_are_reported():
     ],
 )
 def test_unidentifiable_pairs_are_named_with_an_experiment(pair, experiment):
-    told = correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]]))
+    told = texts(correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]])))
     assert f"{pair[0]} and {pair[1]} (-0.97)" in told[0]
     assert experiment in told[1]
 
@@ -148,7 +150,7 @@ def test_a_ridge_of_several_parameters_is_named():
     known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))
     values = np.column_stack([known_sum, random.standard_normal(100_000)])
     correlation = np.asarray(np.corrcoef(values, rowvar=False))
-    told, *advice = ridge_findings(("b1", "c1", "s1", "C_rr"), correlation)
+    told, *advice = texts(ridge_findings(("b1", "c1", "s1", "C_rr"), correlation))
     assert [words.split(", log")[0] for words in advice] == [
         "To separate viscous from dry friction",
         "To separate dry friction at rest from that at speed",

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from ballbot.cli.check import SwingOptions, examine_swing
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification.inertia import Pivot, inertia_of_swing, recording_findings, swing_findings
 from ballbot.identification.swing import fit_swing, follow_pendulum, period_growth, swing_in_log, swing_of
 from ballbot.log import Log
 from ballbot.robot import Robot
+from ballbot.workflows.robot_check import check_swing
 from tests.support.vision_examples import pendulum, sensor_noise, swing_video
 
 #: of Appendix III: m g r / I
@@ -243,9 +243,9 @@ def test_swing_recorded_wrongly_is_stopped_with_its_cause(
             angle = np.degrees(angle)
     file = tmp_path / "swing.csv"
     Log({"t": t, "theta": angle}).write(file)
-    options = SwingOptions(file=file, column=None, pivot_distance=None, pivot_deviation=None)
+    robot = Robot.load("alten")
     with pytest.raises(InputError, match=words) as refusal:
-        examine_swing(Robot.load("alten"), options)
+        check_swing(robot, file, Pivot.of(robot))
     assert f"--accept {code}" in str(refusal.value)
 
 

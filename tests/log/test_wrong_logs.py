@@ -140,7 +140,7 @@ WRONG_LOGS = {
         "Negate theta.",
     ),
     "IMU turned by 30 degrees": wrong(
-        lambda log: turned_imu(log, 30.0), "lean-axes", "30 degrees", "IMU is mounted turned"
+        lambda log: turned_imu(log, 30.0), "lean-axes", "degrees to the right", "IMU is mounted turned"
     ),
     "lean in degrees": wrong(lambda log: scaled(log, DEGREES, *LEAN), "degrees", "theta is in degrees"),
     "lean rates in degrees a second": wrong(

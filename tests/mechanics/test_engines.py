@@ -26,7 +26,7 @@ TOLERANCE = 1e-11
 STATES = 1000
 
 #: an engine's package and the test module that builds the mechanism with it
-ENGINES = {"mujoco": "mujoco_mechanism", "pydrake": "drake_mechanism"}
+ENGINES = {"mujoco": "tests.support.mujoco_mechanism", "pydrake": "tests.support.drake_mechanism"}
 
 
 class Case(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ballbot import Controller, InputError, Model, Robot, simulate, simulate_batch
-from ballbot.cli.limits import origins
+from ballbot.cli.context import input_files
 from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.control.references import change_pose, circle, hold, square
@@ -324,5 +324,6 @@ def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("windy.toml").touch()
     entrants = parse_candidates(["none", "soft=mine.toml@kalman"])
-    assert origins("alten", entrants, "nominal") == [Path("mine.toml")]
-    assert origins("robot.toml", entrants[:1], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]
+    files = [one.file for one in entrants if one.file]
+    assert input_files("alten", files, "nominal") == [Path("mine.toml")]
+    assert input_files("robot.toml", [], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]
