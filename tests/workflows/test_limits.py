@@ -323,6 +323,7 @@ def test_every_controller_is_drawn_and_a_coarse_plane_by_all_its_points():
 def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("windy.toml").touch()
+    Path("robot.toml").touch()
     entrants = parse_candidates(["none", "soft=mine.toml@kalman"])
     files = [one.file for one in entrants if one.file]
     assert input_files("alten", files, "nominal") == [Path("mine.toml")]
