@@ -132,10 +132,10 @@ _WORK = (
     ("ballbot.cli.align", "align_log"),
     ("ballbot.cli.design", "robust_design"),
     ("ballbot.cli.limits", "find_limits"),
-    ("ballbot.cli.compare", "play"),
+    ("ballbot.cli.compare", "run_league"),
     ("ballbot.cli.study", "run_study"),
     ("ballbot.cli.record", "record_runs"),
-    ("ballbot.thesis.reproduce", "reproduce"),
+    ("ballbot.thesis.reproduce.campaign", "reproduce"),
 )
 #: a run of more samples is not let go
 _LONGEST_RUN = 50

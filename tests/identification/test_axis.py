@@ -55,7 +55,7 @@ def test_the_command_interrupted_and_resumed_leaves_a_report_and_results(
     other.write_bytes(mat_file.read_bytes())
     command = ["identify-axis", str(mat_file), str(other), "--out", str(tmp_path), *OPTIONS]
 
-    def interrupt(_bar: object, _share: float, *, doing: str) -> None:
+    def interrupt(_bar: object, _share: float, *, doing: str, note: str = "") -> None:  # noqa: ARG001
         if doing == "open loop, law stribeck":
             raise KeyboardInterrupt
 
