@@ -19,3 +19,8 @@ test_false_alarms, test_league and test_sticking_proof. reproduce.md, the result
 with a fresh run in part by test_reproduce and as a whole by campaigns/reproduce.py; here are the figures and mistakes
 that need no recording.
 """
+
+import os
+
+# one thread of BLAS, as in all tests: a sum over two threads has other last digits
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported
