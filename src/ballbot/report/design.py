@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,9 +9,6 @@ from matplotlib.figure import Figure
 from ballbot.report.style import BLUE, GREEN, ORANGE, SHADE, Line
 from ballbot.workflows.perturbed_robots import TAIL
 from ballbot.workflows.robust_design import RobustDesign
-
-if TYPE_CHECKING:
-    pass
 
 _LINES: dict[str, Line] = {
     "robust": {"color": BLUE, "linestyle": "-", "linewidth": 2.0},
