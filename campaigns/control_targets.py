@@ -19,7 +19,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, change_pose, hold, square
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.robot.robot import scaled_body, scaled_friction
+from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.comparison import ComparedRun, RunResult, run_comparison
 from ballbot.workflows.metrics import cycle_amplitude

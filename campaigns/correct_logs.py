@@ -16,7 +16,7 @@ from ballbot.control.presets import NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
 from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.robot.robot import scaled_body, scaled_friction
+from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin

@@ -27,7 +27,7 @@ from ballbot.identification import Identification, identify
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from ballbot.robot.robot import scaled_body, scaled_friction
+from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults

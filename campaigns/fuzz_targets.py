@@ -35,10 +35,10 @@ from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.pose import read_poses
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import derived_quantities
-from ballbot.robot.file import read_robot, robot_text
+from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import PARAMETERS
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
 from ballbot.twin.scenario_file import read_scenario, scenario_text
@@ -354,13 +354,13 @@ def _judge_mapping(path: Path) -> None:
 
 
 def _judge_robot(path: Path) -> None:
-    robot = read_robot(path)
+    robot = Robot.load(path)
     for parameter in PARAMETERS:
         assert np.isfinite(np.asarray(value_of(robot, parameter), float)).all()
     assert all(math.isfinite(one.value) for one in derived_quantities(robot))
     copy = path.with_name("copy.toml")
     copy.write_text(robot_text(robot), encoding="utf-8")
-    assert read_robot(copy) == robot
+    assert Robot.load(copy) == robot
 
 
 def _judge_scenario(path: Path) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from ballbot import Log, Model, Robot
-from ballbot.robot.robot import Friction
+from ballbot.robot import Friction
 from ballbot.twin import Scenario
 from ballbot.twin.bench import run_bench
 

@@ -13,7 +13,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
 from ballbot.report.design import robust_figure
 from ballbot.robot import Robot
-from ballbot.robot.robot import scaled_body
+from ballbot.robot.components import scaled_body
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.scenario import Timing

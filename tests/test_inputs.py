@@ -40,7 +40,7 @@ from ballbot.log.log import LONGEST, SHORTEST
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.signals import local_fit
 from ballbot.robot import Robot
-from ballbot.robot.file import read_robot, robot_text
+from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario_file import read_scenario
 from ballbot.workflows.courses import read_courses
@@ -51,7 +51,7 @@ from tests.support.paths import ROOT
 ALTEN = Robot.load("alten")
 
 READERS: dict[str, Callable[[Path], object]] = {
-    "robot": read_robot,
+    "robot": Robot.load,
     "scenario": lambda path: read_scenario(path, ALTEN),
     "controller": lambda path: read_controller(path, ALTEN),
     "courses": lambda path: read_courses(path, ALTEN, "twin"),
@@ -213,7 +213,7 @@ def test_deeply_nested_settings_are_refused(tmp_path, name, content, words):
 def test_settings_after_a_byte_order_mark_are_read(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_bytes(b"\xef\xbb\xbf" + robot_text(ALTEN).replace("\n", "\r\n").encode())
-    assert read_robot(path) == ALTEN
+    assert Robot.load(path) == ALTEN
 
 
 def test_deeply_nested_json_is_refused(tmp_path):

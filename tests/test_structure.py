@@ -16,8 +16,6 @@ PACKAGES = (
 MOST_PARAMETERS = 9
 LONGEST_BODY = 60
 LONGEST_FILE = 500
-#: pairs that still need each other, by an import inside a function or for types; none may be added
-STILL_CIRCULAR = ({"ballbot.robot.robot", "ballbot.robot.file", "ballbot.robot.checks"},)
 #: functions that still take more, mostly compiled loops over arrays; none may be added
 STILL_MANY_PARAMETERS = {
     "ballbot.identification.axis.model.follow_forces",
@@ -27,7 +25,6 @@ STILL_MANY_PARAMETERS = {
     "ballbot.mechanics.engine.smooth.acceleration",
     "ballbot.mechanics.engine.smooth.loaded",
     "ballbot.mechanics.friction_laws.interface.linear_motion",
-    "ballbot.robot.robot.replace",
     "ballbot.simulation.batch._end_where_slipping",
     "ballbot.simulation.batch.decide",
     "ballbot.simulation.batch.run_closed_loop_block",
@@ -102,12 +99,7 @@ def test_a_circle_is_found_where_there_is_one():
 
 def test_no_module_imports_itself_through_others():
     # the lazy names of the toolkit's front page point down into the packages; they are no import of that page's
-    graph = {name: set(wanted) for name, wanted in imports().items() if name != "ballbot"}
-    for known in STILL_CIRCULAR:
-        assert circle({name: graph[name] & known for name in known}), f"{known} is no circle any more"
-        for name in known:
-            graph[name] -= known
-    found = circle(graph)
+    found = circle({name: wanted for name, wanted in imports().items() if name != "ballbot"})
     assert not found, " imports ".join(found)
 
 

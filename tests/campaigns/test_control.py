@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot import InputError, Log
-from ballbot.robot.robot import scaled_friction
+from ballbot.robot.components import scaled_friction
 from ballbot.workflows.metrics import cycle_amplitude
 from tests.support.control_examples import FRICTION, alten
 

@@ -57,7 +57,7 @@ def test_certain_friction_is_compensated_whole_and_uncertain_friction_not_at_all
 
 
 def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path, capsys):
-    robot = alten(FRICTION).replace(standard_deviations={"friction.coulomb": (0.01, 0.0, 0.03)})
+    robot = alten(FRICTION).annotated(standard_deviations={"friction.coulomb": (0.01, 0.0, 0.03)})
     covariance = stated_covariance(robot)
     assert covariance is not None
     np.testing.assert_allclose(np.sqrt(np.diag(covariance))[3:6], [0.01, 0.0, 0.03])

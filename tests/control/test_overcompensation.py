@@ -18,8 +18,8 @@ from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import write_robot
-from ballbot.robot.robot import scaled_friction
 from tests.support.control_examples import FRICTION, alten
 
 ROBOT = alten(FRICTION)
@@ -122,7 +122,7 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
     )  # of which no friction is known
     smooth = alten(scaled_friction(FRICTION, 0.5))
     assert "200 % of" in (overcompensation_warning(read_controller(path, smooth), smooth) or "")
-    unsure = ROBOT.replace(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
+    unsure = ROBOT.annotated(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})
     assert "certain" in (overcompensation_warning(read_controller(path, unsure), unsure) or "")
 
 

@@ -37,7 +37,7 @@ from ballbot.estimation.kalman_model import (
 )
 from ballbot.mechanics.geometry import body_rates_matrix, rotation
 from ballbot.mechanics.model import Model, contact_momentum
-from ballbot.robot.robot import Friction
+from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
 from tests.support.estimation_examples import ALTEN, H, Run, light_wheels, swaying, turned
 

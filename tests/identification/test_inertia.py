@@ -117,7 +117,7 @@ def test_intervals_hold_the_truth(robot: Robot) -> None:
         # errors of scale and tube: N(0, their standard deviations)
         mass, height = (17.076, 0.393) + np.array([0.02, 0.002]) * random.standard_normal(2)
         body = replace(robot.body, mass=float(mass), center_of_mass=float(height))
-        file = robot.replace(body=body, standard_deviations=deviations)
+        file = robot.replace(body=body).annotated(standard_deviations=deviations)
         own = inertia_of_swing(fit, file, Pivot.of(file)).about_center_of_mass
         held += abs(own.value - (4.37 - 17.076 * 0.393**2)) <= own.half_width
     # as many as in 99.9 % of draws with a true 95 %

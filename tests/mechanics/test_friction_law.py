@@ -21,8 +21,8 @@ from ballbot.mechanics.friction import (
 )
 from ballbot.mechanics.stick_slip import minimise
 from ballbot.robot import Friction
-from ballbot.robot.file import read_robot, robot_text, write_robot
-from ballbot.robot.robot import scaled_friction
+from ballbot.robot.components import scaled_friction
+from ballbot.robot.file import robot_text, write_robot
 from ballbot.simulation.gear_play import GearPlayPlant
 from tests.mechanics.test_stick_slip import random_problem
 
@@ -48,7 +48,7 @@ def robot_with(friction: Friction) -> Robot:
 
 def test_terms_survive_the_robot_file_and_absent_terms_are_not_written(tmp_path):
     write_robot(robot_with(FULL), tmp_path / "robot.toml")
-    assert read_robot(tmp_path / "robot.toml").friction == FULL
+    assert Robot.load(tmp_path / "robot.toml").friction == FULL
     text = robot_text(robot_with(PLAIN))
     assert "asymmetry" not in text
     assert "load" not in text.split("[friction]")[1]
@@ -217,7 +217,7 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     assert robot.friction == replace(PLAIN, load=LOAD, coulomb_asymmetry=(0.03, -0.02, -0.12))
     assert robot.sources["friction.load"].startswith("identified: from 1 log")
     write_robot(robot, tmp_path / "found.toml")
-    assert read_robot(tmp_path / "found.toml").friction == robot.friction
+    assert Robot.load(tmp_path / "found.toml").friction == robot.friction
     # without the law, an offset is the motor's, and no friction
     motor = found_robot(robot_with(Friction.none(3)), layout, values, errors, log_count=1)
     assert motor.friction == replace(PLAIN, load=LOAD)

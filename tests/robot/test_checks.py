@@ -14,7 +14,7 @@ ALTEN = Robot.load("alten")
 
 def refused(says: str, **parts: object) -> None:
     with pytest.raises(InputError, match=says) as caught:
-        ALTEN.replace(**parts)  # type: ignore[arg-type]
+        dataclasses.replace(ALTEN, **parts)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
 
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, Wheels
 from ballbot.robot import robot as robot_module
+from ballbot.robot.components import PARAMETERS
 from ballbot.robot.file import read_robot, robot_text, write_robot
 from ballbot.robot.parameters import SOURCES, UNITS, from_si, to_si
-from ballbot.robot.robot import PARAMETERS
 
 PRESET = Path(robot_module.__file__).parent / "presets" / "alten.toml"
 TEXT = PRESET.read_text(encoding="utf-8")
@@ -114,7 +114,7 @@ def test_what_is_written_reads_back_as_the_same_floats(
 ) -> None:
     path = tmp_path_factory.mktemp("robots") / "robot.toml"
     write_robot(robot, path)
-    read = read_robot(path)
+    read = Robot.load(path)
     assert read == robot
     assert read.sources == {one.name: robot.sources.get(one.name, "assumed") for one in PARAMETERS}
 
@@ -173,7 +173,7 @@ def test_file_that_omits_a_parameter_gets_its_default(tmp_path: Path) -> None:
 def read(text: str, folder: Path) -> Robot:
     path = folder / "bad.toml"
     path.write_text(text, encoding="utf-8")
-    return read_robot(path)
+    return Robot.load(path)
 
 
 def test_values_in_other_units_are_converted(tmp_path: Path) -> None:
@@ -248,12 +248,12 @@ def test_file_of_another_kind_is_refused_as_no_robot_file(content: bytes, says: 
     path = tmp_path / "bad.toml"
     path.write_bytes(content)
     with pytest.raises(InputError, match=says):
-        read_robot(path)
+        Robot.load(path)
 
 
 def test_unreadable_file_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
-        read_robot(tmp_path / "none.toml")
+        read_robot(tmp_path / "none.toml", Robot)
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
         Robot.load(tmp_path)
 
@@ -282,6 +282,6 @@ def test_any_changed_line_gives_a_robot_or_one_sentence(
     path = tmp_path_factory.mktemp("fuzz") / "robot.toml"
     path.write_bytes(changed.encode("utf-8", errors="surrogatepass"))
     try:
-        assert isinstance(read_robot(path), Robot)
+        assert isinstance(Robot.load(path), Robot)
     except InputError as error:
         assert str(error).startswith(str(path))  # noqa: PT017 (either outcome is right)

@@ -129,7 +129,7 @@ def test_unusual_robots_get_a_warning(changes: dict[str, object], says: str) -> 
 
 
 def test_standard_deviation_as_large_as_its_value_gets_a_warning() -> None:
-    open_mass = ALTEN.replace(standard_deviations={"body.mass": 20.0, "friction.viscous": (1.0, 1.0, 1.0)})
+    open_mass = ALTEN.annotated(standard_deviations={"body.mass": 20.0, "friction.viscous": (1.0, 1.0, 1.0)})
     assert ["body.mass" in one.text for one in robot_findings(open_mass)] == [True]
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.robot import Ball, Friction, Robot
+from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import BY_NAME, PARAMETERS
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_changing_a_value_removes_its_source(alten: Robot) -> None:
     other = alten.replace(ball=dataclasses.replace(alten.ball, mass=3.1, inertia=0.0250))
     assert "ball.mass" not in other.sources
     assert other.sources["ball.radius"] == alten.sources["ball.radius"]
-    found = other.replace(sources={**other.sources, "ball.mass": "identified"})
+    found = other.annotated(sources={**other.sources, "ball.mass": "identified"})
     assert found.sources["ball.mass"] == "identified"
 
 

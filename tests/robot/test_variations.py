@@ -16,9 +16,9 @@ from ballbot.control.presets import design_gain
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
-from ballbot.robot.file import read_robot, robot_text, write_robot
+from ballbot.robot.components import PARAMETERS, InertiaPoint
+from ballbot.robot.file import robot_text, write_robot
 from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import PARAMETERS, InertiaPoint
 from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.parameter_uncertainty import pole_spread, prediction_band
 from tests.support.identification_examples import balancing_log
@@ -34,7 +34,7 @@ SOME = {
 
 
 def known_to(deviations: dict[str, float | tuple[float, ...]], robot: Robot = ALTEN) -> Robot:
-    return robot.replace(standard_deviations=deviations)
+    return robot.annotated(standard_deviations=deviations)
 
 
 class TestFile:
@@ -52,7 +52,7 @@ class TestFile:
         }
         path = tmp_path_factory.mktemp("robots") / "robot.toml"
         write_robot(known_to(deviations), path)
-        read = read_robot(path)
+        read = Robot.load(path)
         assert read == ALTEN
         assert read.standard_deviations == deviations
         assert read.sources == ALTEN.sources
@@ -100,7 +100,7 @@ class TestFile:
         assert old in text
         (tmp_path / "bad.toml").write_text(text.replace(old, new))
         with pytest.raises(InputError, match=says):
-            read_robot(tmp_path / "bad.toml")
+            Robot.load(tmp_path / "bad.toml")
 
     def test_what_is_no_parameter_has_none(self):
         with pytest.raises(InputError, match="not a parameter that can have one"):

@@ -11,7 +11,7 @@ from ballbot.control import references
 from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES, Log
 from ballbot.robot import Friction
-from ballbot.robot.robot import scaled_body
+from ballbot.robot.components import scaled_body
 
 #: about that of a real robot of the thesis's kind
 FRICTION = Friction(

@@ -13,7 +13,7 @@ from ballbot.control.controller import Controller
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
-from ballbot.robot.robot import PARAMETERS
+from ballbot.robot.components import PARAMETERS
 from ballbot.thesis.published import alten, page
 from ballbot.thesis.published.__main__ import main
 from ballbot.thesis.published.page import published_page

@@ -24,8 +24,8 @@ from ballbot.mechanics.model import Model
 from ballbot.report.page import as_json
 from ballbot.report.prediction import StudyFolder, next_steps
 from ballbot.report.study_files import previous_controller_text
+from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import write_robot
-from ballbot.robot.robot import scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin

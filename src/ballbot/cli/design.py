@@ -44,7 +44,7 @@ from ballbot.mechanics.model import Model
 from ballbot.report.design import robust_figure
 from ballbot.report.style import drawn
 from ballbot.robot import Friction, Robot
-from ballbot.robot.robot import scaled_friction
+from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
 from ballbot.workflows.perturbed_robots import PerturbationRanges
 from ballbot.workflows.robot_check import linearization_results, state_order

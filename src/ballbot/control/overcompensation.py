@@ -32,7 +32,7 @@ from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.mechanics.friction import stribeck_decay, wheel_friction
 from ballbot.robot import Friction, Robot
-from ballbot.robot.robot import scaled_friction
+from ballbot.robot.components import scaled_friction
 
 #: speeds of a wheel over which the curve is looked at [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)

@@ -42,7 +42,7 @@ from ballbot.estimation.kalman_model import (
 )
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import contact_momentum
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 
 
 class KalmanFilter:

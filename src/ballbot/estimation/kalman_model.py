@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 
 
 @compiled

@@ -19,7 +19,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import Reading, all_known, checked_reading, known
 from ballbot.mechanics.geometry import rotation, transforms
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 
 
 class OnboardState:

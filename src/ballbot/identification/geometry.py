@@ -305,7 +305,8 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
         deviation: Value = tuple(math.hypot(one.standard_error, one.slip) for one in numbers)
         deviations[name] = deviation if name == "wheels.azimuths" else deviation[0]
         sources[name] = f"identified: geometry from logs ({numbers[0].kind})"
-    return robot.replace(ball=ball, wheels=wheels, sources=sources, standard_deviations=deviations)
+    moved = robot.replace(ball=ball, wheels=wheels)
+    return moved.annotated(sources=sources, standard_deviations=deviations)
 
 
 #: a deviation of fewer standard errors than this is noise

@@ -204,7 +204,7 @@ def found_robot(
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
             sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {told}")
     moved = estimated_robot(robot, layout, values, asymmetric=asymmetric)
-    return moved.replace(sources={**robot.sources, **sources})
+    return moved.annotated(sources={**robot.sources, **sources})
 
 
 def estimated_robot(

@@ -426,7 +426,7 @@ def _result(
     rolling = robot.sources.get("friction.rolling", "assumed")
     windows = problem.windows
     return UpsideDown(
-        robot=found.replace(sources={**found.sources, "friction.rolling": rolling}),
+        robot=found.annotated(sources={**found.sources, "friction.rolling": rolling}),
         parameters=_by_symbol(coordinates, np.where(no_influence, np.nan, values)),
         standard_errors=_by_symbol(coordinates, physical_errors),
         labels=coordinates.labels[:-1],

@@ -12,25 +12,13 @@ import math
 from collections.abc import Iterator
 from itertools import combinations
 from numbers import Integral, Real
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, nearest, suggest
-from ballbot.robot.parameters import (
-    DIMENSIONLESS,
-    SOURCES,
-    UNITS,
-    Parameter,
-    Value,
-    parameters_of,
-    to_si,
-    value_of,
-)
-
-if TYPE_CHECKING:
-    from ballbot.robot.robot import Ball, Body, Drive, Friction, Robot, Wheels
+from ballbot.robot.components import BY_NAME, PARAMETERS, Ball, Body, Drive, Friction, RobotValues, Wheels
+from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, Value, to_si, value_of
 
 #: share by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
@@ -42,7 +30,7 @@ _MOTOR_CONSTANTS = (0.4, 2.5)
 _WEAKEST_AXIS = 0.01
 
 
-def check_robot(robot: Robot) -> None:
+def check_robot(robot: RobotValues) -> None:
     """Refuse a robot that cannot exist.
 
     Raises
@@ -51,7 +39,7 @@ def check_robot(robot: Robot) -> None:
         One sentence about the first thing found wrong.
     """
     _check_texts(robot)
-    for parameter in parameters_of(type(robot)):
+    for parameter in PARAMETERS:
         for label, value in _numbers(robot, parameter):
             check_number(parameter, label, value)
     _check_ball(robot.ball)
@@ -69,7 +57,7 @@ def check_source(name: str, source: str) -> None:
         raise InputError(f"{name} has the unknown source {source!r}; {hint}")
 
 
-def check_deviations(robot: Robot) -> None:
+def check_deviations(robot: RobotValues) -> None:
     """Refuse standard deviations that are none.
 
     Raises
@@ -78,11 +66,10 @@ def check_deviations(robot: Robot) -> None:
         If a name is no parameter's, the parameter is a whole number, or a standard deviation is not a finite number
         of zero or more, one for each of the parameter's.
     """
-    known = {one.name: one for one in parameters_of(type(robot))}
     for name, deviation in robot.standard_deviations.items():
-        if name not in known or known[name].shape == "whole number":
+        if name not in BY_NAME or BY_NAME[name].shape == "whole number":
             raise InputError(f"{name} has a standard deviation but is not a parameter that can have one.")
-        value, numbers = value_of(robot, known[name]), _each(deviation)
+        value, numbers = value_of(robot, BY_NAME[name]), _each(deviation)
         count = len(_each(value))
         if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
             raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
@@ -97,23 +84,22 @@ def _each(value: Value) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _check_texts(robot: Robot) -> None:
+def _check_texts(robot: RobotValues) -> None:
     if not robot.name or not robot.name.isprintable():
         raise InputError(f"name is {robot.name!r}; a robot needs a name on one line.")
     if robot.body.inertia_about not in ("ball_center", "center_of_mass"):
         raise InputError(
             f'body.inertia.about is {robot.body.inertia_about!r}; write "ball_center" or "center_of_mass".'
         )
-    names = [one.name for one in parameters_of(type(robot))]
     for name, source in robot.sources.items():
-        if name not in names:
-            near = nearest(name, names)
+        if name not in BY_NAME:
+            near = nearest(name, BY_NAME)
             hint = f"; did you mean {near[0]!r}" if near else ""
             raise InputError(f"sources names {name!r}, which is not a parameter{hint}.")
         check_source(name, source)
 
 
-def _numbers(robot: Robot, parameter: Parameter) -> Iterator[tuple[str, object]]:
+def _numbers(robot: RobotValues, parameter: Parameter) -> Iterator[tuple[str, object]]:
     """Yield label and value of each number of a parameter; refuse a list that does not fit the wheels."""
     if parameter.name == "body.inertia.xx" and len(robot.body.inertia) != 6:
         raise InputError(

@@ -14,7 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.robot.robot import Body, Robot, Wheels
+from ballbot.robot.components import Body, Wheels
+from ballbot.robot.robot import Robot
 
 View = Literal["side", "top"]
 

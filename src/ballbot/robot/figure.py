@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
+from ballbot.robot.components import Wheels
 from ballbot.robot.drawing import (
     PROJECTIONS,
     TOWARDS_EYE,
@@ -26,7 +27,7 @@ from ballbot.robot.drawing import (
     row_offsets,
     wheel_shapes,
 )
-from ballbot.robot.robot import Robot, Wheels
+from ballbot.robot.robot import Robot
 
 _INK = "#22303c"
 _BALL = "#e2a458"

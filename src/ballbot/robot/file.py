@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -20,8 +21,19 @@ from ballbot.errors import InputError, nearest, suggest
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.parameters import DIMENSIONLESS, Parameter, Value, from_si, headings_of, to_si, value_of
-from ballbot.robot.robot import BY_NAME, PARAMETERS, InertiaPoint, Robot, assemble
+from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
+from ballbot.robot.parameters import (
+    DIMENSIONLESS,
+    Parameter,
+    Value,
+    build,
+    from_si,
+    headings_of,
+    to_si,
+    value_of,
+)
+
+R = TypeVar("R", bound=RobotValues)
 
 
 class Entry(BaseModel):
@@ -137,8 +149,8 @@ _HEADER = """\
 """
 
 
-def read_robot(path: str | Path) -> Robot:
-    """Return the robot that a TOML file describes.
+def read_robot(path: str | Path, kind: type[R]) -> R:
+    """Return the robot that a TOML file describes, as the class `kind`; `Robot.load` calls this.
 
     Raises
     ------
@@ -147,12 +159,12 @@ def read_robot(path: str | Path) -> Robot:
     """
     tree = read_toml(path)
     try:
-        return _robot(dict(_leaves(tree)))
+        return build(kind, _fields(dict(_leaves(tree))))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def write_robot(robot: Robot, path: str | Path) -> None:
+def write_robot(robot: RobotValues, path: str | Path) -> None:
     """Write a robot as a commented TOML file that reads back as the same floats.
 
     A parameter without an entry in `robot.sources` is written as "assumed".
@@ -165,10 +177,10 @@ def write_robot(robot: Robot, path: str | Path) -> None:
     write_text(path, robot_text(robot))
 
 
-def robot_text(robot: Robot) -> str:
+def robot_text(robot: RobotValues) -> str:
     """Return the text that `write_robot` writes."""
     blocks = [f"{_HEADER}\nname = {toml_string(robot.name)}", *_lines(robot, "")]
-    for table, heading in headings_of(Robot).items():
+    for table, heading in headings_of(RobotValues).items():
         blocks += ["", f"# {heading}", f"[{table}]"]
         if table == "body.inertia":
             blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
@@ -176,7 +188,7 @@ def robot_text(robot: Robot) -> str:
     return "\n".join(blocks) + "\n"
 
 
-def _lines(robot: Robot, table: str) -> Iterator[str]:
+def _lines(robot: RobotValues, table: str) -> Iterator[str]:
     for parameter in PARAMETERS:
         unchanged = value_of(robot, parameter) == parameter.default
         if parameter.table == table and not (unchanged and parameter.written == "if changed"):
@@ -207,7 +219,7 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
     """Yield the dotted name and the raw content of every key below the tables; refuse unknown names."""
     for key, content in tree.items():
         name = f"{table}.{key}" if table else key
-        if name in headings_of(Robot):
+        if name in headings_of(RobotValues):
             if not isinstance(content, dict):
                 raise InputError(f"{name} must be a table: write its keys under a line [{name}].")
             yield from _leaves(content, table=name)
@@ -219,12 +231,13 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
 
 def _nearest(key: str, table: str) -> str:
     """Say which key of the table was meant, or which there are ("" is the top of the file)."""
-    names = [*headings_of(Robot), *_TEXTS, *BY_NAME]
+    names = [*headings_of(RobotValues), *_TEXTS, *BY_NAME]
     siblings = [name.rpartition(".")[2] for name in names if name.rpartition(".")[0] == table]
     return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")
 
 
-def _robot(leaves: Mapping[str, object]) -> Robot:
+def _fields(leaves: Mapping[str, object]) -> dict[str, object]:
+    """Return the values of a robot's fields by dotted name, in SI units."""
     name = _text(leaves, "name")
     inertia_about = _inertia_point(_text(leaves, "body.inertia.about"))
     values: dict[str, Value] = {}
@@ -242,8 +255,13 @@ def _robot(leaves: Mapping[str, object]) -> Robot:
         values[parameter.name], sources[parameter.name] = entry.value, entry.source
         if entry.standard_deviation is not None:
             deviations[parameter.name] = entry.standard_deviation
-    robot = assemble(name=name, inertia_about=inertia_about, values=values, sources=sources)
-    return robot.replace(sources=sources, standard_deviations=deviations)
+    return {
+        **values,
+        "name": name,
+        "body.inertia_about": inertia_about,
+        "sources": sources,
+        "standard_deviations": deviations,
+    }
 
 
 def _text(leaves: Mapping[str, object], name: str) -> str:

@@ -16,9 +16,10 @@ from itertools import chain
 import numpy as np
 
 from ballbot.findings import Finding, Place, Severity, by_severity
+from ballbot.robot.components import BY_NAME
 from ballbot.robot.derived import encoder_step, reflected_rotor_inertia, wheel_speed_limit
 from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import BY_NAME, Robot
+from ballbot.robot.robot import Robot
 from ballbot.robot.variations import likeliest_slip, listed, with_unit
 
 Range = tuple[float, float]

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
+from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Parameter, Value, to_si, value_of
-from ballbot.robot.robot import BY_NAME, PARAMETERS, Robot, with_values
+from ballbot.robot.robot import Robot, with_values
 
 #: differences are taken over this share of a standard deviation
 STEP = 0.1

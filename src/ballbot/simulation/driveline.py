@@ -34,8 +34,8 @@ from ballbot.mechanics.friction_laws.interface import (
     slide,
 )
 from ballbot.mechanics.friction_laws.smoothed import Smoothed
+from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.robot.robot import Robot
 
 # Rows of a block: five numbers of the law, four of the inertia, then
 _SPEED, _ANGLE, _TORQUE, _END, _TRAVEL, _KEPT = 9, 10, 11, 12, 13, 14

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True)

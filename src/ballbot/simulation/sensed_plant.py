@@ -33,9 +33,8 @@ from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
+from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.robot.robot import Sensors
 from ballbot.simulation.conditions import FALLING_PART, Conditions, rest_on_slope
 from ballbot.simulation.gear_play import GearPlayPlant
 from ballbot.simulation.model_plant import ModelPlant, checked_states

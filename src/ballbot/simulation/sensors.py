@@ -22,9 +22,9 @@ from ballbot.errors import InputError
 from ballbot.estimation.attitude import turned_about_vertical
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.mechanics.geometry import rotation
+from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter
-from ballbot.robot.robot import Robot, Sensors
 
 
 class Encoders:

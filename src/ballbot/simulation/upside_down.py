@@ -30,8 +30,8 @@ from ballbot.mechanics.friction import dry_friction, sign
 from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
+from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.robot.robot import Friction, Robot
 
 #: parts of a step in which a sign changes, so that the first order of the method there costs a quarter of the error
 PARTS = 4

@@ -16,7 +16,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.simulation.sensors import Encoders
 from ballbot.twin.driveline import Driveline, Shafts

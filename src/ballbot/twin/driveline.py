@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
 from ballbot.mechanics.friction_laws import advance, friction_at
+from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import wheel_speed_limit
-from ballbot.robot.robot import Friction, Robot
 from ballbot.twin.engine import Engine
 from ballbot.twin.scenario import BristleLaw, Scenario, Supply
 

@@ -50,8 +50,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
+from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.robot.robot import Robot
 from ballbot.twin.engine import Engine
 from ballbot.twin.parts import (
     BodyParts,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.geometry import axles, contact_directions, rolling_directions
-from ballbot.robot.robot import Robot, Rollers
+from ballbot.robot import Robot, Rollers
 
 _ROLLER_SHARE = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
 _POINT_SHARE = 1e-3  # sideways its spin then weighs some 0.1 g

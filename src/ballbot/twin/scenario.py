@@ -16,9 +16,9 @@ from typing import Literal
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, suggest
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
+from ballbot.robot import Friction, Robot, Rollers, Sensors
 from ballbot.robot.checks import check_number
 from ballbot.robot.parameters import parameter, parameters_of, table
-from ballbot.robot.robot import Friction, Robot, Rollers, Sensors
 from ballbot.simulation.conditions import MAX_DELAY
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 

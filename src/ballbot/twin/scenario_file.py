@@ -23,8 +23,8 @@ from typing import get_args, get_type_hints
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
+from ballbot.robot import Robot
 from ballbot.robot.parameters import DIMENSIONLESS, headings_of, parameters_of
-from ballbot.robot.robot import Robot
 from ballbot.schema import validate_table
 from ballbot.twin.scenario import LAW_NAMES, BristleLaw, Scenario, check_scenario
 

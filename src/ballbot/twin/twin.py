@@ -20,7 +20,7 @@ from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import transforms
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts

@@ -21,7 +21,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.files import parse_toml, read_toml
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.robot import scaled_body, scaled_friction
+from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
 from ballbot.simulation.plant import Plant
 from ballbot.twin.scenario import Scenario

@@ -35,7 +35,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.robot import scaled_friction
+from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 
 PEAK_UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}

@@ -24,8 +24,8 @@ from ballbot.errors import InputError
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.robot.derived import encoder_step
-from ballbot.robot.robot import scaled_body, scaled_friction
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import MAX_SLOPE, Conditions
 

@@ -31,8 +31,8 @@ from ballbot.log.formats import WRITTEN_ENDINGS
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
+from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.robot.robot import Robot
 from ballbot.twin.motion_capture import MotionCapture
 from ballbot.twin.recording import Experiment, Recording, record_balance, record_bench
 from ballbot.twin.scenario import Scenario

@@ -32,9 +32,9 @@ from ballbot.log.formats import is_log_file
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Robot
+from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import PARAMETERS
 from ballbot.robot.variations import uncertain
 from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand, pole_spread, prediction_band
 from ballbot.workflows.reference_check import (

@@ -17,7 +17,7 @@ from ballbot.control.references import square
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.progress import ProgressCallback, ignore_progress, part_of
-from ballbot.robot.robot import Robot
+from ballbot.robot import Robot
 from ballbot.simulation.sensors import FixSource
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin

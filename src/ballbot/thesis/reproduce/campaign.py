@@ -13,7 +13,7 @@ from ballbot.identification.identify import identify
 from ballbot.log import Log
 from ballbot.progress import ProgressCallback, part_of
 from ballbot.robot import Friction, Robot
-from ballbot.robot.file import read_robot, write_robot
+from ballbot.robot.file import write_robot
 from ballbot.thesis.reproduce import appendices, chapter3, chapter4, chapter5
 from ballbot.thesis.reproduce.bench import Bench, rounded_friction
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
@@ -129,14 +129,14 @@ def _identified(
     logs = [recordings[name]["log"].without_truth() for name in _FITTED]
     path = folder / f"friction-{_stamp(logs, seed)}.toml"
     if path.exists():
-        return read_robot(path)
+        return Robot.load(path)
 
     def tell(now: Progress) -> None:
         part_of(progress, _RECORDED, _IDENTIFIED, stage=f"identifying: {now.stage}")(now)
 
     found = identify(robot, logs, run=Run(seed=seed, progress=tell))
     write_robot(rounded_friction(found.robot), path)
-    return read_robot(path)
+    return Robot.load(path)
 
 
 def _stamp(logs: Sequence[Log], seed: int) -> str:

@@ -9,9 +9,8 @@ import numpy as np
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.robot import Robot
+from ballbot.robot import Body, Robot
 from ballbot.robot.derived import reflected_rotor_inertia
-from ballbot.robot.robot import Body
 from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.item import Check, Mistake
 

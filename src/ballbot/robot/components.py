@@ -1,0 +1,334 @@
+"""The components of a robot in SI units and radians: what Appendix I and Appendix III of the thesis list.
+
+Names are long words here. The thesis's symbols stand beside each field and in `ballbot.mechanics.parameters`, the one
+place that maps names to symbols. `RobotValues` puts the components together as a robot file does; nothing is checked
+before it becomes a `ballbot.robot.Robot`. `scaled_body` and `scaled_friction` return components that differ from the
+nominal ones by factors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.arrays import SHORTEST_SAMPLE
+from ballbot.robot.parameters import Value, components, parameter, parameters_of, table
+
+InertiaPoint = Literal["ball_center", "center_of_mass"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ball:
+    """The ball: a sphere whose inertia is the same about every axis."""
+
+    radius: float = field(metadata=parameter("r_b, outer radius", unit="m", most=1.0))
+    mass: float = field(metadata=parameter("m_b, mass of the ball", unit="kg", most=200.0))
+    inertia: float = field(metadata=parameter("j_b, about the ball's centre", unit="kg m^2"))
+
+
+def _moment(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="kg m^2", most=2e4)
+
+
+def _product(axes: str) -> Mapping[str, object]:
+    meaning = f"element of the matrix, minus the integral of {axes} dm"
+    return parameter(meaning, unit="kg m^2", least=-math.inf)
+
+
+_INERTIA = components(
+    'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
+    {
+        "xx": _moment("j_rx, about the axis that points forward"),
+        "yy": _moment("j_ry, about the axis that points left"),
+        "zz": _moment("j_rz, about the axis that points up"),
+        "xy": _product("x y"),
+        "xz": _product("x z"),
+        "yz": _product("y z"),
+    },
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """Everything that leans: frame, motors and the locked wheels."""
+
+    mass: float = field(metadata=parameter("m_r, with motors and wheels", unit="kg", most=2000.0))
+    center_of_mass: float = field(
+        metadata=parameter("l, its height above the ball's centre", unit="m", most=3.0)
+    )
+    inertia: tuple[float, float, float, float, float, float] = field(metadata=_INERTIA)
+    inertia_about: InertiaPoint  #: the point that `inertia` is about
+
+    def inertia_about_ball_center(self) -> NDArray[np.float64]:
+        """Return J_0 (3, 3) [kg m^2], body frame, about the ball's centre (by the parallel-axis theorem)."""
+        inertia = self.inertia_matrix()
+        if self.inertia_about == "center_of_mass":
+            inertia = inertia + self._point_mass_inertia()
+        return inertia
+
+    def inertia_about_center_of_mass(self) -> NDArray[np.float64]:
+        """Return the inertia (3, 3) [kg m^2], body frame, about the body's centre of mass."""
+        return self.inertia_about_ball_center() - self._point_mass_inertia()
+
+    def inertia_matrix(self) -> NDArray[np.float64]:
+        """Return `inertia` as a (3, 3) matrix about the point that `inertia_about` names."""
+        xx, yy, zz, xy, xz, yz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def _point_mass_inertia(self) -> NDArray[np.float64]:
+        ml2 = self.mass * self.center_of_mass**2
+        return np.diag([ml2, ml2, 0.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollers:
+    """The rollers of one omni-wheel, as the twin builds them."""
+
+    rows: int = field(metadata=parameter("rings of rollers on a wheel", most=10))
+    per_row: int = field(metadata=parameter("rollers in a ring", most=500))
+    radius: float = field(
+        metadata=parameter("of a roller at its middle", unit="m", written_in="mm", most=0.3)
+    )
+    row_spacing: float = field(
+        metadata=parameter(
+            "between the planes of neighbouring rings", unit="m", written_in="mm", least=0.0, most=0.5
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wheels:
+    """The omni-wheels: three or four of them, at any azimuth, all of one tilt."""
+
+    radius: float = field(metadata=parameter("r_w, to the middle of a roller's outside", unit="m", most=1.0))
+    inertia: float = field(
+        metadata=parameter("j_w, one wheel about its axle", unit="kg m^2", least=0.0, most=1.0)
+    )
+    tilt: float = field(
+        metadata=parameter("alpha, from the ball's zenith to the contact point", unit="rad", written_in="deg")
+    )
+    azimuths: tuple[float, ...] = field(
+        metadata=parameter(
+            "beta_i, from forward towards the left",
+            unit="rad",
+            written_in="deg",
+            least=-math.inf,
+            most=2.0 * math.pi,
+        )
+    )
+    rollers: Rollers = field(metadata=table("The rollers of one wheel."))
+
+
+def _rotor(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="kg m^2", written_in="g cm^2", least=0.0, most=0.1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """Motor, gearbox, driver and supply of one wheel."""
+
+    gear_ratio: float = field(metadata=parameter("n, motor turns a wheel turn"))
+    motor_inertia: float = field(metadata=_rotor("j_m, the rotor, on the motor's side"))
+    gear_inertia: float = field(metadata=_rotor("j_g, the gearbox, on the motor's side"))
+    torque_constant: float = field(
+        metadata=parameter("k_t, at the motor's shaft", unit="N m/A", written_in="mN m/A", most=10.0)
+    )
+    speed_constant: float = field(
+        metadata=parameter("of the motor without load", unit="rad/s/V", written_in="rpm/V")
+    )
+    supply_voltage: float = field(metadata=parameter("of the batteries", unit="V", most=1000.0))
+    torque_limit: float = field(
+        metadata=parameter("largest torque commanded at a wheel", unit="N m", most=1000.0)
+    )
+    backlash: float = field(
+        metadata=parameter(
+            "play at the wheel, from stop to stop", unit="rad", written_in="deg", least=0.0, most=0.3
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """Encoders and IMU, and the rate at which the controller reads them."""
+
+    sample_time: float = field(
+        metadata=parameter("of the controller", unit="s", written_in="ms", least=SHORTEST_SAMPLE, most=1.0)
+    )
+    encoder_counts: int = field(metadata=parameter("a motor turn, quadrature"))
+    gyro_noise: float = field(
+        metadata=parameter(
+            "standard deviation of a sample", unit="rad/s", written_in="deg/s", least=0.0, most=1.0
+        )
+    )
+    attitude_noise: float = field(
+        metadata=parameter(
+            "standard deviation of the lean angles", unit="rad", written_in="deg", least=0.0, most=0.2
+        )
+    )
+    heading_drift: float = field(
+        metadata=parameter(
+            "rate at which the heading runs away",
+            unit="rad/s",
+            written_in="deg/min",
+            least=-math.inf,
+            most=1.0,
+        )
+    )
+
+
+def _asymmetry(meaning: str) -> Mapping[str, object]:
+    return parameter(meaning, unit="N m", least=-math.inf, most=200.0, written="if changed")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction:
+    """The friction of a robot's wheels and of its ball on the floor; `ballbot.mechanics.friction` has the law.
+
+    The tuples hold a value for each wheel. Those of the last three terms are empty where a robot lacks the term.
+    """
+
+    viscous: tuple[float, ...] = field(
+        metadata=parameter("b_i, torque for each rad/s", unit="N m s/rad", least=0.0, most=20.0)
+    )
+    coulomb: tuple[float, ...] = field(
+        metadata=parameter("c_i, dry friction at speed", unit="N m", least=0.0, most=200.0)
+    )
+    stribeck: tuple[float, ...] = field(
+        metadata=parameter("s_i, break-away torque above c_i", unit="N m", least=0.0, most=200.0)
+    )
+    stribeck_speed: float = field(
+        metadata=parameter("v_s, speed at which s_i has fallen to 37 %", unit="rad/s")
+    )
+    stribeck_exponent: float = field(metadata=parameter("delta, how sharply it falls"))
+    rolling: float = field(metadata=parameter("C_rr, ball on floor", least=0.0, most=1.0))
+    coulomb_asymmetry: tuple[float, ...] = field(
+        default=(),
+        metadata=_asymmetry("c_i forward less its mean of both directions"),
+    )
+    stribeck_asymmetry: tuple[float, ...] = field(
+        default=(),
+        metadata=_asymmetry("s_i forward less its mean of both directions"),
+    )
+    load: tuple[float, ...] = field(
+        default=(),
+        metadata=parameter(
+            "mu_i, dry friction for each N m of the motor's torque", least=0.0, most=1.0, written="if changed"
+        ),
+    )
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the dry friction is the same in both directions, whatever the motors' torques."""
+        return not any((*self.coulomb_asymmetry, *self.stribeck_asymmetry, *self.load))
+
+    @property
+    def breakaway(self) -> tuple[float, ...]:
+        """The torque [N m] that each wheel takes to start, in its harder direction and without load."""
+        start = tuple(c + s for c, s in zip(self.coulomb, self.stribeck, strict=True))
+        none = (0.0,) * len(start)
+        shifts = zip(self.coulomb_asymmetry or none, self.stribeck_asymmetry or none, strict=True)
+        return (
+            start if self.is_plain else tuple(g + abs(d + e) for g, (d, e) in zip(start, shifts, strict=True))
+        )
+
+    @staticmethod
+    def none(wheel_count: int) -> Friction:
+        """Return the friction of a robot without any."""
+        zero = (0.0,) * wheel_count
+        return Friction(
+            viscous=zero, coulomb=zero, stribeck=zero, stribeck_speed=1.0, stribeck_exponent=1.0, rolling=0.0
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotValues:
+    """Name, components, gravity and sources of a robot, unchecked."""
+
+    name: str
+    ball: Ball = field(metadata=table("The ball: a sphere, its inertia about its centre."))
+    body: Body = field(metadata=table("The body: all that leans, with motors and wheels."))
+    wheels: Wheels = field(
+        metadata=table("The omni-wheels: three or four, numbered as their azimuths are listed.")
+    )
+    drive: Drive = field(metadata=table("Motor, gearbox and supply of one wheel."))
+    sensors: Sensors = field(metadata=table("Encoders, IMU and the controller's sample time."))
+    friction: Friction = field(
+        metadata=table(
+            "Wheel friction b w + (c + s exp(-|w/v_s|^delta)) sgn(w), and rolling friction N C_rr."
+        )
+    )
+    gravity: float = field(
+        default=9.81, metadata=parameter("g, the acceleration of free fall", unit="m/s^2", most=30.0)
+    )
+    #: where each value came from, by dotted name ("ball.radius": "measured"), with detail after a colon where
+    #: there is more to say ("data sheet: Maxon 449470"); not part of equality
+    sources: Mapping[str, str] = field(default_factory=dict[str, str], compare=False)
+    #: how well values are known, by dotted name, in SI units and of the value's shape ("ball.radius": 0.001); a
+    #: parameter that is not named counts as known; not part of equality
+    standard_deviations: Mapping[str, Value] = field(default_factory=dict[str, Value], compare=False)
+
+    @property
+    def wheel_count(self) -> int:
+        """Number of wheels and motors, n."""
+        return len(self.wheels.azimuths)
+
+
+#: every parameter of a robot, in the order of robot files, and by its dotted name
+PARAMETERS = parameters_of(RobotValues)
+BY_NAME = {one.name: one for one in PARAMETERS}
+
+
+def scaled_body(body: Body, *, mass: float, height: float) -> Body:
+    """Return a body of another mass whose centre lies at another height, each by its factor.
+
+    The inertia about the centre of mass grows with the mass; what the height does to it about the ball's centre
+    follows.
+    """
+    central = mass * body.inertia_about_center_of_mass()
+    return replace(
+        body,
+        mass=mass * body.mass,
+        center_of_mass=height * body.center_of_mass,
+        inertia=tuple(float(central[i]) for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
+        inertia_about="center_of_mass",
+    )
+
+
+def scaled_friction(
+    friction: Friction, factor: float | Sequence[float], *, rolling: float | None = None
+) -> Friction:
+    """Return friction whose torques and whose rolling resistance are that many times as large; speeds stay.
+
+    Parameters
+    ----------
+    friction : Friction
+    factor : float or sequence of float
+        Of every term, of all wheels or of each.
+    rolling : float, optional
+        Of the rolling resistance; needed where each wheel has a factor of its own, `factor` where not given.
+    """
+    count = len(friction.coulomb)
+    if isinstance(factor, Sequence):
+        factors, of_floor = factor, rolling
+    else:
+        factors, of_floor = (factor,) * count, factor if rolling is None else rolling
+    assert of_floor is not None
+
+    def each(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(one * value for one, value in zip(factors, values, strict=True)) if values else values
+
+    return replace(
+        friction,
+        viscous=each(friction.viscous),
+        coulomb=each(friction.coulomb),
+        stribeck=each(friction.stribeck),
+        rolling=of_floor * friction.rolling,
+        coulomb_asymmetry=each(friction.coulomb_asymmetry),
+        stribeck_asymmetry=each(friction.stribeck_asymmetry),
+        load=each(friction.load),
+    )
