@@ -1,5 +1,8 @@
 """Compensation limited by what is certain: against robots drawn from the covariance itself."""
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,6 +46,28 @@ def test_few_robots_that_fit_the_logs_have_less_friction_at_any_speed(seed):
         assert over.max() < 0.065
         assert over.max() > 0.01  # and not for giving all of it away
     assert (robots[:, 11] < cautious.rolling).mean() == pytest.approx(0.05, abs=0.012)
+
+
+@pytest.mark.parametrize("load", [0.0, 1.5])
+def test_few_robots_with_terms_by_direction_and_load_have_less_friction(load):
+    friction = replace(FRICTION, coulomb_asymmetry=(0.03, -0.02, 0.01), load=(0.05, 0.04, 0.06))
+    covariance = np.zeros((21, 21))
+    covariance[:12, :12] = drawn_covariance(1)
+    covariance[12:, 12:] = np.diag([0.01] * 3 + [0.005] * 3 + [0.02] * 3) ** 2
+    cautious = cautious_friction(friction, covariance, confidence=0.95)
+    mean = np.concatenate([FRICTION.viscous, FRICTION.coulomb, FRICTION.stribeck, [0.6, 1.1, 0.007]])
+    mean = np.concatenate([mean, friction.coulomb_asymmetry, np.zeros(3), friction.load])
+    robots = np.random.default_rng(0).multivariate_normal(mean, covariance, 4000)
+    for wheel, direction in itertools.product(range(3), (1.0, -1.0)):
+        speeds = np.tile(direction * SPEEDS[:, None], 3)
+        safe = direction * wheel_friction(speeds, cautious, torque=np.full_like(speeds, load))[:, wheel]
+        d, e, mu = robots[:, 12 + wheel, None], robots[:, 15 + wheel, None], robots[:, 18 + wheel, None]
+        b, c, s = robots[:, wheel, None], robots[:, 3 + wheel, None], robots[:, 6 + wheel, None]
+        decay = np.exp(-((SPEEDS / robots[:, 9, None]) ** robots[:, 10, None]))
+        true = b * SPEEDS + c + direction * d + (s + direction * e) * decay + mu * load
+        assert (true < safe).mean(axis=0).max() < 0.065
+    # the uncertain terms make it more cautious than b, c and s alone do
+    assert np.all(np.array(cautious.coulomb) < cautious_friction(friction, covariance[:12, :12]).coulomb)
 
 
 def test_certain_friction_is_compensated_whole_and_uncertain_friction_not_at_all():

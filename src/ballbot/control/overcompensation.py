@@ -14,10 +14,11 @@ works, and rolling friction has a fraction of its own.
 A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. Identification
 gives a covariance; at a confidence level with the normal quantile z, wheel i's curve is at least
 
-    tau(w) - z sigma(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta)
+    tau(w) - z sigma(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
 
-and the wheel's b, c and s are scaled by the least ratio of that to tau over the speeds, so that the curve keeps its
-shape. b, c and s by themselves are known far worse than the curve: they trade against each other.
+and the wheel's torques are scaled by the least ratio of that to tau over the speeds, and over both directions if the
+friction has terms by direction, so that the curve keeps its shape. b, c and s by themselves are known far worse than
+the curve: they trade against each other. C_rr and the load term mu have bounds of their own, mu - z sigma_mu.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from scipy.stats import norm
 
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.mechanics.friction import stribeck_decay, wheel_friction
+from ballbot.mechanics.friction import friction_terms, stribeck_decay, wheel_friction
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 
@@ -47,42 +48,48 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
     ----------
     friction : Friction
         As identified, n wheels.
-    covariance : array_like (3 n + 3, 3 n + 3)
-        Of b, c, s of each wheel, v_s, delta and C_rr in this order, SI units, as `ballbot.identify` orders its
-        parameters; a row and column of NaN is of a parameter without standard error and counts as certain.
+    covariance : array_like (3 n + 3, 3 n + 3) or (6 n + 3, 6 n + 3)
+        Of b, c, s of each wheel, v_s, delta and C_rr in this order, and perhaps d, e and mu of each wheel, SI units. A
+        row and column of NaN is of a parameter without standard error, which counts as certain; so do d, e and mu
+        without rows.
     confidence : float
         One-sided, for each wheel's curve and for the rolling friction.
 
     Returns
     -------
     Friction
-        b, c, s of each wheel times a number from 0 to 1, and so C_rr; v_s and delta as they were.
+        Each wheel's torques times a number from 0 to 1, and so C_rr; v_s and delta as they were.
 
     Raises
     ------
     InputError
-        Where the covariance's shape is wrong, or the confidence is not from 0.5 to 1.
+        If the covariance's shape is wrong, or the confidence is not from 0.5 to 1.
     """
     n = len(friction.coulomb)
     P = np.nan_to_num(np.asarray(covariance, dtype=np.float64))
-    if P.shape != (3 * n + 3, 3 * n + 3):
+    if P.shape not in ((3 * n + 3, 3 * n + 3), (6 * n + 3, 6 * n + 3)):
         raise InputError(
-            f"The covariance of the friction has the shape {P.shape}; {n} wheels have {3 * n + 3} parameters."
+            f"The covariance of the friction has the shape {P.shape}; {n} wheels have {3 * n + 3} parameters, and "
+            f"{6 * n + 3} with the terms by direction and by load."
         )
+    P = np.pad(P, (0, 6 * n + 3 - len(P)))
     if not 0.5 <= confidence < 1.0:
         raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
     z = float(norm.ppf(confidence))
-    shares = np.array([_certain_fraction(_curve_parameters(friction, i), P[np.ix_(places, places)], z)
-                       for i, places in enumerate(_parameter_places(n))])  # fmt: skip
-    rolling_error = float(np.sqrt(P[-1, -1]))
+    fractions = [_certain_fraction(friction, wheel, P, z) for wheel in range(n)]
+    rolling_error = float(np.sqrt(P[3 * n + 2, 3 * n + 2]))
     rolling = max(friction.rolling - z * rolling_error, 0.0)
-    return replace(scaled_friction(friction, shares.tolist(), rolling=1.0), rolling=rolling)
+    cautious = replace(scaled_friction(friction, fractions, rolling=1.0), rolling=rolling)
+    if not friction.load:
+        return cautious
+    least = np.maximum(np.asarray(friction.load) - z * np.sqrt(P.diagonal()[5 * n + 3 :]), 0.0)
+    return replace(cautious, load=tuple(np.minimum(cautious.load, least).tolist()))
 
 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
-    """Return the covariance (3 n + 3, 3 n + 3) by the standard deviations in a robot's file, None where it has none.
+    """Return the covariance (6 n + 3, 6 n + 3) by the standard deviations in a robot's file, None if it has none.
 
-    A file tells no correlations, so that b, c and s count as independent: with those, less would be given away.
+    A file has no correlations, so that b, c and s count as independent: with those, less would be given away.
     """
     n = robot.wheel_count
     spans = {
@@ -92,6 +99,9 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
         "stribeck_speed": 1,
         "stribeck_exponent": 1,
         "rolling": 1,
+        "coulomb_asymmetry": n,
+        "stribeck_asymmetry": n,
+        "load": n,
     }
     stated = robot.standard_deviations
     if not any(f"friction.{name}" in stated for name in spans):
@@ -103,24 +113,31 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     return np.diag(np.concatenate(deviations) ** 2)
 
 
-def _parameter_places(n: int) -> list[list[int]]:
-    """Return where b, c, s, v_s and delta of each wheel's curve stand among the parameters."""
-    return [[i, n + i, 2 * n + i, 3 * n, 3 * n + 1] for i in range(n)]
+def _certain_fraction(friction: Friction, wheel: int, P: NDArray[np.float64], z: float) -> float:
+    """Return the least ratio of a wheel's lower bound to its curve over speeds and directions, from 0 to 1."""
+    n, terms = len(friction.coulomb), friction_terms(friction)
+    places = [wheel, n + wheel, 2 * n + wheel, 3 * n, 3 * n + 1]
+    values = [friction.viscous[wheel], friction.coulomb[wheel], friction.stribeck[wheel]]
+    values += [friction.stribeck_speed, friction.stribeck_exponent]
+    if friction.is_plain:
+        return _certain_fraction_in_direction(np.array(values), P[np.ix_(places, places)], z, 1.0)
+    places += [3 * n + 3 + wheel, 4 * n + 3 + wheel]
+    values += [terms.coulomb_asymmetry[wheel], terms.stribeck_asymmetry[wheel]]
+    return min(
+        _certain_fraction_in_direction(np.array(values), P[np.ix_(places, places)], z, direction)
+        for direction in (1.0, -1.0)
+    )
 
 
-def _curve_parameters(friction: Friction, wheel: int) -> NDArray[np.float64]:
-    own = [friction.viscous[wheel], friction.coulomb[wheel], friction.stribeck[wheel]]
-    return np.array([*own, friction.stribeck_speed, friction.stribeck_exponent])
-
-
-def _certain_fraction(values: NDArray[np.float64], P: NDArray[np.float64], z: float) -> float:
-    """Return the least ratio of a curve's lower bound to itself over the speeds, from 0 to 1."""
-    curve = _stribeck_curve(values)
+def _certain_fraction_in_direction(
+    values: NDArray[np.float64], P: NDArray[np.float64], z: float, direction: float
+) -> float:
+    curve = _wheel_curve(values, direction)
     if not curve.min() > 0.0:
         return 1.0  # nothing is compensated where nothing was found
     steps = _DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values))
     slopes = [
-        (_stribeck_curve(values + step) - _stribeck_curve(values - step)) / (2.0 * step.max())
+        (_wheel_curve(values + step, direction) - _wheel_curve(values - step, direction)) / (2.0 * step.max())
         for step in np.diag(steps)
     ]
     g = np.array(slopes)
@@ -128,8 +145,11 @@ def _certain_fraction(values: NDArray[np.float64], P: NDArray[np.float64], z: fl
     return float(np.clip(1.0 - z * sigma / curve, 0.0, 1.0).min())
 
 
-def _stribeck_curve(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    b, c, s, v_s, delta = values
+def _wheel_curve(values: NDArray[np.float64], direction: float) -> NDArray[np.float64]:
+    """Return a wheel's friction against its motion at the speeds; `values` are b, c, s, v_s, delta, perhaps d, e."""
+    b, c, s, v_s, delta = values[:5]
+    if len(values) > 5:
+        c, s = c + direction * values[5], s + direction * values[6]
     return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 

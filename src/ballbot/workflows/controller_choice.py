@@ -165,10 +165,27 @@ def candidates(found: Identification, *, sample_time: float) -> dict[str, Contro
 
 def compensated_robot(found: Identification) -> Robot:
     """Return the identified robot with no more friction than is certain."""
-    friction = found.robot.friction
-    count = 3 * found.robot.wheel_count + 3
-    certain = cautious_friction(friction, parameter_covariance(found)[:count, :count])
-    return found.robot.replace(friction=certain)
+    return found.robot.replace(friction=cautious_friction(found.robot.friction, _friction_covariance(found)))
+
+
+def _friction_covariance(found: Identification) -> NDArray[np.float64]:
+    """Return the covariance of b, c, s, v_s, delta and C_rr, then of d, e and mu, as `cautious_friction` reads it."""
+    P, layout, n = parameter_covariance(found), found.layout, found.robot.wheel_count
+    places, signs = np.full(6 * n + 3, -1), np.ones(6 * n + 3)
+    places[: 3 * n + 3] = np.arange(3 * n + 3)
+    offset = layout.part("torque_offset", np.arange(len(P), dtype=np.float64))
+    load = layout.part("load", np.arange(len(P), dtype=np.float64))
+    if found.robot.friction.coulomb_asymmetry and offset is not None:
+        places[3 * n + 3 : 4 * n + 3], signs[3 * n + 3 : 4 * n + 3] = (
+            offset,
+            -1.0,
+        )  # a torque against the friction
+    if load is not None:
+        places[5 * n + 3 :] = load
+    known = places >= 0
+    covariance = np.zeros((6 * n + 3, 6 * n + 3))
+    covariance[np.ix_(known, known)] = P[np.ix_(places[known], places[known])]
+    return signs[:, None] * covariance * signs
 
 
 def without_part(precise: Controller, part: str) -> Controller:
