@@ -23,11 +23,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from cmaes import CMA
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
@@ -193,6 +193,79 @@ def _candidates(
     return np.clip(np.concatenate([point + length * steps for length in LENGTHS]), 0.0, 1.0)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LeastSquaresFit:
+    """Where a descent of the sum of squares ended."""
+
+    point: NDArray[np.float64]  #: (p,)
+    jacobian: NDArray[np.float64]  #: (m, p), there
+    residuals: NDArray[np.float64]  #: (m,), there
+    at_bound: NDArray[np.int64]  #: (p,), -1 at the lower bound, 1 at the upper one, 0 between them
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopping:
+    """When a descent of the sum of squares ends; the defaults are SciPy's."""
+
+    most_evaluations: int | None = None  #: of the residuals, without those for derivatives
+    least_gain: float = 1e-8  #: ends where a step lowers the sum of squares by less than this share
+    least_step: float = 1e-8  #: ends where a step is shorter than this share of the point
+
+
+_DEFAULT_STOPPING = Stopping()
+#: half the central difference, as a share of the parameter, where no Jacobian is given
+_RELATIVE_DIFFERENCE = 1e-2
+
+
+def minimize_squares(
+    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    start: NDArray[np.float64],
+    *,
+    jacobian_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+    bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
+    scale: ArrayLike | Literal["jac"] = 1.0,
+    method: Literal["trf", "lm"] = "trf",
+    stopping: Stopping = _DEFAULT_STOPPING,
+) -> LeastSquaresFit:
+    """Descend from `start` to a minimum of the sum of squared residuals within bounds.
+
+    Parameters
+    ----------
+    residuals_of : callable
+        From parameters (p,) to residuals (m,).
+    start : ndarray (p,)
+        Inside the bounds.
+    jacobian_of : callable, optional
+        From parameters (p,) to derivatives (m, p); central differences by default.
+    bounds : (lower, upper)
+        Numbers, or arrays (p,).
+    scale : float, array (p,) or "jac"
+        The size of each parameter; "jac" takes it from the Jacobian's columns.
+    method : {"trf", "lm"}
+        A reflective trust region (M. A. Branch, T. F. Coleman and Y. Li, SIAM J. Sci. Comput. 21 (1999) 1-23), or
+        Levenberg and Marquardt's method by MINPACK, which takes no bounds.
+    stopping : Stopping, optional
+    """
+    found = least_squares(
+        residuals_of,
+        start,
+        jac=jacobian_of or "3-point",  # pyright: ignore[reportArgumentType] (SciPy takes a function too)
+        diff_step=None if jacobian_of else _RELATIVE_DIFFERENCE,
+        bounds=bounds,
+        x_scale=scale,
+        method=method,
+        max_nfev=stopping.most_evaluations,
+        ftol=stopping.least_gain,
+        xtol=stopping.least_step,
+    )
+    return LeastSquaresFit(
+        point=np.asarray(found.x, dtype=np.float64),
+        jacobian=np.asarray(found.jac, dtype=np.float64),
+        residuals=np.asarray(found.fun, dtype=np.float64),
+        at_bound=np.asarray(found.active_mask, dtype=np.int64),
+    )
+
+
 #: clusters, at the least, for each parameter; fewer make a covariance too small
 CLUSTERS_PER_PARAMETER = 2
 
@@ -251,8 +324,7 @@ def fit_clustered(
     def scaled_residuals(z: NDArray[np.float64]) -> NDArray[np.float64]:
         return residuals_of(start + z * scales).ravel()
 
-    found = least_squares(scaled_residuals, np.zeros(len(start)), jac="3-point", diff_step=1e-2, x_scale=1.0)
-    values = start + found.x * scales
+    values = start + minimize_squares(scaled_residuals, np.zeros(len(start))).point * scales
     residuals = residuals_of(values)
     J = _jacobian(residuals_of, values, scales)
     H = np.einsum("wki,wkj->ij", J, J)

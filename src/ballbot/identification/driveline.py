@@ -22,12 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
 from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import evolve
+from ballbot.fitting.search import Stopping, evolve, minimize_squares
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.quantities import BY_NAME, FRICTION
 from ballbot.log import Log
@@ -279,15 +278,14 @@ def fit_driveline(
         return _jacobian(lambda many: errors(space.physical(many)), z)
 
     best = _evolve(lambda values: np.linalg.norm(errors(values), axis=1), space, generations, population, run)
-    z = least_squares(
+    z = minimize_squares(
         lambda z: errors(space.physical(z[None]))[0],
         np.clip(best, 1e-3, 1.0 - 1e-3),
-        jac=slopes,  # pyright: ignore[reportArgumentType] (SciPy takes a function too)
+        jacobian_of=slopes,
         bounds=(0.0, 1.0),
-        x_scale="jac",
-        ftol=1e-8,
-        max_nfev=40,
-    ).x
+        scale="jac",
+        stopping=Stopping(most_evaluations=40),
+    ).point
     z = np.where(z <= _AT_BOUND, 0.0, np.where(z >= 1.0 - _AT_BOUND, 1.0, z))
     residual = errors(space.physical(z[None]))[0]
     covariance = _covariance(slopes(z), residual, blocks, z)

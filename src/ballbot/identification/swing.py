@@ -27,12 +27,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 from scipy.special import ellipk
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
+from ballbot.fitting.search import minimize_squares
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
@@ -351,14 +351,14 @@ def _fitted(swing: Swing) -> SwingFit | None:
     steps = _DIFFERENCE * _sizes(values)
     while True:
         rows = int(np.searchsorted(swing.t, swing.t[0] + until * swing.period, side="right"))
-        found = least_squares(
+        found = minimize_squares(
             lambda p, rows=rows: _misfit(p, swing, rows),
             values,
-            jac=lambda p, rows=rows: _jacobian(p, swing, rows, steps),  # pyright: ignore[reportArgumentType]
-            x_scale=_sizes(values),
+            jacobian_of=lambda p, rows=rows: _jacobian(p, swing, rows, steps),
+            scale=_sizes(values),
             method="lm",
         )
-        values = found.x
+        values = found.point
         if not (np.isfinite(values).all() and values[0] > 0.0):
             return None
         if rows == len(swing.t):
@@ -370,7 +370,7 @@ def _fitted(swing: Swing) -> SwingFit | None:
     return SwingFit(
         swing=swing,
         values=values,
-        covariance=covariance_in_time(found.jac, found.fun, block),
+        covariance=covariance_in_time(found.jacobian, found.residuals, block),
         quantile=float(stats.t.ppf(0.975, max(clusters - 3, 1))),
         predicted=predicted,
         amplitudes=_amplitudes(angles, swing),

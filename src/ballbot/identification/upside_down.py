@@ -21,12 +21,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
-from ballbot.fitting.search import evolve
+from ballbot.fitting.search import Stopping, evolve, minimize_squares
 from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
@@ -374,17 +373,14 @@ def _polished(problem: BallProblem, start: NDArray[np.float64]) -> NDArray[np.fl
     def derivatives(moved: NDArray[np.float64]) -> NDArray[np.float64]:
         return problem.jacobian(whole(moved)).reshape(-1, len(start))[:, free]
 
-    found = least_squares(
+    found = minimize_squares(
         lambda moved: problem.of_points(whole(moved)[None]).ravel(),
         np.clip(start[free], 1e-4, 1.0 - 1e-4),  # the method starts inside the bounds
-        jac=derivatives,  # pyright: ignore[reportArgumentType] (SciPy's types know only its names)
+        jacobian_of=derivatives,
         bounds=(0.0, 1.0),
-        max_nfev=POLISH_STEPS,
-        xtol=1e-4,
-        ftol=1e-6,
+        stopping=Stopping(most_evaluations=POLISH_STEPS, least_gain=1e-6, least_step=1e-4),
     )
-    moved = np.where(found.active_mask < 0, 0.0, np.where(found.active_mask > 0, 1.0, found.x))
-    return whole(np.asarray(moved, dtype=np.float64))
+    return whole(np.where(found.at_bound < 0, 0.0, np.where(found.at_bound > 0, 1.0, found.point)))
 
 
 def _errors(

@@ -18,12 +18,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from ballbot.errors import InputError
 from ballbot.fitting.model_selection import HeldOut, ModelSelection, neighbours, select_model
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import evolve
+from ballbot.fitting.search import Stopping, evolve, minimize_squares
 from ballbot.fitting.uncertainty import block_length, covariance_in_time
 from ballbot.identification.axis.inverse import Motion, speed_at_start
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Scaling, Values
@@ -135,21 +134,19 @@ def fit_output_error(
         return np.column_stack(columns)
 
     begin = np.maximum(scaling.scaled(start), lower + _INSIDE)
-    found = least_squares(
+    found = minimize_squares(
         errors,
         begin,
-        jac=slopes,  # pyright: ignore[reportArgumentType] (SciPy takes a function too)
+        jacobian_of=slopes,
         bounds=(lower, upper),
-        x_scale="jac",
-        max_nfev=_MOST_STEPS,
-        ftol=_ENOUGH,
-        xtol=1e-5,
+        scale="jac",
+        stopping=Stopping(most_evaluations=_MOST_STEPS, least_gain=_ENOUGH, least_step=1e-5),
     )
-    last = residuals_of(Axis(rung=rung, values=scaling.values(found.x)))
+    last = residuals_of(Axis(rung=rung, values=scaling.values(found.point)))
     return OutputErrorFit(
         rung=rung,
-        values=scaling.values(found.x),
-        standard_errors=_standard_errors(scaling, found.x, found.jac, last, scale),
+        values=scaling.values(found.point),
+        standard_errors=_standard_errors(scaling, found.point, found.jacobian, last, scale),
         rms=float(np.sqrt(np.mean(last.values**2))),
     )
 
