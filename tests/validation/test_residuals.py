@@ -24,7 +24,6 @@ from ballbot.validation.statistics import (
     LAGS,
     autocovariance,
     blocks_of,
-    clustered_fit,
     correlation_of,
     correlations,
     effective_counts,
@@ -251,26 +250,6 @@ def test_residual_torques_are_those_that_were_missing():
     slopes = [np.polyfit(w, r, 1)[0] for w, r in zip(wrong[:-1].T, residual.T, strict=True)]
     # while a wheel sticks, friction takes up what is missing; the log rolls nearly always
     np.testing.assert_allclose(slopes, 1.0, atol=0.15)
-
-
-def test_least_squares_in_blocks_against_the_plain_formula():
-    random = np.random.default_rng(10)
-    design, values = random.normal(size=(400, 2)), random.normal(size=400)
-    single = clustered_fit(design, values, np.arange(400))
-    plain = np.linalg.inv(design.T @ design) * values.var()
-    np.testing.assert_allclose(single.values, np.linalg.lstsq(design, values, rcond=None)[0], atol=1e-12)
-    # a block for each row: the plain covariance but for the scatter of 400 squares
-    np.testing.assert_allclose(np.diag(single.covariance), np.diag(plain), rtol=0.25)
-    # every row ten times, in one block: as many blocks, the same covariance
-    tenfold = clustered_fit(
-        np.repeat(design, 10, axis=0), np.repeat(values, 10), np.repeat(np.arange(400), 10)
-    )
-    np.testing.assert_allclose(tenfold.covariance, single.covariance, rtol=1e-9)
-    p_values = [
-        clustered_fit(design, random.normal(size=400), np.arange(400) // 4).p_value((0, 1))
-        for _ in range(300)
-    ]
-    assert 0.01 < np.mean(np.array(p_values) < 0.05) < _at_most(300, 0.06)
 
 
 def test_turning_points_are_where_the_angle_turns_back_far_enough():

@@ -30,7 +30,7 @@ from scipy.stats import chi2
 
 from ballbot.fitting.intervals import RepeatableFit
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import covariance
+from ballbot.fitting.uncertainty import covariance, resamples
 from ballbot.progress import ignore_progress
 
 Model = TypeVar("Model")
@@ -154,8 +154,7 @@ def gain_between(
     groups : sequence of ndarray
         Which windows are drawn together.
     """
-    drawn = np.random.default_rng(_SEED).integers(len(groups), size=(DRAWS, len(groups)))
-    counts = np.stack([np.bincount(row, minlength=len(groups)) for row in drawn]).astype(float)
+    counts = resamples(len(groups), block=1, repeats=DRAWS, seed=_SEED)
     ours, theirs = (np.stack([table[rows].sum(axis=0) for rows in groups]) for table in (squares, others))
     draws = 1.0 - _error_ratio(counts @ ours, counts @ theirs)
     tail = 0.5 * (1.0 - LEVEL)

@@ -150,14 +150,16 @@ def covariance_in_time(
         L, how many blocks on either side depend on each other.
     """
     count = int(block.max()) + 1
-    scores = np.zeros((count, J.shape[1]))
-    np.add.at(scores, block, J * residual[:, None])
+    scores = np.stack(
+        [np.bincount(block, weights=column, minlength=count) for column in (J * residual[:, None]).T], axis=1
+    )
     spread = scores.T @ scores
     for k in range(1, min(neighbours, count - 1) + 1):
         both = scores[:-k].T @ scores[k:]
         spread += (1.0 - k / (neighbours + 1.0)) * (both + both.T)
     # columns of length one first: mass, viscosity and stiffness are of very different sizes
     lengths = np.linalg.norm(J, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
     scaled = J / lengths
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(lengths, lengths)
     return count / max(count - 1, 1) * inverse @ spread @ inverse
@@ -171,9 +173,14 @@ def block_length(count: int) -> int:
     return max(1, round(count ** (1.0 / 3.0)))
 
 
+def _block_starts(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.int64]:
+    """Return where the blocks begin that are drawn of `count` neighbours, (repeats, blocks)."""
+    return np.random.default_rng(seed).integers(count, size=(repeats, -(-count // block)))
+
+
 def resamples(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.float64]:
     """Return how often each of `count` neighbours is drawn in each of the repeats, (repeats, count)."""
-    starts = np.random.default_rng(seed).integers(count, size=(repeats, -(-count // block)))
+    starts = _block_starts(count, block=block, repeats=repeats, seed=seed)
     rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(repeats, -1)[:, :count]
     drawn = np.zeros((repeats, count))
     np.add.at(drawn, (np.arange(repeats)[:, None], rows), 1.0)
@@ -184,11 +191,10 @@ def resampled_means(
     values: NDArray[np.float64], *, block: int, repeats: int, seed: int
 ) -> NDArray[np.float64]:
     """Return the column means (repeats, k) of rows drawn anew from `values` (n, k), whole blocks at a time."""
-    count, blocks = len(values), -(-len(values) // block)
     ends = np.cumsum(np.vstack([np.zeros_like(values[:1]), values, values[: block - 1]]), axis=0)
     sums = ends[block:] - ends[:-block]
-    starts = np.random.default_rng(seed).integers(count, size=(repeats, blocks))
-    return np.array([sums[drawn].sum(axis=0) for drawn in starts]) / (blocks * block)
+    starts = _block_starts(len(values), block=block, repeats=repeats, seed=seed)
+    return np.array([sums[drawn].sum(axis=0) for drawn in starts]) / (starts.shape[1] * block)
 
 
 #: resamples; they give a standard error to 1 / sqrt(2 * 1000) = 2 %

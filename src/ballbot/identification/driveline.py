@@ -24,9 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import Stopping, evolve, minimize_squares
+from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.quantities import BY_NAME, FRICTION
 from ballbot.log import Log

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.fitting.search import ClusteredFit
+from ballbot.fitting.least_squares import ClusteredFit
 from ballbot.identification.geometry_fits import (
     MocapRun,
     Mounting,

@@ -49,7 +49,7 @@ from scipy.signal import correlate, correlation_lags
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.fitting.search import ClusteredFit, fit_clustered
+from ballbot.fitting.least_squares import ClusteredFit, fit_clustered
 from ballbot.identification.upside_down import BALL_NAMES
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names

@@ -32,7 +32,7 @@ from scipy.special import ellipk
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.fitting.search import minimize_squares
+from ballbot.fitting.least_squares import minimize_squares
 from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log import Log
 from ballbot.log.columns import unit_of

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
+from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
-from ballbot.fitting.search import Stopping, evolve, minimize_squares
+from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance, without_influence
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between

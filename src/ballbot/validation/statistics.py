@@ -1,4 +1,4 @@
-"""Statistics of time series whose samples are not independent: correlation, whiteness, and clustered least squares.
+"""Statistics of time series whose samples are not independent: correlation and whiteness.
 
 A series is made of segments, none of which may be joined to the next.
 
@@ -20,11 +20,6 @@ A long log rejects whiteness for a memory that does not matter. So the share of 
 residuals before it predict (Yule and Walker's equations) stands beside the test. One cause lies outside the model:
 the noise of a measured state enters two residuals, with opposite signs, which alone makes a correlation of down to
 -1/2 from one sample to the next and none beyond.
-
-Clustered least squares. The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: within a block of time,
-errors may depend on each other in any way. For q parameters, W = p^T V^-1 p is tested as Hotelling's T^2 of G blocks,
-W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the blocks in which the least frequent of the q columns is not zero: a
-rare event is known from few blocks.
 """
 
 from __future__ import annotations
@@ -93,53 +88,6 @@ def holm(p_values: NDArray[np.float64], *, level: float) -> NDArray[np.bool_]:
     significant = np.zeros(flat.shape, dtype=np.bool_)
     significant[order[:first_kept]] = True
     return significant.reshape(np.shape(p_values))
-
-
-#: blocks beyond the parameters tested, below which nothing is told
-_LEAST_FREEDOM = 5
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClusteredFit:
-    """Parameters (p,) of a straight-line model."""
-
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]  #: (p, p)
-    blocks: NDArray[np.int64]  #: (p,) in which each parameter's column is not zero
-
-    @property
-    def half_widths(self) -> NDArray[np.float64]:
-        """Of the 95 % intervals (p,)."""
-        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return stats.t.ppf(0.975, np.maximum(self.blocks - 1, 1)) * errors
-
-    def p_value(self, places: Sequence[int]) -> float:
-        """Return how likely the parameters at `places` are to be so far from zero by chance, if all are zero.
-
-        NaN where too few blocks are left to tell.
-        """
-        blocks = int(self.blocks[list(places)].min())
-        count, freedom = len(places), blocks - len(places)
-        if freedom < _LEAST_FREEDOM:
-            return float("nan")
-        part, covariance = self.values[list(places)], self.covariance[np.ix_(places, places)]
-        wald = float(part @ np.linalg.pinv(covariance, hermitian=True) @ part)
-        return float(stats.f.sf(wald * freedom / (count * (blocks - 1)), count, freedom))
-
-
-def clustered_fit(
-    design: NDArray[np.float64], values: NDArray[np.float64], blocks: NDArray[np.int64]
-) -> ClusteredFit:
-    """Fit values (n,) by columns (n, p), their errors clustered by `blocks` (n,)."""
-    inverse = np.linalg.pinv(design.T @ design, hermitian=True)
-    found = inverse @ (design.T @ values)
-    _, block = np.unique(blocks, return_inverse=True)
-    count = int(block.max()) + 1
-    pulls = design * (values - design @ found)[:, None]
-    sums = np.array([np.bincount(block, weights=column, minlength=count) for column in pulls.T])
-    present = [np.bincount(block, weights=column != 0.0, minlength=count) for column in design.T]
-    covariance = inverse @ (sums @ sums.T) @ inverse * count / max(count - 1, 1)
-    return ClusteredFit(values=found, covariance=covariance, blocks=np.count_nonzero(present, axis=1))
 
 
 def indicators(places: NDArray[np.int64], count: int) -> NDArray[np.float64]:

@@ -33,6 +33,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import Log
 from ballbot.log.columns import wheel_speed_names
 from ballbot.log.signals import turning_points
@@ -40,7 +41,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Rollers
 from ballbot.robot.derived import encoder_step
 from ballbot.validation.prediction import Prediction
-from ballbot.validation.statistics import clustered_fit, indicators, slices
+from ballbot.validation.statistics import indicators, slices
 
 #: the fast part begins at so many times the unstable pole, above anything that balancing asks for
 _FAST = 6.0
@@ -152,7 +153,7 @@ def speed_effect(
         edges = np.array([-np.inf, np.inf])
     place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
     columns = indicators(place, len(edges) - 1)
-    found = clustered_fit(columns, torque, blocks)
+    found = fit_linear(columns, torque, blocks)
     return SpeedEffect(
         speeds=columns.T @ speed / columns.sum(axis=0),
         torques=found.values,
@@ -222,7 +223,7 @@ def play_effect(
     edges = np.quantile(speed, np.linspace(0.0, 1.0, _SPEED_BINS + 1))[1:-1]
     of_speed = indicators(np.searchsorted(edges, speed), _SPEED_BINS)
     of_travel = indicators(place, len(TRAVEL_EDGES))
-    found = clustered_fit(np.hstack([of_travel, of_speed]), along, block)
+    found = fit_linear(np.hstack([of_travel, of_speed]), along, block)
     count = len(TRAVEL_EDGES)
     return PlayEffect(
         travels=of_travel.T @ travel / of_travel.sum(axis=0),
@@ -318,7 +319,7 @@ def _orders_of(
     significant = np.zeros(len(orders), dtype=np.bool_)
     for _ in range(_MOST_FOUND):
         waves = [np.column_stack([np.cos(m * angle), np.sin(m * angle)]) for m in orders]
-        fits = [clustered_fit(wave, torque, blocks) for wave in waves]
+        fits = [fit_linear(wave, torque, blocks) for wave in waves]
         for place in np.flatnonzero(~significant):
             amplitudes[place] = np.hypot(*fits[place].values)
             half_widths[place] = _QUANTILE * np.sqrt(0.5 * np.trace(fits[place].covariance))

@@ -36,7 +36,7 @@ from scipy import signal
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity, by_severity
-from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.fitting.least_squares import fit_linear
 from ballbot.identification.axis.record import AxisRecord, PositionVelocityLoop
 
 _BUTTERWORTH_ORDER = 4
@@ -206,11 +206,9 @@ def free_inverse_fit(
     X = np.column_stack([decimated(column[start:], factor) for column in columns.values()])
     F = decimated(record.force[start:], factor)
     condition = _condition(record, names, X)
-    values = np.linalg.lstsq(X, F, rcond=None)[0]
-    residual = F - X @ values
-    block = (np.arange(len(F)) * factor * record.sample_time // BLOCK).astype(np.int64)
+    fit = fit_linear(X, F, (np.arange(len(F)) * factor * record.sample_time // BLOCK).astype(np.int64))
+    values, residual, errors = fit.values, fit.residuals, fit.errors
     deviations = np.std(residual, ddof=1) * np.sqrt(np.linalg.inv(X.T @ X).diagonal())
-    errors = np.sqrt(covariance_in_time(X, residual, block).diagonal())
     at = {name: place for place, name in enumerate(names)}
     placed = [at.get(name) for name in motion_columns]
     return InverseFit(

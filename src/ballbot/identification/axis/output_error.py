@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.model_selection import HeldOut, ModelSelection, neighbours, select_model
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.search import Stopping, evolve, minimize_squares
+from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import block_length, covariance_in_time
 from ballbot.identification.axis.inverse import Motion, speed_at_start
 from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Scaling, Values
