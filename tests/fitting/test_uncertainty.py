@@ -11,6 +11,7 @@ from ballbot.fitting.uncertainty import (
     block_length,
     bootstrap,
     covariance,
+    resampled_means,
     resamples,
 )
 
@@ -85,3 +86,17 @@ def test_fixed_parameters_have_no_standard_error():
     J, residual = random.standard_normal((20, 4, 3)), random.standard_normal((20, 4))
     errors = bootstrap(equations_of(J, residual), np.array([True, False, True]), seed=0, repeats=50).errors
     np.testing.assert_array_equal(np.isnan(errors), [False, True, False])
+
+
+def test_resampled_means_are_those_of_the_rows_drawn():
+    values = np.random.default_rng(4).normal(size=(23, 3))
+    # 23 rows in blocks of one: the same draws, counted and summed
+    drawn = resamples(23, block=1, repeats=7, seed=5)
+    np.testing.assert_allclose(
+        resampled_means(values, block=1, repeats=7, seed=5), drawn @ values / 23, atol=1e-14
+    )
+    means = resampled_means(values, block=4, repeats=4000, seed=6)
+    # their mean is that of the rows, to a standard error over sqrt(4000)
+    np.testing.assert_allclose(
+        means.mean(axis=0), values.mean(axis=0), atol=4.0 * means.std() / np.sqrt(4000)
+    )

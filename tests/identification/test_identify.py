@@ -14,7 +14,7 @@ from ballbot.findings import texts
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds, Identification, Progress, cross_validate, identify
 from ballbot.identification.excitation import check_excitation
-from ballbot.identification.holdout import horizon_errors
+from ballbot.identification.holdout import friction_by_horizon, horizon_errors
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.stages import IdentificationOptions
@@ -274,7 +274,7 @@ AMOUNTS = np.array([*range(9), 11])
 def errors(factor: float):
     values = TRUTH.copy()
     values[AMOUNTS] *= factor
-    return horizon_errors(PREDICTOR, values, LOG)
+    return friction_by_horizon(horizon_errors(PREDICTOR, values, LOG))
 
 
 def test_friction_share_of_the_identified_log_is_one():

@@ -32,7 +32,7 @@ from ballbot.validation.errors import thesis_error
 from ballbot.validation.findings import weak_states
 from ballbot.validation.models import forecast, recoverable_lean, stretches, window_starts
 from ballbot.validation.open_loop import OpenLoop
-from ballbot.validation.prediction import horizon_errors, predict
+from ballbot.validation.prediction import compare_horizons, predict
 from ballbot.validation.wheel_effects import find_dither
 from tests.support.validation_examples import NOISE, gain, noisy_log, perfect_log, true_robot
 
@@ -192,13 +192,13 @@ def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
     assert np.all(loop.errors.ratio > 1.5)
     assert validation.closed_loop is not None
     assert np.all(validation.closed_loop.restarted.ratio[:7] > 1.5)
-    horizon = validation.horizon
+    horizon = validation.horizon.errors
     assert horizon.horizons[0] == pytest.approx(0.005)
     assert horizon.horizons[-1] == pytest.approx(0.5)
     # one sample ahead noise decides, but for what friction does to the ball's speed in 5 ms
     np.testing.assert_allclose(horizon.ratio[0, :5], 1.0, atol=0.01)
     np.testing.assert_allclose(horizon.ratio[0, 5:], 1.0, atol=0.3)
-    np.testing.assert_allclose(horizon.first, horizon.noise_floor, rtol=0.5)
+    np.testing.assert_allclose(horizon.rmse[0], validation.horizon.noise_floor, rtol=0.5)
     assert weak_states(validation) == ()
 
 
@@ -253,7 +253,7 @@ def test_several_logs_are_validated_together():
     one = validate(true_robot(), noisy_log())
     both = join_validations([one, one])
     np.testing.assert_allclose(_open_loop(both).errors.ratio, _open_loop(one).errors.ratio)
-    np.testing.assert_allclose(both.horizon.first, one.horizon.first)
+    np.testing.assert_allclose(both.horizon.errors.rmse, one.horizon.errors.rmse)
     np.testing.assert_allclose(
         both.residuals.correlations.matrix, one.residuals.correlations.matrix, atol=1e-12
     )
@@ -265,7 +265,7 @@ def test_the_same_seed_gives_the_same_noise_floor():
     models, parts = _models(true_robot()), stretches(log)
     covariance = np.diag(NOISE**2)
     first, again, other = (
-        horizon_errors(models, log, parts, start_covariance=covariance, seed=seed).noise_floor
+        compare_horizons(models, log, parts, start_covariance=covariance, seed=seed).noise_floor
         for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)

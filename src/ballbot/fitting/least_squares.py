@@ -147,7 +147,7 @@ def fit_linear(
     design: NDArray[np.float64], values: NDArray[np.float64], blocks: NDArray[np.int64]
 ) -> LinearFit:
     """Fit values (n,) by columns (n, p), their errors clustered by `blocks` (n,)."""
-    found = np.linalg.lstsq(design, values, rcond=None)[0]
+    found = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     _, block = np.unique(blocks, return_inverse=True)
     count = int(block.max()) + 1
     residuals = values - design @ found

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
+from ballbot.fitting.comparison import HorizonErrors
 from ballbot.identification.excitation import Chatter, chatter, chatter_finding
 from ballbot.identification.prediction import Predictor, chunks
 from ballbot.identification.result import Identification, WindowErrors
@@ -50,7 +51,7 @@ _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Errors:
+class FrictionErrors:
     """Root mean square errors of predictions, over all starts and all wheels, or both leans."""
 
     with_friction: float
@@ -67,13 +68,13 @@ class Errors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HorizonErrors:
-    """Errors so long after the starts."""
+class FrictionAtHorizon:
+    """What friction does to the errors at one horizon."""
 
     horizon: float  #: of a whole number of rows [s]
     starts: int  #: how many predictions have a value there
-    wheel_speed: Errors  #: [rad/s]
-    lean: Errors  #: theta and phi [rad]
+    wheel_speed: FrictionErrors  #: [rad/s]
+    lean: FrictionErrors  #: theta and phi [rad]
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -87,8 +88,11 @@ class HorizonErrors:
 
 def horizon_errors(
     predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: InitialStates | None = None
-) -> tuple[HorizonErrors, ...]:
-    """Return the errors by horizon, of predictions that begin one longest horizon after another.
+) -> HorizonErrors | None:
+    """Return the errors of the wheels' speeds [rad/s], theta and phi [rad] by horizon: with friction, with its viscous
+    part and without.
+
+    The predictions begin one longest horizon after another, so that they do not overlap.
 
     Parameters
     ----------
@@ -102,8 +106,8 @@ def horizon_errors(
 
     Returns
     -------
-    tuple of HorizonErrors
-        Empty where the log has no stretch as long as the longest horizon with a known start.
+    HorizonErrors or None
+        None if no interval of the log is as long as the longest horizon and has a known start.
 
     Raises
     ------
@@ -118,30 +122,44 @@ def horizon_errors(
     initial = windows.initial if starts is None else starts(np.array([one.start for one in windows.spans]))
     known = np.flatnonzero(np.isfinite(initial).all(axis=1))
     if not known.size:
-        return ()
+        return None
     states = _predicted(predictor, values, windows.take(known), initial[known])
     spans = [windows.spans[row] for row in known]
     first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in spans])
     measured = measured_wheel_speeds(log, predictor.robot)
     model = Model(predictor.robot)
-    errors = []
-    for horizon in HORIZONS:
-        after = max(1, round(horizon / sample_time))
+    rows = [max(1, round(horizon / sample_time)) for horizon in HORIZONS]
+    differences = []
+    for after in rows:
         at = states[:, :, after - 1]
         speeds = model.wheel_speed(at[..., :_HALF], at[..., _HALF:]) - measured[first + after]
         leans = at[..., _LEANS] - windows.measured[known, after - 1][:, _LEANS]
+        differences.append(np.concatenate([speeds, leans], axis=2))
+    return HorizonErrors(
+        horizons=np.array(rows) * sample_time,
+        differences=np.stack(differences, axis=2),
+    )
+
+
+def friction_by_horizon(errors: HorizonErrors | None) -> tuple[FrictionAtHorizon, ...]:
+    """Return what friction does to the errors at each horizon at which some prediction has a value."""
+    if errors is None:
+        return ()
+    found = []
+    for horizon, differences in zip(errors.horizons, errors.differences.swapaxes(0, 2), strict=True):
+        one = differences.swapaxes(0, 1)  # (models, starts, columns)
         # a robot that fell in a prediction has no value there, nor an encoder that was not read
-        valued = np.isfinite(np.concatenate([speeds, leans], axis=2)).all(axis=(0, 2))
-        if valued.any():
-            errors.append(
-                HorizonErrors(
-                    horizon=after * sample_time,
-                    starts=int(valued.sum()),
-                    wheel_speed=_errors(speeds[:, valued]),
-                    lean=_errors(leans[:, valued]),
+        one = one[:, np.isfinite(one).all(axis=(0, 2))]
+        if one.shape[1]:
+            found.append(
+                FrictionAtHorizon(
+                    horizon=float(horizon),
+                    starts=one.shape[1],
+                    wheel_speed=_errors(one[..., : -len(_LEANS)]),
+                    lean=_errors(one[..., -len(_LEANS) :]),
                 )
             )
-    return tuple(errors)
+    return tuple(found)
 
 
 def _predicted(
@@ -159,11 +177,11 @@ def _predicted(
     return np.concatenate(parts, axis=1)
 
 
-def _errors(differences: NDArray[np.float64]) -> Errors:
+def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
     """Return what differences (3, w, k) with friction, with its viscous part and without make."""
     with_friction, viscous, without = np.sqrt((differences**2).mean(axis=(1, 2))).tolist()
     share, error = _share(differences[2], differences[2] - differences[0])
-    return Errors(
+    return FrictionErrors(
         with_friction=with_friction,
         viscous_part=viscous,
         without_friction=without,
@@ -196,7 +214,7 @@ class HoldoutResult:
 
     name: str  #: of the log
     errors: WindowErrors
-    horizons: tuple[HorizonErrors, ...]  #: none where no stretch of the log is as long as the longest
+    horizons: tuple[FrictionAtHorizon, ...]  #: empty if no interval of the log is as long as the longest
     causal: bool  #: whether their predictions start from what was known by then, and not from the log's rows
     chatter: Chatter
     remarks: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
@@ -242,7 +260,7 @@ def cross_validate(
     judged = errors(predictor, windows, found.values)
     worse = [state for state, ratio in judged.ratios.items() if not ratio < 1.0]
     moved = chatter(log, predictor.robot)
-    horizons = horizon_errors(predictor, found.values, log, starts=starts)
+    horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
     remarks = [
         warning(
             "not-predicted",
@@ -264,7 +282,7 @@ def cross_validate(
     )
 
 
-def _share_findings(name: str, horizons: Sequence[HorizonErrors]) -> list[Finding]:
+def _share_findings(name: str, horizons: Sequence[FrictionAtHorizon]) -> list[Finding]:
     """Return a warning where a log asks for clearly more or less friction than was found.
 
     The shortest horizon is asked: after it, whatever else moves an unstable robot has grown.

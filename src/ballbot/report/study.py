@@ -68,7 +68,7 @@ def friction_sentence(robot: Robot) -> str:
 def model_sentence(study: Study) -> str:
     """Return how much better the model with friction foretells what was held out."""
     validation = study.validation
-    horizon = validation.horizon
+    horizon = validation.horizon.errors
     at_end = np.median(horizon.ratio[-1])
     sentence = (
         f"On {validation.duration:.0f} s of the logs that it was not fitted to, {horizon.horizons[-1]:.2g} s ahead, "

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ballbot.findings import finding_results
+from ballbot.fitting.comparison import LEAST_RUNS, verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.report.page import Provenance, by_state, figure_markup, render
 from ballbot.report.style import STATE_UNITS, drawn
@@ -29,8 +30,7 @@ from ballbot.report.validation_figures import (
     wheels_figure,
 )
 from ballbot.validation import ErrorPair, ModelPair, Validation, findings
-from ballbot.validation.errors import LEAST_RUNS, verdicts
-from ballbot.validation.prediction import HorizonErrors, Prediction
+from ballbot.validation.prediction import HorizonComparison, Prediction
 from ballbot.validation.residuals import ResidualAnalysis, residual_findings
 from ballbot.validation.statistics import Whiteness
 
@@ -98,19 +98,21 @@ def _error_results(pair: ErrorPair, models: ModelPair) -> dict[str, object]:
     }
 
 
-def _horizon_results(errors: HorizonErrors, models: ModelPair) -> dict[str, object]:
+def _horizon_results(horizon: HorizonComparison, models: ModelPair) -> dict[str, object]:
     first, second = (key_of(name) for name in models.names)
+    errors, spread = horizon.errors, horizon.spread
+    first_rmse, second_rmse = errors.rmse
     intervals = errors.ratio_interval()
     return {
         "seconds": errors.horizons,
-        f"rmse_{first}": _columns(errors.first),
-        f"rmse_{second}": _columns(errors.second),
-        f"normalised_rmse_{first}": _columns(errors.first / errors.spread),
-        f"normalised_rmse_{second}": _columns(errors.second / errors.spread),
+        f"rmse_{first}": _columns(first_rmse),
+        f"rmse_{second}": _columns(second_rmse),
+        f"normalised_rmse_{first}": _columns(first_rmse / spread),
+        f"normalised_rmse_{second}": _columns(second_rmse / spread),
         "ratio": _columns(errors.ratio),
         "ratio_interval": {name: intervals[:, :, i].T for i, name in enumerate(STATE_NAMES)},
         "verdict": [verdicts(interval) for interval in intervals.swapaxes(0, 1)],
-        "noise_floor_rmse": _columns(errors.noise_floor),
+        "noise_floor_rmse": _columns(horizon.noise_floor),
     }
 
 

@@ -34,7 +34,7 @@ from ballbot.validation.closed_loop import ClosedLoop
 from ballbot.validation.errors import ErrorPair
 from ballbot.validation.models import Trajectories
 from ballbot.validation.open_loop import OpenLoop
-from ballbot.validation.prediction import HorizonErrors
+from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import ResidualAnalysis
 from ballbot.validation.wheel_effects import PlayEffect, PositionEffect, SpeedEffect
 
@@ -112,19 +112,21 @@ def _plain_log_ticks(axes: Axes, ticks: Sequence[float]) -> None:
     axes.set_ylim(lower, upper)
 
 
-def horizon_figure(errors: HorizonErrors, names: tuple[str, str]) -> Figure:
+def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure:
     """Return the forecast's RMSE against how far it looks ahead, a panel for each state.
 
     A filled dot is a horizon at which the first model is better by the whole interval, an empty one where it is not.
     """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     panels = figure.subplots(2, 5, sharex=True)
+    errors = horizon.errors
     ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
+    first_model, second_model = errors.rmse
     for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
-        first = errors.first[:, index]
+        first = first_model[:, index]
         axes.loglog(ahead, first, label=label_of(names[0]), **WITH_FRICTION)
-        axes.loglog(ahead, errors.second[:, index], label=label_of(names[1]), **WITHOUT_FRICTION)
-        axes.loglog(ahead, errors.noise_floor[:, index], label="noise of the start alone", **NOISE)
+        axes.loglog(ahead, second_model[:, index], label=label_of(names[1]), **WITHOUT_FRICTION)
+        axes.loglog(ahead, horizon.noise_floor[:, index], label="noise of the start alone", **NOISE)
         for which, face in ((better[:, index], BLUE), (~better[:, index], "white")):
             axes.loglog(ahead[which], first[which], "o", color=BLUE, markerfacecolor=face, markersize=3)
         axes.set_title(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ballbot.findings import Finding, note
+from ballbot.fitting.comparison import verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.validation.errors import ErrorPair, verdicts
+from ballbot.validation.errors import ErrorPair
 from ballbot.validation.models import ModelPair
 from ballbot.validation.residuals import residual_findings
 from ballbot.validation.validation import Validation
@@ -171,7 +172,7 @@ def _closed_loop_verdict(validation: Validation) -> str:
 
 
 def _horizon_verdict(validation: Validation) -> str:
-    horizon, first = validation.horizon, validation.models.first.name
+    horizon, first = validation.horizon.errors, validation.models.first.name
     intervals = horizon.ratio_interval()
     if not np.isfinite(intervals).any():
         return f"{horizon.starts} forecasts are too few to show how the error grows with the horizon."

@@ -11,14 +11,15 @@ model. The error against the horizon between the two shows which of them an erro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_angle_names, wheel_speed_names
-from ballbot.validation.errors import LEAST_RUNS, ErrorPair, ratio_interval
+from ballbot.validation.errors import ErrorPair
 from ballbot.validation.models import ModelPair, forecast, rows_after, window_starts
 
 
@@ -114,61 +115,23 @@ _SPACING = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HorizonErrors:
-    """Errors of both models at each horizon, from every start in the order of time."""
+class HorizonComparison:
+    """Errors of both models at each horizon, and what to compare them with."""
 
-    horizons: NDArray[np.float64]  #: (h,) [s], whole samples
-    first_squares: NDArray[np.float64]  #: (starts, h, 10) of the first model
-    second_squares: NDArray[np.float64]  #: (starts, h, 10) of the second
-    noise_floor: NDArray[
-        np.float64
-    ]  #: (h, 10) RMSE that the noise of start and measurement alone would cause
-    spread: NDArray[np.float64]  #: (10,) standard deviation of what was measured
-
-    @property
-    def starts(self) -> int:
-        """How many forecasts were compared."""
-        return len(self.first_squares)
-
-    @property
-    def first(self) -> NDArray[np.float64]:
-        """RMSE of the first model (h, 10)."""
-        return np.sqrt(self.first_squares.mean(axis=0))
-
-    @property
-    def second(self) -> NDArray[np.float64]:
-        """RMSE of the second model (h, 10)."""
-        return np.sqrt(self.second_squares.mean(axis=0))
-
-    @property
-    def ratio(self) -> NDArray[np.float64]:
-        """RMSE of the second model over that of the first (h, 10): above one, the first is nearer."""
-        return self.second / self.first
-
-    def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
-        """Return the lower and upper ends (2, h, 10) of 95 % intervals on `ratio`, by a bootstrap of blocks of starts.
-
-        NaN where there are too few starts.
-        """
-        shape = self.first_squares.shape[1:]
-        overlap = -(-self.horizons[-1] // _SPACING)
-        if self.starts < LEAST_RUNS * overlap:
-            return np.full((2, *shape), np.nan)
-        second, first = (
-            squares.reshape(self.starts, -1) for squares in (self.second_squares, self.first_squares)
-        )
-        ends = ratio_interval(second, first, overlap=int(overlap), seed=seed, power=0.5)
-        return ends.reshape(2, *shape)
+    errors: HorizonErrors  #: of the first model and the second, state by state
+    #: (h, 10), RMSE that the noise of start and measurement alone would cause
+    noise_floor: NDArray[np.float64]
+    spread: NDArray[np.float64]  #: (10,), standard deviation of what was measured
 
 
-def horizon_errors(
+def compare_horizons(
     models: ModelPair,
     log: Log,
     parts: Sequence[range],
     *,
     start_covariance: NDArray[np.float64],
     seed: int = 0,
-) -> HorizonErrors:
+) -> HorizonComparison:
     """Forecast from starts 0.1 s apart and compare at each horizon that fits the log's stretches.
 
     Parameters
@@ -194,25 +157,27 @@ def horizon_errors(
     noise = random.multivariate_normal(np.zeros(10), start_covariance, size=(2, len(starts)), method="eigh")
     noisy = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
     floor = (noisy + noise[1][:, None] - states[0])[:, ahead - 1]
-    first, second = np.square(states - measured)[:, :, ahead - 1]
-    return HorizonErrors(
-        horizons=ahead * step,
-        first_squares=first,
-        second_squares=second,
+    horizons = ahead * step
+    return HorizonComparison(
+        errors=HorizonErrors(
+            horizons=horizons,
+            differences=(states - measured)[:, :, ahead - 1],
+            overlap=int(-(-horizons[-1] // _SPACING)),
+        ),
         noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
         spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
     )
 
 
-def join_horizons(parts: Sequence[HorizonErrors]) -> HorizonErrors:
+def join_horizons(parts: Sequence[HorizonComparison]) -> HorizonComparison:
     """Return the errors over the starts of all `parts` of the first one's horizons; the spread is that one's."""
-    alike = [part for part in parts if np.array_equal(part.horizons, parts[0].horizons)]
-    weights = [part.starts for part in alike]
+    first = parts[0].errors
+    alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
+    weights = [part.errors.starts for part in alike]
     floors = np.array([part.noise_floor for part in alike])
-    return HorizonErrors(
-        horizons=parts[0].horizons,
-        first_squares=np.concatenate([part.first_squares for part in alike]),
-        second_squares=np.concatenate([part.second_squares for part in alike]),
+    differences = np.concatenate([part.errors.differences for part in alike], axis=1)
+    return HorizonComparison(
+        errors=replace(first, differences=differences),
         noise_floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
         spread=parts[0].spread,
     )

@@ -28,9 +28,9 @@ from ballbot.validation.closed_loop import (
 from ballbot.validation.models import Interval, ModelPair, check_wheels, stretches
 from ballbot.validation.open_loop import OpenLoop, join_open_loops, open_loop
 from ballbot.validation.prediction import (
-    HorizonErrors,
+    HorizonComparison,
     Prediction,
-    horizon_errors,
+    compare_horizons,
     join_horizons,
     join_predictions,
     predict,
@@ -51,7 +51,7 @@ class Validation:
     no_closed_loop: str | None
     prediction: Prediction
     residuals: ResidualAnalysis  #: of the first model
-    horizon: HorizonErrors
+    horizon: HorizonComparison
     recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
     dither: Dither | None  #: None where the log lacks wheel speeds
     duration: float  #: of the stretches compared [s]
@@ -171,7 +171,7 @@ def validate_pair(
         no_closed_loop=refusal,
         prediction=prediction,
         residuals=analyse_residuals(prediction, models.first.model, find_updates(log)),
-        horizon=horizon_errors(models, log, parts, start_covariance=covariance, seed=seed),
+        horizon=compare_horizons(models, log, parts, start_covariance=covariance, seed=seed),
         recovered=recovered,
         dither=find_dither(models.first.model, log),
         duration=sum(len(part) for part in parts) * log.sample_time,

@@ -1,0 +1,68 @@
+"""Intervals on the ratio of two models' errors: how often they contain a known truth, and errors by horizon."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from ballbot.fitting.comparison import HorizonErrors, ratio_interval
+
+
+def _errors(
+    random: np.random.Generator, *, runs: int, memory: float, columns: int = 10, ratio: float = 3.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return log-normal errors of two models whose means are in that ratio; a run is hard or easy for both."""
+    white = random.normal(size=(2, runs + 50, columns))
+    first, other = np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=1))[:, 50:]
+    return np.exp(0.7 * first), ratio * np.exp(0.7 * (0.5 * first + np.sqrt(0.75) * other))
+
+
+@pytest.mark.parametrize(("runs", "memory", "least"), [(10, 0.0, 0.91), (25, 0.0, 0.91), (100, 0.4, 0.87)])
+def test_ratio_interval_covers_the_truth_at_its_level(runs, memory, least):
+    random = np.random.default_rng(2)
+    held = []
+    for _ in range(30):
+        first, second = _errors(random, runs=runs, memory=memory)
+        lower, upper = ratio_interval(second, first)
+        held.append((lower <= 3.0) & (upper >= 3.0))
+    # of 300 intervals, 95 % hold it give or take 1.3 %, and a little fewer with memory
+    assert least < np.mean(held) <= 0.99
+
+
+def test_the_interval_narrows_with_runs_and_the_root_of_squares_is_halved():
+    random = np.random.default_rng(3)
+    few, many = (ratio_interval(*_errors(random, runs=runs, memory=0.0)[::-1]) for runs in (100, 10_000))
+    # a hundred times the runs: a tenth of the width, of which a column's own scatter is about a sixth
+    narrower = np.mean(np.log(many[1] / many[0])) / np.mean(np.log(few[1] / few[0]))
+    assert 0.07 < narrower < 0.13
+    first, second = _errors(random, runs=50, memory=0.0)
+    np.testing.assert_allclose(
+        ratio_interval(second, first, power=0.5), np.sqrt(ratio_interval(second, first)), rtol=1e-12
+    )
+
+
+def test_overlapping_forecasts_do_not_make_an_interval_narrower():
+    random = np.random.default_rng(8)
+    # every forecast counted five times, as starts that overlap are
+    errors_of_all = np.sqrt(np.repeat(random.lognormal(size=(2, 60, 12, 10)), 5, axis=1))
+
+    def width(which: slice) -> float:
+        errors = HorizonErrors(
+            horizons=np.linspace(0.005, 0.5, 12), differences=errors_of_all[:, which], overlap=5
+        )
+        lower, upper = np.log(errors.ratio_interval())
+        return float(np.mean(upper - lower))
+
+    # 300 rows that are 60 have about the width of 60 (which few blocks widen), not one over the root of five of it
+    assert width(slice(None)) > 0.75 * width(slice(None, None, 5))
+
+
+def test_rmse_and_ratio_equal_numpy_by_model():
+    random = np.random.default_rng(9)
+    differences = random.normal(size=(3, 40, 2, 4))
+    errors = HorizonErrors(horizons=np.array([0.1, 0.2]), differences=differences)
+    for rmse, one in zip(errors.rmse, differences, strict=True):
+        np.testing.assert_allclose(rmse, np.sqrt(np.mean(one**2, axis=0)), rtol=1e-12)
+    np.testing.assert_allclose(errors.ratio, errors.rmse[1] / errors.rmse[0], rtol=1e-12)
+    assert errors.starts == 40
