@@ -23,7 +23,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Timing
+from ballbot.twin.faults import Timing
 from ballbot.workflows.comparison import (
     ComparedRun,
     Comparison,

@@ -20,7 +20,7 @@ from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Push, Softness, Timing
+from ballbot.twin.faults import Push, Softness, Timing
 
 PRESETS = ("alten", "cmu", "kugle", "rezero", "rob311")
 REFERENCES = ("hold", "square", "circle", "figure_eight", "change_pose")

@@ -22,7 +22,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Timing
+from ballbot.twin.faults import Timing
 from ballbot.workflows.comparison import ComparedRun, run_comparison
 from ballbot.workflows.metrics import Score
 from campaigns.compensation import identified_robot

@@ -32,7 +32,7 @@ from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import (
+from ballbot.twin.faults import (
     Compliance,
     CurrentLoop,
     LoadDependence,
@@ -85,7 +85,7 @@ def _asymmetry(twin: FaultyTwin, random: np.random.Generator, size: float) -> Fa
 
 
 def _load_dependence(twin: FaultyTwin, _: np.random.Generator, size: float) -> FaultyTwin:
-    return _with(twin, replace(twin.scenario, load_dependence=LoadDependence(share=min(size, 1.0))))
+    return _with(twin, replace(twin.scenario, load_dependence=LoadDependence(fraction=min(size, 1.0))))
 
 
 def _carpet(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:

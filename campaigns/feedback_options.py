@@ -33,7 +33,7 @@ from ballbot.simulation.conditions import FALLING_PART
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Push
+from ballbot.twin.faults import Push
 from ballbot.workflows.limits import leaning_state, pushed_state
 from ballbot.workflows.recovery_region import top_speed
 from campaigns.notch_shown import notch_table

@@ -41,7 +41,7 @@ from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import value_of
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
-from ballbot.twin.scenario_file import read_scenario, scenario_text
+from ballbot.twin.scenario import load_scenario, scenario_text
 from ballbot.vision.video import open_video
 from ballbot.workflows.courses import built_in_sets, read_courses
 from ballbot.workflows.excite import deviations_found
@@ -261,7 +261,7 @@ def _video() -> bytes:
 
 
 def _scenarios() -> tuple[bytes, ...]:
-    from ballbot.twin.scenario import Payload, Push, Roughness, Timing
+    from ballbot.twin.faults import Payload, Push, Roughness, Timing
 
     nominal = Scenario.nominal(ALTEN)
     full = replace(
@@ -364,11 +364,11 @@ def _judge_robot(path: Path) -> None:
 
 
 def _judge_scenario(path: Path) -> None:
-    scenario = read_scenario(path, ALTEN)
+    scenario = load_scenario(path, ALTEN)
     _assert_finite(scenario)
     copy = path.with_name("copy.toml")
     copy.write_text(scenario_text(scenario), encoding="utf-8")
-    assert read_scenario(copy, ALTEN) == scenario
+    assert load_scenario(copy, ALTEN) == scenario
 
 
 def _assert_finite(value: Any) -> None:

@@ -16,7 +16,7 @@ from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Timing
+from ballbot.twin.faults import Timing
 from ballbot.workflows.metrics import position_error, rms_torque_change, settled
 from ballbot.workflows.perturbed_robots import PerturbationRanges
 from ballbot.workflows.robust_design import Effort, RobustDesign, robust_design

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ballbot import Model, Robot
 from ballbot.report.style import BLUE, GREEN, INK, ORANGE
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Softness
+from ballbot.twin.faults import Softness
 from campaigns.pictures import write_picture
 from campaigns.section import Section
 

@@ -42,7 +42,7 @@ from ballbot.log.signals import local_fit
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count
-from ballbot.twin.scenario_file import read_scenario
+from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.courses import read_courses
 from ballbot.workflows.excite import deviations_found
 from tests.support.log_examples import smooth_log
@@ -52,7 +52,7 @@ ALTEN = Robot.load("alten")
 
 READERS: dict[str, Callable[[Path], object]] = {
     "robot": Robot.load,
-    "scenario": lambda path: read_scenario(path, ALTEN),
+    "scenario": lambda path: load_scenario(path, ALTEN),
     "controller": lambda path: read_controller(path, ALTEN),
     "courses": lambda path: read_courses(path, ALTEN, "twin"),
     "bounds": read_bounds,
@@ -182,7 +182,7 @@ def test_excessive_scenario_is_refused(tmp_path, line, words):
     path = tmp_path / "scenario.toml"
     path.write_text(line)
     with pytest.raises(InputError, match=words):
-        read_scenario(path, ALTEN)
+        load_scenario(path, ALTEN)
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -1,8 +1,8 @@
-"""Tables of TOML files validated by pydantic, and its errors as our sentences.
+"""Tables of TOML files: validated by pydantic, with its errors as our sentences, and written with comments.
 
     input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current' or 'pwm'.
 
-A sentence names the key, what it holds, what it may hold, and the nearest name. Mappings, controllers, courses and
+A sentence names the key, its value, the allowed values, and the nearest name. Mappings, controllers, courses and
 scenarios are validated here.
 """
 
@@ -19,6 +19,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from ballbot.errors import InputError, nearest, suggest
+from ballbot.printable import toml_string
 
 T = TypeVar("T")
 
@@ -92,6 +93,45 @@ def validate_table(schema: type[T], tree: object, *, of: str) -> T:
         return TypeAdapter(schema).validate_json(json.dumps(tree, default=str), strict=True)
     except ValidationError as error:
         raise InputError(_first_sentence(error, schema, of)) from None
+
+
+def renamed_keys(
+    tree: Mapping[str, object], renamed: Mapping[str, Mapping[str, str]]
+) -> tuple[dict[str, object], list[str]]:
+    """Return the tables of an earlier version's file with the present keys, and a hint on each that was renamed.
+
+    Parameters
+    ----------
+    tree : mapping
+        What the TOML file holds.
+    renamed : mapping
+        By the name of a table, the present key of each old one.
+    """
+    tables, hints = dict(tree), []
+    for name, keys in renamed.items():
+        content = tables.get(name)
+        if isinstance(content, Mapping):
+            tables[name] = {keys.get(key, key): value for key, value in content.items()}
+            hints += [f"{name}.{old} is now called {now}" for old, now in keys.items() if old in content]
+    return tables, hints
+
+
+def toml_value(value: object) -> str:
+    """Return a value as TOML writes it: floats to the last bit, sequences as lists, mappings as inline tables."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return toml_string(value)
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {toml_value(one)}' for key, one in value.items())} }}"
+    if isinstance(value, Sequence):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return repr(value)
+
+
+def toml_line(key: str, value: object, comment: str = "") -> str:
+    """Return a line of a TOML file: a key, its value, and a comment if there is one."""
+    return f"{key} = {toml_value(value)}{f'  # {comment}' if comment else ''}"
 
 
 def _first_sentence(error: ValidationError, schema: object, of: str) -> str:

@@ -21,8 +21,8 @@ from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import Imperfections, SensedPlant
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.twin import Scenario, Twin
+from ballbot.twin.faults import Payload, Timing
 from ballbot.twin.imperfections import imperfections_of, true_model
-from ballbot.twin.scenario import Payload, Timing
 from ballbot.workflows.metrics import rms_torque_change
 from tests.support.control_examples import FRICTION, alten, leaning
 

@@ -13,7 +13,7 @@ from ballbot.simulation.driveline import simulate_drivelines
 from ballbot.twin import Twin, twin_mjcf
 from ballbot.twin.driveline import Driveline
 from ballbot.twin.engine import Engine
-from ballbot.twin.scenario import Compliance, CurrentLoop, LoadDependence, Supply
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Supply
 from tests.support.twin_examples import ALTEN, INERTIA, ROTOR, ideal, turn, wheels_in_the_air
 
 
@@ -108,7 +108,7 @@ def test_friction_may_differ_forward_and_backward() -> None:
 
 def test_friction_may_follow_the_load() -> None:
     friction = replace(Friction.none(3), coulomb=(0.1, 0.1, 0.1))
-    scenario = ideal(friction=friction, load_dependence=LoadDependence(share=0.5))
+    scenario = ideal(friction=friction, load_dependence=LoadDependence(fraction=0.5))
     engine, driveline = wheels_in_the_air(scenario)
     driveline.speeds[:] = 5.0
     speeds = turn(engine, driveline, np.zeros(3), 50)[-1]

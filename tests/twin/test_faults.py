@@ -16,7 +16,7 @@ from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Shafts
 from ballbot.twin.engine import Engine
-from ballbot.twin.scenario import Compliance, LoadDependence, Payload, Push, Roughness, Softness, Timing
+from ballbot.twin.faults import Compliance, LoadDependence, Payload, Push, Roughness, Softness, Timing
 from ballbot.twin.twin import UnevenFloor
 from tests.support.twin_examples import ALTEN, IDEAL, ideal
 
@@ -247,10 +247,10 @@ DAHL = Dahl(coulomb=0.1, stiffness=60.0, viscous=0.014)
         ({"compliance": Compliance(frequency=-1.0, damping_ratio=0.1)}, r"compliance\.frequency is -1"),
         ({"timing": Timing(jitter=0.003)}, "half a sample"),
         ({"timing": Timing(delay=-1)}, r"timing\.delay"),
-        ({"asymmetry": 1.5}, "between -1 and 1"),
-        ({"load_dependence": LoadDependence(share=1.5)}, "must be at most 1"),
+        ({"asymmetry": 1.5}, "asymmetry is 1.5; it must be at most 1"),
+        ({"load_dependence": LoadDependence(fraction=1.5)}, "must be at most 1"),
         ({"floor_tilt": (0.5, 0.0)}, "floor_tilt"),
-        ({"driveline_laws": (DAHL,)}, "1 driveline laws"),
+        ({"driveline_laws": (DAHL,)}, "friction for 1 wheels"),
         ({"driveline_laws": (DAHL,) * 3, "asymmetry": 0.1}, "classical"),
         ({"payload": Payload(mass=0.0, position=(0, 0, 0))}, r"payload\.mass is 0"),
         ({"pushes": (Push(time=0, duration=1, force=(np.nan, 0, 0), height=0),)}, r"pushes\.force is nan"),

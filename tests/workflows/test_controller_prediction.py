@@ -29,8 +29,8 @@ from ballbot.robot.file import write_robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
+from ballbot.twin.faults import Timing
 from ballbot.twin.imperfections import imperfections_of
-from ballbot.twin.scenario import Timing
 from ballbot.workflows.controller_causes import POSSIBLE, SYMPTOMS, Signature, ranked_causes, signature_of
 from ballbot.workflows.controller_choice import NamedCourse, choose_controller
 from ballbot.workflows.controller_prediction import (

@@ -32,7 +32,7 @@ from ballbot.report.excitation import errors_figure, followed_run, run_figure
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits
 from ballbot.robot import Robot
-from ballbot.twin.scenario_file import load_scenario, scenario_text
+from ballbot.twin.scenario import load_scenario, scenario_text
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits, RunPeaks
 from ballbot.workflows.excite import Excitation, ExcitationOptions, Trial, deviations_found

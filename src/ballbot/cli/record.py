@@ -21,7 +21,7 @@ from ballbot.log.formats import check_ending
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin.recording import DURATIONS, Experiment
-from ballbot.twin.scenario_file import load_scenario
+from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.record import (
     RecordJob,
     RecordOutcome,

@@ -24,7 +24,7 @@ from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
-from ballbot.twin.scenario_file import load_scenario
+from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.metrics import SETTLE, score, settled
 
 _WRITTEN = (*(f"log.{ending}" for ending in WRITTEN_ENDINGS), "results.json")

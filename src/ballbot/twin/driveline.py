@@ -31,7 +31,8 @@ from ballbot.mechanics.friction_laws import advance, friction_at
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import wheel_speed_limit
 from ballbot.twin.engine import Engine
-from ballbot.twin.scenario import BristleLaw, Scenario, Supply
+from ballbot.twin.faults import BristleLaw, Supply
+from ballbot.twin.scenario import Scenario
 
 
 class Bristles:
@@ -90,7 +91,7 @@ class Motors:
         loop = scenario.current_loop
         self._lags = loop is not None
         #: part of the way to the command that a driver's torque goes in a step
-        self._share = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
+        self._fraction = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
         self._battery = Battery(robot, scenario.supply) if scenario.supply else None
         self._top = wheel_speed_limit(
             supply_voltage=robot.drive.supply_voltage,
@@ -126,21 +127,23 @@ class Motors:
         if not (fast or self._limited):
             return
         self._limited = fast
-        asked = self._torques + self._share * (self._command - self._torques) if self._lags else self._command
+        requested = (
+            self._torques + self._fraction * (self._command - self._torques) if self._lags else self._command
+        )
         supply = self._battery.within if self._battery else self._within_speed_limit
-        self._torques[:] = supply(asked, speeds)
+        self._torques[:] = supply(requested, speeds)
 
     def _within_speed_limit(
         self, torques: NDArray[np.float64], speeds: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         # the limit is one-sided: a motor at its highest speed can still brake with full torque
         forward = speeds * np.sign(torques)
-        share = np.clip((self._top - forward) / (_FALLING_PART * self._top), 0.0, 1.0)
-        return np.sign(torques) * np.minimum(np.abs(torques), share * self._limit)
+        available = np.clip((self._top - forward) / (_FALLING_PART * self._top), 0.0, 1.0)
+        return np.sign(torques) * np.minimum(np.abs(torques), available * self._limit)
 
 
 class Battery:
-    """What a battery with an inner resistance lets through the motors' windings; see `ballbot.twin.scenario.Supply`."""
+    """What a battery with an inner resistance lets through the motors' windings; see `ballbot.twin.faults.Supply`."""
 
     def __init__(self, robot: Robot, supply: Supply) -> None:
         drive = robot.drive
@@ -262,7 +265,7 @@ class Driveline:
         if scenario.asymmetry:
             self._scalings.append(Asymmetry(scenario.asymmetry, self.speeds, engine.torques))
         if scenario.load_dependence:
-            self._scalings.append(Load(robot, scenario.load_dependence.share, engine))
+            self._scalings.append(Load(robot, scenario.load_dependence.fraction, engine))
 
     def reset(self) -> None:
         """Let no torque act, and friction be as after a long rest."""
@@ -317,13 +320,13 @@ class Asymmetry:
 class Load:
     """Dry friction that follows the force between a wheel and the ball, as it was in the last step."""
 
-    def __init__(self, robot: Robot, share: float, engine: Engine) -> None:
-        self._share = share
+    def __init__(self, robot: Robot, fraction: float, engine: Engine) -> None:
+        self._fraction = fraction
         self._engine = engine
         self._count = robot.wheel_count
         # at rest the wheels' forces, tilted by alpha, carry the body
         at_rest = robot.body.mass * robot.gravity / (self._count * math.cos(robot.wheels.tilt))
-        self._per_newton = share / at_rest
+        self._per_newton = fraction / at_rest
         self._wheel_of = np.full(engine.model.ngeom, -1, dtype=np.intp)
         for i in range(self._count):
             self._wheel_of[engine.geoms_below(f"roller {i + 1}.")] = i
@@ -331,4 +334,4 @@ class Load:
     def __call__(self, sizes: NDArray[np.float64]) -> None:
         """Scale the sizes (n,) by each wheel's force."""
         forces = self._engine.pressures(self._wheel_of, self._count)
-        sizes *= 1.0 - self._share + self._per_newton * forces
+        sizes *= 1.0 - self._fraction + self._per_newton * forces

@@ -53,6 +53,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.twin.engine import Engine
+from ballbot.twin.faults import Compliance, Payload, Softness
 from ballbot.twin.parts import (
     BodyParts,
     WheelParts,
@@ -61,7 +62,7 @@ from ballbot.twin.parts import (
     wheel_frames,
     wheel_parts,
 )
-from ballbot.twin.scenario import Compliance, Payload, Scenario, Softness, check_scenario
+from ballbot.twin.scenario import Scenario, check_scenario
 
 
 def number_text(values: float | Iterable[float]) -> str:

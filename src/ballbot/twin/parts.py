@@ -157,6 +157,22 @@ def wheel_parts(
     )
 
 
+def check_rollers(rollers: Rollers, robot: Robot) -> None:
+    """Raise InputError if such rollers cannot be on the robot's wheels or do not touch the ball."""
+    if rollers.rows not in (1, 2):
+        raise InputError(f"The twin's wheels must have one or two rows of rollers, not {rollers.rows}.")
+    widest = 2.0 * (robot.ball.radius + rollers.radius)
+    if (rollers.rows - 1) * rollers.row_spacing >= widest:
+        raise InputError(
+            f"Rows of rollers {rollers.row_spacing:g} m apart do not "
+            f"touch the ball; row_spacing must be below {widest:.3g} m."
+        )
+    if rollers.radius >= robot.wheels.radius:
+        raise InputError(
+            f"The radius of the rollers is {rollers.radius} m; it must be below the wheel's {robot.wheels.radius} m."
+        )
+
+
 def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     """Take the wheels off the robot's body.
 

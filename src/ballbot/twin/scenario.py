@@ -1,152 +1,71 @@
-"""Scenarios: what is true of a twin and unknown to whoever identifies it.
+"""Scenarios: the properties of a twin that are unknown to the identification, and their files.
 
-The twin takes its rigid body from the robot file and everything else from here. Its friction never comes from
-`robot.friction`: that field holds what somebody has identified, and a twin that read it would hand its own answer
-back. Each fault that a scenario may have is a value with its sizes. What is off is built neither into the MuJoCo model
-nor into the steps, and so costs nothing.
+The rigid body of the twin is the robot file's; everything else is the scenario's. The friction of the twin never comes
+from `robot.friction`: that field is the friction that somebody identified, and a twin with it would return that answer.
+
+A scenario file states the differences from a named scenario, "nominal" if it names none, in SI units:
+
+    base = "nominal"
+    backlash = 0.0
+
+    [compliance]
+    frequency = 12.0
+    damping_ratio = 0.05
+
+`compliance = false` switches off a fault of the base. A file that `write_scenario` writes has every fault that is on
+and, commented out, an example of every other one; it reads back as the same scenario.
+
+A field states its key's unit, range, default and meaning once. File, checks and documentation derive from it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Literal
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from types import NoneType
+from typing import Literal, get_args, get_type_hints
+
+from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
-from ballbot.errors import InputError, suggest
-from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
+from ballbot.errors import InputError, OldFileFormat, suggest
+from ballbot.files import read_toml, write_text
 from ballbot.robot import Friction, Robot, Rollers, Sensors
 from ballbot.robot.checks import check_number
-from ballbot.robot.parameters import parameter, parameters_of, table
-from ballbot.simulation.conditions import MAX_DELAY
+from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameters_of, table
+from ballbot.schema import renamed_keys, toml_line, validate_table
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
+from ballbot.twin.faults import (
+    LAW_NAMES,
+    BristleLaw,
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Push,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+    read_laws,
+)
+from ballbot.twin.parts import check_rollers
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
 WheelContact = Literal["rollers", "point"]
 
 
-#: driveline friction whose force is a function of its own state, in place of the classical law
-BristleLaw = Armstrong | Dahl | LuGre | Smoothed
-
-#: as scenario files call them
-LAW_NAMES: dict[str, type[BristleLaw]] = {
-    "armstrong": Armstrong,
-    "dahl": Dahl,
-    "lugre": LuGre,
-    "smoothed": Smoothed,
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Softness:
-    """A ball that gives way under the wheels: a spring and a damper at each contact, along its normal."""
-
-    stiffness: float = field(metadata=parameter("of each contact", unit="N/m"))
-    damping: float = field(metadata=parameter("of each contact", unit="N s/m", least=0.0))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Compliance:
-    """A driveline that twists: a spring and a damper between the motor's side and the wheel's, beyond the play."""
-
-    frequency: float = field(
-        metadata=parameter("at which motor and balancing robot oscillate against each other", unit="Hz")
-    )
-    damping_ratio: float = field(metadata=parameter("of that mode", least=0.0, most=2.0))
-
-
-@dataclass(frozen=True, kw_only=True)
-class CurrentLoop:
-    """A motor driver with a lag: the torque follows its command through a first-order filter."""
-
-    bandwidth: float = field(metadata=parameter("at which the torque has fallen to 71 %", unit="Hz"))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Supply:
-    """A battery and the motors' windings: the voltage left over drives the current.
-
-    T_max = n k_t (V - k_e n w) / R, T_min = -n k_t (V + k_e n w) / R, with V = V_0 - R_i I and the battery's
-    current I = sum (T w + R i^2) / V_0. The nominal twin has a fixed speed limit instead.
-    """
-
-    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
-    internal_resistance: float = field(
-        metadata=parameter("of the battery, by which it sags", unit="ohm", least=0.0)
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoadDependence:
-    """Dry driveline friction that grows with the force N between wheel and ball.
-
-    It is 1 - share + share N / N_0 times its size, where N_0 is the force at rest, upright.
-    """
-
-    share: float = field(metadata=parameter("fraction of it that follows the force", least=0.0, most=1.0))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Push:
-    """A force on the body for a while, in the world's frame; it starts and ends with a sample."""
-
-    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
-    duration: float = field(metadata=parameter("of the push", unit="s"))
-    force: tuple[float, float, float] = field(
-        metadata=parameter("in the world's x, y, z", unit="N", least=-math.inf)
-    )
-    height: float = field(
-        metadata=parameter(
-            "of its point of action above the ball's centre, along the body's axis", unit="m", least=0.0
-        )
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Payload:
-    """Something carried: a solid ball of aluminium's density, fixed to the body."""
-
-    mass: float = field(metadata=parameter("of the payload", unit="kg"))
-    position: tuple[float, float, float] = field(
-        metadata=parameter(
-            "of its centre from the ball's centre: forward, left, up", unit="m", least=-math.inf
-        )
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Roughness:
-    """A floor with gentle bumps, by the force that their slope makes.
-
-    A robot of weight m g at a place of height h(x, y) is pushed by -m g grad h. The height is a sum of waves in
-    all directions, between one and four times the shortest wavelength.
-    """
-
-    height: float = field(metadata=parameter("root mean square", unit="m", least=0.0))
-    wavelength: float = field(metadata=parameter("the shortest; the longest is four times this", unit="m"))
-    seed: int = field(metadata=parameter("of the floor; the robot's run has its own", least=-math.inf))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Timing:
-    """A controller that is late or unsteady."""
-
-    delay: int = field(
-        default=0,
-        metadata=parameter("whole samples by which torques are delayed", least=0.0, most=float(MAX_DELAY)),
-    )
-    jitter: float = field(
-        default=0.0, metadata=parameter("largest deviation of a sampling instant", unit="s", least=0.0)
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """The faults of a twin, their sizes, and how finely it is simulated.
+    """The faults of a twin, their sizes, and the resolution of its simulation.
 
-    Those that are None, zero or empty are off.
+    A fault that is None, zero or empty is off.
     """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
     name: str = field(metadata=parameter("name of the scenario"))
     friction: Friction = field(
@@ -194,13 +113,16 @@ class Scenario:
     )
     floor_tilt: tuple[float, float] = field(
         default=(0.0, 0.0),
-        metadata=parameter("of the floor about the world's x and y axes", unit="rad", least=-math.inf),
+        metadata=parameter(
+            "of the floor about the world's x and y axes", unit="rad", least=-math.inf, most=0.2
+        ),
     )
     asymmetry: float = field(
         default=0.0,
         metadata=parameter(
             "dry friction is (1 + asymmetry) times its size forward, (1 - asymmetry) times backward",
             least=-math.inf,
+            most=1.0,
         ),
     )
     driveline_laws: tuple[BristleLaw, ...] = field(
@@ -213,7 +135,7 @@ class Scenario:
         default=None,
         metadata=table(
             "Dry driveline friction that grows with the force between wheel and ball.",
-            example=LoadDependence(share=0.5),
+            example=LoadDependence(fraction=0.5),
         ),
     )
     softness: Softness | None = field(
@@ -283,17 +205,16 @@ class Scenario:
 
     @staticmethod
     def nominal(robot: Robot) -> Scenario:
-        """Return the scenario in which the thesis's robot is reproduced.
+        """Return the scenario that reproduces the robot of the thesis.
 
-        Its sizes are frozen: tuning them to suit a result would make the result worthless. They are those of
-        a three-wheeled robot; another number of wheels takes them in turn. Rollers and sensors are as the
-        robot's file says.
+        Its values are frozen: tuning them to suit a result would make the result worthless. They are those of a
+        three-wheeled robot; with another number of wheels they repeat. Rollers and sensors are those of the robot file.
         """
         count = robot.wheel_count
         friction = Friction(
-            viscous=_in_turn((0.014, 0.016, 0.013), count),
-            coulomb=_in_turn((0.11, 0.09, 0.12), count),
-            stribeck=_in_turn((0.05, 0.04, 0.06), count),
+            viscous=_repeated((0.014, 0.016, 0.013), count),
+            coulomb=_repeated((0.11, 0.09, 0.12), count),
+            stribeck=_repeated((0.05, 0.04, 0.06), count),
             stribeck_speed=0.6,
             stribeck_exponent=1.1,
             rolling=0.007,
@@ -310,74 +231,60 @@ class Scenario:
 
     @staticmethod
     def ideal(robot: Robot) -> Scenario:
-        """Return `nominal` without friction, play or noise; rollers, grip and encoder counts stay.
-
-        The ball is still kept from pivoting, as in the exact model.
-        """
-        nominal = Scenario.nominal(robot)
-        return replace(
-            nominal,
-            name="ideal",
-            friction=Friction.none(robot.wheel_count),
-            backlash=0.0,
-            torque_noise=0.0,
-            sensors=replace(nominal.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0),
-        )
+        """Return `nominal` without friction, play or noise; the ball still does not pivot, as in the exact model."""
+        nominal, friction = Scenario.nominal(robot), Friction.none(robot.wheel_count)
+        sensors = replace(nominal.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
+        quiet = replace(nominal, backlash=0.0, torque_noise=0.0, sensors=sensors)
+        return replace(quiet, name="ideal", friction=friction)
 
     @staticmethod
     def wide_rows(robot: Robot) -> Scenario:
-        """Return `nominal` with the two rows of rollers 22 mm apart: the rough wheels of a cheap robot."""
+        """Return `nominal` with the rows of rollers 22 mm apart, as on the wheels of a cheap robot."""
         nominal = Scenario.nominal(robot)
         return replace(nominal, name="wide_rows", rollers=replace(nominal.rollers, row_spacing=0.022))
 
     @staticmethod
     def single_row(robot: Robot) -> Scenario:
-        """Return `nominal` with single-row wheels of twice as many rollers: what the thesis recommends."""
+        """Return `nominal` with single-row wheels of twice as many rollers, as the thesis recommends."""
         nominal = Scenario.nominal(robot)
         rollers = replace(nominal.rollers, rows=1, per_row=2 * nominal.rollers.per_row)
         return replace(nominal, name="single_row", rollers=rollers)
 
     @staticmethod
     def single_point(robot: Robot) -> Scenario:
-        """Return `nominal` with wheels that touch the ball in a single point, as the equations have it."""
+        """Return `nominal` with wheels that touch the ball in a single point, as in the equations of motion."""
         return replace(Scenario.nominal(robot), name="single_point", wheel_contact="point")
 
     @staticmethod
     def resonant(robot: Robot) -> Scenario:
         """Return `nominal` with drivelines that twist: a lightly damped resonance at 40 Hz.
 
-        The nominal gain still balances it; at 30 Hz or with half the damping it shakes itself.
+        The nominal gain still balances it; at 30 Hz or with half the damping it oscillates until it falls.
         """
         compliance = Compliance(frequency=40.0, damping_ratio=0.1)
         return replace(Scenario.nominal(robot), name="resonant", compliance=compliance)
 
     @staticmethod
     def soft_ball(robot: Robot) -> Scenario:
-        """Return `nominal` with a ball that gives way under the wheels by 1 N in 30 um, as an inflated one does."""
+        """Return `nominal` with a ball that deforms by 30 um for each newton of a wheel, like an inflated one."""
         softness = Softness(stiffness=3e4, damping=200.0)
         return replace(Scenario.nominal(robot), name="soft_ball", softness=softness)
 
     @staticmethod
     def names() -> list[str]:
-        """Return the names that `named` knows."""
+        """Return the names of the named scenarios."""
         return list(_NAMED)
 
     @staticmethod
     def named(name: str, robot: Robot) -> Scenario:
-        """Return the scenario of that name for a robot.
-
-        Raises
-        ------
-        InputError
-            If there is none.
-        """
+        """Return the scenario of that name for a robot; InputError if there is none."""
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")
         return _NAMED[name](robot)
 
 
-def _in_turn(values: tuple[float, ...], count: int) -> tuple[float, ...]:
+def _repeated(values: tuple[float, ...], count: int) -> tuple[float, ...]:
     return tuple(values[i % len(values)] for i in range(count))
 
 
@@ -391,18 +298,14 @@ _NAMED: dict[str, Callable[[Robot], Scenario]] = {
     "soft_ball": Scenario.soft_ball,
 }
 
-
 #: pushes in a run
 _MOST_PUSHES = 1000
-
-#: how much of a step the fastest swing that is computed explicitly may take [rad]
+#: largest phase [rad] that the fastest oscillation may advance in a timestep
 _LARGEST_PHASE = 1.0
-
-_STEEPEST_FLOOR = 0.2  # [rad]
 
 
 def check_scenario(scenario: Scenario, robot: Robot) -> None:
-    """Raise `InputError` where the scenario cannot be simulated with that robot."""
+    """Raise InputError if the scenario cannot be simulated with that robot."""
     if len(scenario.pushes) > _MOST_PUSHES:
         raise InputError(
             f"The scenario has {len(scenario.pushes)} pushes; it can have at most {_MOST_PUSHES}."
@@ -411,13 +314,13 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
         if one.shape not in ("text", "truth value"):
             for value in _values_at(scenario, one.name):
                 check_number(one, one.name, value)
-    _check_wheels(scenario, robot)
-    _check_shares(scenario)
+    check_rollers(scenario.rollers, robot)
+    _check_laws(scenario, robot)
     _check_rates(scenario)
 
 
 def _values_at(record: object, name: str) -> Iterator[object]:
-    """Yield the numbers under a dotted name: none of a fault that is off, those of every push."""
+    """Yield the numbers of a dotted name: nothing for a fault that is off, one or more for each push."""
     key, _, rest = name.partition(".")
     content = getattr(record, key)
     for one in content if isinstance(content, tuple) else (content,):
@@ -427,43 +330,15 @@ def _values_at(record: object, name: str) -> Iterator[object]:
             yield from _values_at(one, rest)
 
 
-def _check_wheels(scenario: Scenario, robot: Robot) -> None:
-    friction, rollers = scenario.friction, scenario.rollers
-    optional = (friction.coulomb_asymmetry, friction.stribeck_asymmetry, friction.load)
-    for part in (friction.viscous, friction.coulomb, friction.stribeck, *filter(None, optional)):
-        if len(part) != robot.wheel_count:
+def _check_laws(scenario: Scenario, robot: Robot) -> None:
+    friction, laws = scenario.friction, scenario.driveline_laws
+    dry = (friction.coulomb, friction.stribeck, friction.coulomb_asymmetry, friction.stribeck_asymmetry)
+    for values in (friction.viscous, *dry, friction.load, laws):
+        if values and len(values) != robot.wheel_count:
             raise InputError(
-                f"The scenario {scenario.name!r} has friction for {len(part)} "
-                f"wheels, but the robot {robot.name!r} has {robot.wheel_count}."
+                f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
+                f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."
             )
-    if scenario.driveline_laws and len(scenario.driveline_laws) != robot.wheel_count:
-        raise InputError(
-            f"The scenario {scenario.name!r} has {len(scenario.driveline_laws)} driveline "
-            f"laws, but the robot {robot.name!r} has {robot.wheel_count} wheels."
-        )
-    if rollers.rows not in (1, 2):
-        raise InputError(f"The twin's wheels must have one or two rows of rollers, not {rollers.rows}.")
-    widest = 2.0 * (robot.ball.radius + rollers.radius)
-    if (rollers.rows - 1) * rollers.row_spacing >= widest:
-        raise InputError(
-            f"Rows of rollers {rollers.row_spacing:g} m apart do not "
-            f"touch the ball; row_spacing must be below {widest:.3g} m."
-        )
-    if rollers.radius >= robot.wheels.radius:
-        raise InputError(
-            f"The radius of the rollers is {rollers.radius} m; it must be below the wheel's {robot.wheels.radius} m."
-        )
-
-
-def _check_shares(scenario: Scenario) -> None:
-    if abs(scenario.asymmetry) >= 1:
-        raise InputError(f"asymmetry is {scenario.asymmetry:g}; it must be between -1 and 1.")
-    if max(map(abs, scenario.floor_tilt)) > _STEEPEST_FLOOR:
-        raise InputError(
-            f"floor_tilt is {list(scenario.floor_tilt)} rad; each must be within "
-            f"{_STEEPEST_FLOOR} rad, because no robot balances on a steeper floor."
-        )
-    laws = scenario.driveline_laws
     if laws and (scenario.asymmetry or scenario.load_dependence):
         raise InputError(
             "asymmetry and load_dependence need the classical friction; remove them or driveline_laws."
@@ -490,3 +365,135 @@ def _check_rates(scenario: Scenario) -> None:
             f"timing.jitter is {timing.jitter:g} s; it must be "
             f"below half a sample time, {sample_time / 2:g} s."
         )
+
+
+#: keys of earlier versions, by table
+_RENAMED = {"load_dependence": {"share": "fraction"}}
+
+#: a fault of each kind, of a size that a robot like the thesis's could have
+EXAMPLES: dict[str, object] = {
+    one.name: one.metadata["example"] for one in fields(Scenario) if one.metadata.get("example") is not None
+}
+
+_HEADER = """\
+# A scenario for Ballbot's twin: the robot's true properties, unknown to the identification. Units are SI.
+# Record with it: ballbot record FILE --out DIR. A key that a file omits has the value of its base. A fault that is off
+# is commented out; remove the # at the beginning of its lines to switch it on.
+
+base = "nominal"
+"""
+
+
+def load_scenario(source: str | Path, robot: Robot) -> Scenario:
+    """Return the scenario of that name, or the one in that TOML file, for a robot.
+
+    Warns with `OldFileFormat` if an earlier version wrote the file.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
+    """
+    if source in Scenario.names():
+        return Scenario.named(str(source), robot)
+    path = Path(source)
+    if not path.exists():
+        hint = suggest(str(source), Scenario.names(), otherwise="the named ones are")
+        raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
+    tree = read_toml(path)
+    try:
+        return scenario_of(tree, robot, default_name=path.stem, source=str(path))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def scenario_of(
+    tree: Mapping[str, object], robot: Robot, *, default_name: str, source: str = "The scenario"
+) -> Scenario:
+    """Return the scenario that the tables of a scenario file describe, for a robot.
+
+    Parameters
+    ----------
+    tree : mapping
+        The tables as nested dictionaries; without any it is `nominal`.
+    robot : Robot
+    default_name : str
+        Name of the scenario if the tables have none.
+    source : str
+        Where the tables come from, for the warning `OldFileFormat` if an earlier version wrote them.
+
+    Raises
+    ------
+    InputError
+        If they misspell a key or describe no scenario of that robot.
+    """
+    changes, hints = renamed_keys(tree, _RENAMED)
+    base = changes.pop("base", "nominal")
+    if not isinstance(base, str):
+        raise InputError(f"base is {base!r}; it must be a text in quotes, such as {Scenario.names()[0]!r}.")
+    start = Scenario.named(base, robot)
+    laws = changes.pop("driveline_laws", None)
+    values = _merged(asdict(replace(start, driveline_laws=())), {"name": default_name, **changes})
+    scenario = validate_table(Scenario, values, of="a scenario file")
+    scenario = replace(scenario, driveline_laws=start.driveline_laws if laws is None else read_laws(laws))
+    check_scenario(scenario, robot)
+    if hints:
+        warnings.warn(
+            f"{source} was written by an earlier version: {'; '.join(hints)}.", OldFileFormat, stacklevel=2
+        )
+    return scenario
+
+
+def _merged(base: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
+    """Return the base with the changes in it, table by table; false switches a fault off."""
+    merged, hints = dict(base), get_type_hints(Scenario)
+    for key, value in changes.items():
+        known = merged.get(key)
+        if isinstance(known, dict) and isinstance(value, dict):
+            merged[key] = _merged(known, value)
+        else:
+            merged[key] = None if value is False and NoneType in get_args(hints.get(key)) else value
+    return merged
+
+
+def write_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write a scenario as a TOML file that reads back as the same one; InputError if this fails."""
+    write_text(path, scenario_text(scenario))
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """Return the text that `write_scenario` writes."""
+    keys: list[str] = []
+    tables: list[str] = []
+    for one in fields(scenario):
+        value = getattr(scenario, one.name)
+        if "heading" not in one.metadata:
+            keys += _lines({one.name: value}, "")
+        elif value is None or (value == () and one.name in EXAMPLES):
+            off = _table(one.name, EXAMPLES[one.name])
+            tables += ["", f"# Off: {one.metadata['heading']}", *(f"# {line}" for line in off)]
+        else:
+            for content in value if isinstance(value, tuple) else (value,):
+                tables += ["", f"# {one.metadata['heading']}", *_table(one.name, content)]
+    return "\n".join([_HEADER + "\n".join(keys), *tables]) + "\n"
+
+
+def _table(name: str, content: object) -> list[str]:
+    """Return the lines of a table, in double brackets if there may be several."""
+    assert is_dataclass(content)
+    law = next((law for law, kind in LAW_NAMES.items() if isinstance(content, kind)), None)
+    return [
+        f"[[{name}]]" if name in ("pushes", "driveline_laws") else f"[{name}]",
+        *([toml_line("law", law)] if law else []),
+        *_lines({one.name: getattr(content, one.name) for one in fields(content)}, f"{name}."),
+    ]
+
+
+def _lines(values: Mapping[str, object], place: str) -> Iterator[str]:
+    """Yield a line for each key that is not empty; a key of a friction law has no comment."""
+    stated = {one.name: one for one in parameters_of(Scenario)}
+    for key, value in values.items():
+        one = stated.get(f"{place}{key}")
+        unit = f" [{one.unit}]" if one and one.unit != DIMENSIONLESS else ""
+        if value != ():
+            yield toml_line(key, value, f"{one.meaning}{unit}" if one else "")

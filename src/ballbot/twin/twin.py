@@ -25,8 +25,9 @@ from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts
 from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds, quaternion_of
+from ballbot.twin.faults import Push, Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
-from ballbot.twin.scenario import Push, Roughness, Scenario, Timing
+from ballbot.twin.scenario import Scenario
 
 
 class TimingModel:

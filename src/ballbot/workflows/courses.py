@@ -24,8 +24,7 @@ from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
 from ballbot.simulation.plant import Plant
-from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_file import scenario_of
+from ballbot.twin.scenario import Scenario, scenario_of
 from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import SETTLE
 

@@ -25,7 +25,7 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.scenario import Push
+from ballbot.twin.faults import Push
 from ballbot.workflows.recovery_region import Loop, Reach, Region, map_region, reach
 
 

@@ -35,8 +35,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.motion_capture import MotionCapture
 from ballbot.twin.recording import Experiment, Recording, record_balance, record_bench
-from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_file import scenario_text
+from ballbot.twin.scenario import Scenario, scenario_text
 from ballbot.twin.twin import Twin
 
 _LOGS = ("log", "truth", "motion_capture")

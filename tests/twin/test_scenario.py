@@ -1,4 +1,4 @@
-"""Scenario files: read, written, refused."""
+"""Scenarios and their files: read, written, refused."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, OldFileFormat
 from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.twin.scenario import (
+from ballbot.twin.faults import (
     Compliance,
     CurrentLoop,
     LoadDependence,
@@ -23,7 +23,7 @@ from ballbot.twin.scenario import (
     Supply,
     Timing,
 )
-from ballbot.twin.scenario_file import EXAMPLES, load_scenario, read_scenario, scenario_text, write_scenario
+from ballbot.twin.scenario import EXAMPLES, load_scenario, scenario_text, write_scenario
 from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
@@ -33,14 +33,14 @@ NOMINAL = Scenario.nominal(ALTEN)
 def read(text: str, folder: Path) -> Scenario:
     path = folder / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    return read_scenario(path, ALTEN)
+    return load_scenario(path, ALTEN)
 
 
 @pytest.mark.parametrize("name", Scenario.names())
 def test_named_scenarios_round_trip(name: str, tmp_path: Path) -> None:
     scenario = Scenario.named(name, ALTEN)
     write_scenario(scenario, tmp_path / "one.toml")
-    assert read_scenario(tmp_path / "one.toml", ALTEN) == scenario
+    assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
     assert load_scenario(tmp_path / "one.toml", ALTEN) == scenario
     assert load_scenario(name, ALTEN) == scenario
 
@@ -56,7 +56,7 @@ number = st.floats(-30.0, 30.0)
     compliance=st.none() | st.builds(Compliance, frequency=positive, damping_ratio=st.floats(0, 1)),
     current_loop=st.none() | st.builds(CurrentLoop, bandwidth=positive),
     supply=st.none() | st.builds(Supply, winding_resistance=positive, internal_resistance=positive),
-    load_dependence=st.none() | st.builds(LoadDependence, share=st.floats(0, 1)),
+    load_dependence=st.none() | st.builds(LoadDependence, fraction=st.floats(0, 1)),
     payload=st.none() | st.builds(Payload, mass=positive, position=st.tuples(number, number, number)),
     roughness=st.none()
     | st.builds(Roughness, height=positive, wavelength=positive, seed=st.integers(0, 2**40)),
@@ -135,7 +135,7 @@ def test_every_line_of_a_file_has_a_comment() -> None:
     [
         ("bcklash = 1", "bcklash is not a key of a scenario file; did you mean 'backlash'?"),
         ("[compliance]\nfreqency = 1", "did you mean 'frequency'?"),
-        ("[[pushes]]\nwhen = 1", "pushes.when is not a key"),
+        ("[[pushes]]\nwhen = 1", "pushes[1].when is not a key"),
         ("[compliance]\nfrequency = 1", "compliance.damping_ratio is missing"),
         ("backlash = 'a'", "backlash is 'a'; it must be a number"),
         ("backlash = true", "backlash is true; it must be a number"),
@@ -183,3 +183,16 @@ def test_the_scenario_in_the_documents_is_one(tmp_path: Path) -> None:
     assert len(found.pushes) == 1
     for name in Scenario.names():
         assert f"`{name}`" in page
+
+
+def test_keys_of_earlier_versions_are_read_with_a_hint(tmp_path: Path) -> None:
+    with pytest.warns(
+        OldFileFormat, match=r"mine.toml was written by an earlier version: load_dependence.share is now"
+    ):
+        found = read("[load_dependence]\nshare = 0.3\n", tmp_path)
+    assert found.load_dependence == LoadDependence(fraction=0.3)
+
+
+def test_an_old_file_is_read_without_a_hint_if_its_keys_have_not_changed() -> None:
+    found = load_scenario(ROOT / "tests" / "golden" / "files" / "scenario.toml", ALTEN)
+    assert found == Scenario.resonant(ALTEN)

@@ -1,0 +1,159 @@
+"""The faults that a twin may have: each is a value with its sizes, their units and their allowed ranges.
+
+`Scenario` puts them together. A fault that is None is off: neither the MuJoCo model nor the steps contain it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+
+from ballbot.errors import InputError, suggest
+from ballbot.mechanics.friction_laws import Armstrong, Dahl, LuGre, Smoothed
+from ballbot.robot.parameters import parameter
+from ballbot.schema import validate_table
+from ballbot.simulation.conditions import MAX_DELAY
+
+#: driveline friction whose force is a function of its own state, in place of the classical law
+BristleLaw = Armstrong | Dahl | LuGre | Smoothed
+
+#: the names of the laws in scenario files
+LAW_NAMES: dict[str, type[BristleLaw]] = {
+    "armstrong": Armstrong,
+    "dahl": Dahl,
+    "lugre": LuGre,
+    "smoothed": Smoothed,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Softness:
+    """A ball that deforms under the wheels: a spring and a damper at each contact, along its normal."""
+
+    stiffness: float = field(metadata=parameter("of each contact", unit="N/m"))
+    damping: float = field(metadata=parameter("of each contact", unit="N s/m", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compliance:
+    """A driveline that twists: a spring and a damper between the motor's side and the wheel's, beyond the play."""
+
+    frequency: float = field(
+        metadata=parameter("at which motor and balancing robot oscillate against each other", unit="Hz")
+    )
+    damping_ratio: float = field(metadata=parameter("of that mode", least=0.0, most=2.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentLoop:
+    """A motor driver with a lag: the torque follows its command through a first-order filter."""
+
+    bandwidth: float = field(metadata=parameter("at which the torque has fallen to 71 %", unit="Hz"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Supply:
+    """A battery and the motors' windings: the voltage left after the back-EMF drives the current.
+
+    T_max = n k_t (V - k_e n w) / R, T_min = -n k_t (V + k_e n w) / R, with V = V_0 - R_i I and the battery's
+    current I = sum (T w + R i^2) / V_0. The nominal twin has a fixed speed limit instead.
+    """
+
+    winding_resistance: float = field(metadata=parameter("of a motor", unit="ohm"))
+    internal_resistance: float = field(metadata=parameter("of the battery", unit="ohm", least=0.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadDependence:
+    """Dry driveline friction that grows with the force N between wheel and ball.
+
+    Its size is multiplied by 1 - f + f N / N_0, where f is the fraction and N_0 the force at rest, upright.
+    """
+
+    fraction: float = field(
+        metadata=parameter("fraction of the dry friction that follows the force", least=0.0, most=1.0)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force on the body for a limited time, in the world frame; it starts and ends at a sample."""
+
+    time: float = field(metadata=parameter("start of the push", unit="s", least=-math.inf))
+    duration: float = field(metadata=parameter("of the push", unit="s"))
+    force: tuple[float, float, float] = field(
+        metadata=parameter("in the world frame: x, y, z", unit="N", least=-math.inf)
+    )
+    height: float = field(
+        metadata=parameter(
+            "of its point of application above the ball's centre, along the body's axis", unit="m", least=0.0
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Payload:
+    """A payload: a solid aluminium ball, fixed to the body."""
+
+    mass: float = field(metadata=parameter("of the payload", unit="kg"))
+    position: tuple[float, float, float] = field(
+        metadata=parameter(
+            "of its centre from the ball's centre: forward, left, up", unit="m", least=-math.inf
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Roughness:
+    """A floor with gentle bumps, modelled by the force of their slope.
+
+    The force on a robot of mass m at the height h(x, y) is -m g grad h. The height is a sum of waves in all directions
+    with wavelengths between one and four times the shortest.
+    """
+
+    height: float = field(metadata=parameter("root mean square", unit="m", least=0.0))
+    wavelength: float = field(
+        metadata=parameter("shortest wavelength; the longest is four times as long", unit="m")
+    )
+    seed: int = field(metadata=parameter("random seed of the floor; the run has its own", least=-math.inf))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Delay and jitter of the controller."""
+
+    delay: int = field(
+        default=0,
+        metadata=parameter("whole samples by which torques are delayed", least=0.0, most=float(MAX_DELAY)),
+    )
+    jitter: float = field(
+        default=0.0, metadata=parameter("largest deviation of a sampling instant", unit="s", least=0.0)
+    )
+
+
+def read_laws(tables: object) -> tuple[BristleLaw, ...]:
+    """Return the laws that the tables [[driveline_laws]] of a scenario file describe, one for each wheel.
+
+    Raises
+    ------
+    InputError
+        If a table names no law, has an unknown key, or has a value out of range.
+    """
+    if not (isinstance(tables, list) and all(isinstance(table, dict) for table in tables)):
+        raise InputError(
+            "driveline_laws must be tables: write [[driveline_laws]] above the keys of each wheel."
+        )
+    return tuple(_law(dict(table)) for table in tables)
+
+
+def _law(table: dict[str, object]) -> BristleLaw:
+    name = table.pop("law", None)
+    if not (isinstance(name, str) and name in LAW_NAMES):
+        raise InputError(f"driveline_laws.law is {name!r}; it must be one of {', '.join(LAW_NAMES)}.")
+    kind = LAW_NAMES[name]
+    known = [field.name for field in fields(kind)]
+    for key in table:
+        if key not in known:
+            hint = suggest(key, known, otherwise="it has")
+            raise InputError(f"driveline_laws.{key} is not a parameter of the law {name!r}; {hint}")
+    return validate_table(kind, table, of=f"the law {name!r}")
