@@ -8,24 +8,28 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
+from scipy.signal import welch
 
 from ballbot import Controller, Log, Model, Robot, lqr, simulate
 from ballbot.control.interface import Feedback
-from ballbot.control.lqr import LqrDesign
+from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.parts.notch import Notch
 from ballbot.control.presets import (
     PRECISE_STATE_WEIGHTS,
     PRECISE_TORQUE_WEIGHT,
     grip_torque_limit,
+    nominal_controller,
     precise_controller,
 )
-from ballbot.control.references import change_pose, hold
+from ballbot.control.references import change_pose, hold, square
 from ballbot.estimation import named_estimator
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.processes import worker_pool
@@ -35,10 +39,11 @@ from ballbot.simulation.plant import Measurement
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Push
 from ballbot.workflows.limits import leaning_state, pushed_state
+from ballbot.workflows.metrics import score
 from ballbot.workflows.recovery_region import top_speed
-from campaigns.notch_shown import notch_table
 from campaigns.predictive import Predictive
 from campaigns.section import Section
+from campaigns.twin_observed import residual_spectrum
 
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)
@@ -261,3 +266,94 @@ def _row(name: str, one: Reached) -> list[str]:
 
 def _settled(times: tuple[float, ...]) -> str:
     return ", ".join("falls" if math.isnan(time) else f"{time:.1f}" for time in times)
+
+
+RESONANT = Scenario.resonant(ROBOT)
+RESONANT_TWINS = {
+    "nominal": Scenario.nominal(ROBOT),
+    "resonance, no play": replace(RESONANT, backlash=0.0),
+    "resonance, 1 degree of play": RESONANT,
+}
+_SQUARE_DURATION = 24.0  # [s]
+
+
+def notched_controller(frequency: float | None) -> Controller:
+    """Return the nominal gain with the friction compensated, with a notch at a frequency [Hz] or without."""
+    plain = nominal_controller(ROBOT.replace(friction=RESONANT.friction), compensation="full")
+    return plain if frequency is None else plain.with_parts(Parts(notch=Notch(frequency=frequency)))
+
+
+def notched_run(job: tuple[str, float | None, int]) -> Log:
+    """Run the square on the twin."""
+    name, frequency, seed = job
+    reference = square(side=0.5, period=32.0)
+    return simulate(
+        Twin(ROBOT, RESONANT_TWINS[name]),
+        notched_controller(frequency),
+        reference,
+        duration=_SQUARE_DURATION,
+        seed=seed,
+    )
+
+
+def least_singular_value(notch: Notch | None) -> float:
+    """Return how near the linear loop comes to its border of stability: the least singular value of I + L."""
+    linear, loop = Model(ROBOT).linearize(), notched_controller(None)
+    F, G = held(linear.A, linear.B, loop.sample_time)
+    frequencies = np.geomspace(0.02, 99.0, 2000)
+    z = np.exp(2j * np.pi * frequencies * loop.sample_time)
+    L = loop.gain @ np.linalg.solve(z[:, None, None] * np.eye(10) - F, G)
+    if notch is not None:
+        L = notch.response(frequencies, loop.sample_time)[:, None, None] * L
+    return float(np.linalg.svd(np.eye(3) + L, compute_uv=False)[:, -1].min())
+
+
+def shaking(log: Log) -> float:
+    """Return the RMS of the first wheel's torque above 8 Hz, once settled [N m]."""
+    frequency, power = welch(log.torques[1000:, 0], 1.0 / log.sample_time, nperseg=512)
+    above = frequency > 8.0
+    return float(np.sqrt(np.trapezoid(power[above], frequency[above])))
+
+
+def notch_table() -> str:
+    """Run it and return a table with words below it."""
+    with worker_pool(os.cpu_count()) as pool:
+        bare = _logs(pool, dict.fromkeys(RESONANT_TWINS))
+        peaks = {
+            name: float(np.mean([residual_spectrum(log, RESONANT.friction).peak for log in logs]))
+            for name, logs in bare.items()
+        }
+        peaks["nominal"] = peaks["resonance, no play"]  # it has none of its own
+        notched = _logs(pool, peaks)
+    lines = ["| twin, nominal gain, full compensation | torque above 8 Hz (N m) | RMS error (mm) | falls |"]
+    lines.append("|---|---:|---:|---:|")
+    for name in RESONANT_TWINS:
+        lines.append(_line(name, bare[name]))
+        lines.append(_line(f"{name}, notch at {peaks[name]:.0f} Hz", notched[name]))
+    lags = []
+    for name in list(RESONANT_TWINS)[1:]:
+        notch = Notch(frequency=peaks[name])
+        lag = -np.degrees(np.angle(notch.response(3.0, 0.005)))
+        lags.append(
+            f"{least_singular_value(notch):.2f} with the notch at {peaks[name]:.0f} Hz, late by {lag:.0f} degrees "
+            "at 3 Hz"
+        )
+    return (
+        "\n".join(lines)
+        + f"\n\nThe notch stands where the one-step residuals of x_dot peak. The least singular value of"
+        f" I + L of the linear loop without resonance is {least_singular_value(None):.2f} without a notch, "
+        f"{'; '.join(lags)}."
+    )
+
+
+def _logs(pool: ProcessPoolExecutor, frequencies: dict[str, float | None]) -> dict[str, list[Log]]:
+    jobs = [(name, frequency, seed) for name, frequency in frequencies.items() for seed in SEEDS]
+    logs = list(pool.map(notched_run, jobs))
+    return {name: logs[k * len(SEEDS) : (k + 1) * len(SEEDS)] for k, name in enumerate(frequencies)}
+
+
+def _line(name: str, logs: list[Log]) -> str:
+    shakes = np.mean([shaking(log) for log in logs])
+    errors = np.mean([score(log).rms_position_error for log in logs])
+    falls = sum(log.ended is not None for log in logs)
+    return f"| {name} | {shakes:.3f} | {1e3 * errors:.0f} | {falls} of {len(logs)} |"

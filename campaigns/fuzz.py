@@ -1,27 +1,39 @@
-"""Mutated inputs for every loader and for the command line; docs/generated/evidence.md has the counts.
+"""Try damaged inputs on every loader and on the command line; docs/generated/evidence.md has the counts.
 
-.venv/bin/python -m campaigns.fuzz                      the campaign, going on where it was stopped
-.venv/bin/python -m campaigns.fuzz robot 812            one input: what it is and what becomes of it
+.venv/bin/python -m campaigns.fuzz                      the campaign; it continues where it was stopped
+.venv/bin/python -m campaigns.fuzz robot 812            one input: its content and its outcome
 
-A worker process does one input after another and says which, so that the end of the interpreter is an input's too. It
-has 2 GB beside what it needs itself, and 10 s for an input. An input is accepted, or refused in one sentence
-(`InputError`); everything else is a failure: another exception, a warning, a property that does not hold
-(`campaigns.fuzz_targets`), a value of memory or time, the end of the process.
+A worker process tries one input after another and writes a line of JSON for each, so that a crash of the interpreter
+is assigned to its input. The worker has 2 GB beside its own memory, and 10 s for an input. An input is accepted, or
+refused in one sentence (`InputError`). Everything else is a failure: another exception, a warning, a violated property
+(`campaigns.fuzz_targets`), too much memory or time, the end of the process.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import re
+import resource
 import selectors
+import shutil
+import signal
 import subprocess
 import sys
+import tempfile
+import time
+import traceback
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from random import Random
 
+from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest
-from campaigns.fuzz_worker import SECONDS, target_names
+from campaigns.fuzz_mutations import mutated
 from campaigns.section import Section
 
 SEED = 13
@@ -106,7 +118,7 @@ class Outcome:
 
 def worker_command(name: str, seed: int, first: int, end: int) -> list[str]:
     """Return the command line of the process that tries the inputs `first` to `end` - 1."""
-    return [sys.executable, "-m", "campaigns.fuzz_worker", name, str(seed), str(first), str(end)]
+    return [sys.executable, "-m", "campaigns.fuzz", "--worker", name, str(seed), str(first), str(end)]
 
 
 def outcomes(command: list[str], count: int, *, patience: float = _START) -> Iterator[Outcome]:
@@ -210,11 +222,134 @@ def _source() -> str:
     return digest(*(path.read_bytes() for path in files)).hex()
 
 
-def main(words: list[str]) -> None:
-    """Run the campaign, or show one input."""
-    if words:
-        from campaigns.fuzz_worker import show
+#: what an input may take [s], and what memory beside the process's own [bytes]
+SECONDS, BYTES = 10.0, 2 * 2**30
+_LONGEST_SENTENCE = 20_000
 
+Try = Callable[[int], None]
+
+
+class TooLongError(BaseException):
+    """An input has taken `SECONDS`; no loader catches it."""
+
+
+def target_names() -> tuple[str, ...]:
+    """Return the names of all targets."""
+    from campaigns.fuzz_targets import targets
+
+    return (*targets(), "command line")
+
+
+def attempt(name: str, seed: int, folder: Path) -> Try:
+    """Return what tries the input of that number; it returns, or raises `InputError` or what is a failure."""
+    if name == "command line":
+        from campaigns.fuzz_commands import Commands
+
+        return Commands(seed, folder).attempt
+    from campaigns.fuzz_targets import targets
+
+    target = targets()[name]
+    for content in (
+        target.samples
+    ):  # what is compiled once counts for no input, and every sample is one that is accepted
+        path = folder / f"sample{target.suffix}"
+        path.write_bytes(content)
+        target.judge(path)
+
+    def judge(number: int) -> None:
+        random = Random(f"{seed} {name} {number}")
+        path = folder / f"input{target.suffix}"
+        path.write_bytes(mutated(random.choice(target.samples), random))
+        target.judge(path)
+
+    return judge
+
+
+@contextmanager
+def limits():
+    """Bound the memory and make warnings errors while the block runs; files need not outlive the machine."""
+    status = Path("/proc/self/status").read_text()
+    found = re.search(r"VmSize:\s*(\d+)", status)
+    before, sync = resource.getrlimit(resource.RLIMIT_AS), os.fsync
+    own = 1024 * int(found[1]) if found else 4 * 2**30
+    resource.setrlimit(resource.RLIMIT_AS, (own + BYTES, before[1]))
+    os.fsync = lambda _: None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", DeprecationWarning)
+            warnings.simplefilter("ignore", ResourceWarning)
+            yield
+    finally:
+        os.fsync = sync
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def outcome(attempted: Try, number: int) -> dict[str, object]:
+    """Return what became of an input, as `Outcome` has it."""
+
+    def stop(*_: object) -> None:
+        raise TooLongError
+
+    signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    began = time.perf_counter()
+    kind, words = "accepted", ""
+    try:
+        attempted(number)
+    except InputError as error:
+        text = str(error)
+        whole = text and text.isprintable() and len(text) < _LONGEST_SENTENCE
+        kind, words = ("refused", text[:200]) if whole else ("failed", f"no sentence: {text[:200]!r}")
+    except (KeyboardInterrupt, TooLongError) as error:
+        kind, words = "failed", f"takes more than {SECONDS:g} s: {type(error).__name__} {_place(error)}"
+    except BaseException as error:
+        kind, words = "failed", f"{type(error).__name__}: {str(error)[:300]} {_place(error)}"
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    return {"kind": kind, "words": words, "seconds": round(time.perf_counter() - began, 3)}
+
+
+def _place(error: BaseException) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if "ballbot" in frame.filename or "campaigns" in frame.filename]
+    return " < ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in reversed(ours[-3:]))
+
+
+def show(name: str, seed: int, number: int) -> None:
+    """Print what becomes of one input, with its traceback; the input stays in a folder that is named."""
+    folder = Path(tempfile.mkdtemp())
+    try:
+        attempt(name, seed, folder)(number)
+        print("accepted")
+    except InputError as error:
+        print(f"refused: {error}")
+    except Exception:
+        traceback.print_exc()
+    print(folder)
+
+
+def work(name: str, seed: int, first: int, end: int) -> None:
+    """Be the worker process: try the inputs `first` to `end` - 1."""
+    channel = os.fdopen(os.dup(1), "w")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # nothing else writes to the parent
+    memory = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(dir=memory if memory.is_dir() else None))
+    try:
+        attempted = attempt(name, seed, folder)
+        with limits():
+            for number in range(first, end):
+                print(json.dumps(outcome(attempted, number)), file=channel, flush=True)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def main(words: list[str]) -> None:
+    """Run the campaign, or show one input, or work for the campaign."""
+    if words[:1] == ["--worker"]:
+        work(words[1], *map(int, words[2:5]))
+        return
+    if words:
         show(words[0], SEED, int(words[1]))
         return
     assert set(COUNTS) == set(target_names())

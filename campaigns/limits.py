@@ -19,8 +19,7 @@ from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits, leaning_state, twin_edges
 from ballbot.workflows.recovery_region import Loop
-from campaigns.pictures import write_picture
-from campaigns.section import Section
+from campaigns.section import Section, write_picture
 
 #: compensation and torque limit [N m]
 CASES: tuple[tuple[Compensation, float], ...] = (

@@ -21,8 +21,7 @@ from ballbot.workflows.metrics import position_error, rms_torque_change, settled
 from ballbot.workflows.perturbed_robots import PerturbationRanges
 from ballbot.workflows.robust_design import Effort, RobustDesign, robust_design
 from campaigns.compensation import identified_robot
-from campaigns.pictures import write_picture
-from campaigns.section import Section
+from campaigns.section import Section, write_picture
 
 EFFORT = Effort(robots=400, generations=15, population=10, fresh=2000)
 #: robots that differ from the one described, on the twin: shares of mass and height, samples of delay, tilt [rad]

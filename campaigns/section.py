@@ -1,16 +1,21 @@
-"""A section of docs/generated/evidence.md, and the folder of logs that are not shipped."""
+"""What campaigns share: a section of docs/generated/evidence.md, figures of documents, the folder of public data."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ballbot.files import write_text
+from ballbot.report.style import drawn
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A heading, words before and after, and a table between."""
+    """A heading, and a table between two texts."""
 
     title: str
     before: str
@@ -27,11 +32,11 @@ class Section:
 
 
 class DataMissingError(Exception):
-    """A campaign needs logs that are not shipped with Ballbot."""
+    """A campaign needs public data that are not part of Ballbot."""
 
 
 def data_folder() -> Path:
-    """Return the folder that BALLBOT_DATA names: logs of the test robot in bbr/, the EMPS benchmark in emps/.
+    """Return the folder of public data that BALLBOT_DATA names.
 
     Raises
     ------
@@ -39,6 +44,16 @@ def data_folder() -> Path:
         If BALLBOT_DATA names no folder.
     """
     folder = os.environ.get("BALLBOT_DATA", "")
-    if not Path(folder).is_dir() or not folder:
-        raise DataMissingError("it needs measured logs; set BALLBOT_DATA to their folder")
+    if not folder or not Path(folder).is_dir():
+        raise DataMissingError("it needs public data; set BALLBOT_DATA to the folder that holds them")
     return Path(folder)
+
+
+FOLDER = Path(__file__).parents[1] / "docs" / "images"
+
+
+def write_picture(name: str, draw: Callable[[], Figure]) -> str:
+    """Draw a figure into docs/images/NAME.svg and return its path as seen from docs/generated."""
+    path = FOLDER / f"{name}.svg"
+    write_text(path, '<?xml version="1.0" encoding="utf-8"?>\n' + drawn(draw, name=name))
+    return f"../{FOLDER.name}/{path.name}"

@@ -15,8 +15,7 @@ from ballbot import Model, Robot
 from ballbot.report.style import BLUE, GREEN, INK, ORANGE
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Softness
-from campaigns.pictures import write_picture
-from campaigns.section import Section
+from campaigns.section import Section, write_picture
 
 SAMPLE_TIME = 0.005  # [s]
 SAMPLES = 60  # 0.3 s: the fall multiplies an error by cosh(5.2 t) = 2.5

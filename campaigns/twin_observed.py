@@ -1,4 +1,4 @@
-"""What the thesis saw on its robot, looked for on the twin, with a number and a figure each.
+"""Measure and draw on the twin what the thesis observed on its robot.
 
 .venv/bin/python -m campaigns.evidence twin_observed
 
@@ -12,33 +12,253 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.signal import welch
 
-from ballbot import Log, simulate
+from ballbot import Log, Model, Robot, simulate
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.processes import worker_pool
+from ballbot.report.comparison import RUN_LABELS, RUN_LINES
+from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, Line, thinned
+from ballbot.robot import Friction
 from ballbot.twin import Scenario, Twin
-from ballbot.workflows.metrics import score
-from campaigns.observations import (
-    ROBOT,
-    Impulses,
-    Ripple,
-    Spectrum,
-    drift,
-    impulses,
-    residual_spectrum,
-    roller_ripple,
-)
-from campaigns.pictures import write_picture
-from campaigns.section import Section
-from campaigns.twin_observed_figures import (
-    drift_figure,
-    errors_figure,
-    play_figure,
-    resonance_figure,
-    rollers_figure,
-)
+from ballbot.twin.bench import run_bench
+from ballbot.workflows.metrics import SETTLE, position_error, score, settled, true_place
+from campaigns.section import Section, write_picture
+
+ROBOT = Robot.load("alten")
+RUNNING_IN = 2.0  # [s] until a wheel on the bench turns evenly
+POINTS = 256  # a turn
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ripple:
+    """A wheel's speed over the wheel's own angle, in shares of its mean speed.
+
+    Rollers that pass `per_row` times a turn make a line at that order whatever the speed.
+    """
+
+    turns: NDArray[np.float64]  #: (N,) the wheel's angle
+    ripple: NDArray[np.float64]  #: (N,) speed less its mean
+    order: NDArray[np.float64]  #: (M,) cycles a turn
+    amplitude: NDArray[np.float64]  #: (M,) of the ripple there
+    per_row: int
+
+    @property
+    def line(self) -> float:
+        """Amplitude at the passing of the rollers."""
+        return float(self.amplitude[np.abs(self.order - self.per_row) < 0.15].max())
+
+    @property
+    def background(self) -> float:
+        """Median amplitude of what is neither the mean nor the counts' noise."""
+        return float(np.median(self.amplitude[(self.order > 3) & (self.order < 40)]))
+
+
+def roller_ripple(scenario: Scenario, *, seed: int) -> Ripple:
+    """Return the ripple of a wheel upside down, all wheels driven alike, so that the ball turns evenly on them."""
+    log = run_bench(ROBOT, scenario, np.full((6000, 3), 0.25), bench="upside_down", seed=seed).log
+    even = log.t > RUNNING_IN
+    angle, speed = log["wheel1"][even], log["wheel1_dot"][even]
+    places = np.arange(angle[0], angle[-1], 2 * np.pi / POINTS)
+    ripple = np.interp(places, angle, speed) / speed.mean() - 1.0
+    amplitude = 4 / len(ripple) * np.abs(np.fft.rfft(ripple * np.hanning(len(ripple))))
+    return Ripple(
+        turns=(places - places[0]) / (2 * np.pi),
+        ripple=ripple,
+        order=np.arange(len(amplitude)) * POINTS / len(ripple),
+        amplitude=amplitude,
+        per_row=scenario.rollers.per_row,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Impulses:
+    """A run's wheel accelerations from sample to sample."""
+
+    t: NDArray[np.float64]  #: (N,) [s]
+    acceleration: NDArray[np.float64]  #: (N, n) [rad/s^2]
+
+    @property
+    def largest(self) -> float:
+        """[rad/s^2]"""
+        return float(np.abs(self.acceleration).max())
+
+    @property
+    def kurtosis(self) -> float:
+        """Fourth moment over a normal distribution's."""
+        centred = self.acceleration - self.acceleration.mean(axis=0)
+        return float(np.mean((centred / centred.std(axis=0)) ** 4) / 3.0)
+
+
+def impulses(log: Log) -> Impulses:
+    """Return the wheel accelerations of a run."""
+    return Impulses(t=log.t[1:], acceleration=np.diff(log.wheel_speeds, axis=0) / log.sample_time)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrum:
+    """Power of the one-step residuals of x_dot."""
+
+    frequency: NDArray[np.float64]  #: (M,) above 8 Hz [Hz]
+    power: NDArray[np.float64]  #: (M,) [m^2/s^2/Hz]
+
+    @property
+    def peak(self) -> float:
+        """Where it is strongest [Hz]."""
+        return float(self.frequency[np.argmax(self.power)])
+
+    @property
+    def height(self) -> float:
+        """The strongest over the median."""
+        return float(self.power.max() / np.median(self.power))
+
+
+def residual_spectrum(log: Log, friction: Friction) -> Spectrum:
+    """Return the spectrum of what the exact model with that friction cannot tell of the next sample."""
+    model = Model(ROBOT.replace(friction=friction))
+    residuals = [
+        after[5] - model.advance(before, u, log.sample_time)[5]
+        for before, after, u in zip(log.states, log.states[1:], log.torques, strict=False)
+    ]
+    frequency, power = welch(np.array(residuals), 1 / log.sample_time, nperseg=1024)
+    band = frequency > 8.0
+    return Spectrum(frequency=frequency[band], power=power[band])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Drift:
+    """How a run's on-board state leaves the truth."""
+
+    t: NDArray[np.float64]  #: (N,) [s]
+    heading: NDArray[np.float64]  #: (N,) on-board less true [degrees]
+    position: NDArray[np.float64]  #: (N,) distance of the one from the other [m]
+
+    @property
+    def rate(self) -> float:
+        """Of the heading [degrees/s]."""
+        return float(np.polyfit(self.t, self.heading, 1)[0])
+
+    def largest(self, until: float) -> float:
+        """Return the largest distance up to a time [s]."""
+        return float(self.position[self.t <= until].max())
+
+
+def drift(log: Log) -> Drift:
+    """Return a run's drift."""
+    truth = log.truth()
+    return Drift(
+        t=log.t,
+        heading=np.degrees(log["psi"] - truth["psi"]),
+        position=np.hypot(log["x"] - truth["x"], log["y"] - truth["y"]),
+    )
+
+
+_ON: Line = {"color": ORANGE, "linestyle": "-", "linewidth": 1.0}
+_OFF: Line = {"color": BLUE, "linestyle": "-", "linewidth": 1.0}
+_TURNS = 3.0  # that are shown of a wheel's
+
+
+def errors_figure(runs: Mapping[str, Log]) -> Figure:
+    """Return the paths around the square without and with compensation, and the distances from it over time."""
+    figure = Figure(figsize=(7.4, 3.0), layout="constrained")
+    paths, errors = figure.subplots(1, 2, width_ratios=(2, 3))
+    longest = max(runs.values(), key=len)
+    paths.plot(longest["ref_x"], longest["ref_y"], **REFERENCE)
+    for name in ("none", "partial"):
+        place = true_place(runs[name])
+        paths.plot(*thinned(place["x"], place["y"]), **RUN_LINES[name])
+    paths.set_aspect("equal")
+    paths.set(xlabel="$x$ [m]", ylabel="$y$ [m]", title="True path")
+    _shade_settled(errors, longest)
+    for name, log in runs.items():
+        label = f"{RUN_LABELS[name]}: {score(log).peak_position_error:.2f} m"
+        errors.plot(*thinned(log.t, position_error(log)), label=label, **RUN_LINES[name])
+    errors.set(xlabel="time [s]", ylabel="distance from the reference [m]", ylim=(0.0, 1.25))
+    errors.set_title("Distance, and its peak once settled (shaded)")
+    errors.legend(loc="upper right")
+    errors.margins(x=0.01)
+    return figure
+
+
+def rollers_figure(found: Mapping[str, Ripple]) -> Figure:
+    """Return the wheel's speed over its angle, and the orders in it, of wheels of several kinds."""
+    figure = Figure(figsize=(7.4, 1.35 * len(found)), layout="constrained")
+    panels = figure.subplots(len(found), 2, sharex="col", width_ratios=(3, 2), squeeze=False)
+    highest = 1.15 * max(float(np.abs(one.ripple).max()) for one in found.values())
+    for (speed, orders), (name, one) in zip(panels, found.items(), strict=True):
+        shown = one.turns < _TURNS
+        speed.plot(one.turns[shown], 100 * one.ripple[shown], color=BLUE, linewidth=0.9)
+        speed.set(xlim=(0.0, _TURNS), ylim=(-100 * highest, 100 * highest))
+        speed.set_title(f"{name.replace('_', ' ')}: {100 * one.line:.2f} % at {one.per_row} a turn")
+        below = (one.order > 1.0) & (one.order < 30.0)
+        orders.semilogy(one.order[below], 100 * one.amplitude[below], color=BLUE, linewidth=0.9)
+        orders.axvline(one.per_row, color=ORANGE, linewidth=2.5, alpha=0.35)
+        orders.set(xlim=(0.0, 30.0), ylim=(1e-3, 20.0))
+    figure.supylabel("wheel speed, off its mean [%]", fontsize=8.5, color=INK)
+    panels[0, 1].set_title("amplitude of each order [%]")
+    panels[-1, 0].set_xlabel("turns of the wheel")
+    panels[-1, 1].set_xlabel("cycles a turn (orange: the rollers)")
+    return figure
+
+
+def drift_figure(found: Drift) -> Figure:
+    """Return the heading's and the position's errors over time."""
+    figure = Figure(figsize=(7.4, 2.3), layout="constrained")
+    heading, position = figure.subplots(1, 2)
+    heading.plot(*thinned(found.t, found.heading), color=BLUE, linewidth=1.2)
+    heading.set(xlabel="time [s]", ylabel="on-board less true [degrees]")
+    heading.set_title(f"Heading: {180 * found.rate:.1f} degrees in 3 minutes")
+    position.plot(*thinned(found.t, found.position), color=BLUE, linewidth=1.2)
+    position.set(xlabel="time [s]", ylabel="on-board from true [m]", ylim=(0.0, None))
+    position.set_title(f"Position: {found.largest(180.0):.2f} m at most")
+    return figure
+
+
+def play_figure(found: Mapping[str, Impulses]) -> Figure:
+    """Return the wheels' accelerations with and without play."""
+    figure = Figure(figsize=(7.4, 3.0), layout="constrained")
+    panels = figure.subplots(len(found), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for axes, (name, one) in zip(panels, found.items(), strict=True):
+        shown = (one.t > 8.0) & (one.t < 14.0)
+        axes.plot(one.t[shown], one.acceleration[shown, 0], color=BLUE, linewidth=0.7)
+        axes.set_title(
+            f"{name}: up to {one.largest:.0f} rad/s$^2$, kurtosis {one.kurtosis:.1f} times a normal distribution's"
+        )
+    figure.supylabel("acceleration of wheel 1 [rad/s$^2$]", fontsize=8.5, color=INK)
+    panels[-1].set_xlabel("time [s]")
+    panels[-1].margins(x=0.01)
+    return figure
+
+
+def resonance_figure(on: Mapping[str, Spectrum], off: Mapping[str, Spectrum]) -> Figure:
+    """Return the residuals' spectrum with the resonance switched on and off, without and with play."""
+    figure = Figure(figsize=(7.4, 2.6), layout="constrained")
+    panels = figure.subplots(1, len(on), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, on, strict=True):
+        for label, one, line in (("off", off[name], _OFF), ("on", on[name], _ON)):
+            text = f"{label}: {one.height:.0f} times the median at {one.peak:.0f} Hz"
+            axes.semilogy(one.frequency, one.power, label=text, **line)
+        axes.axvline(on[name].peak, color=MUTED, linewidth=0.8, linestyle=":")
+        axes.set_title(f"Resonance, {name}")
+        axes.set_xlabel("frequency [Hz]")
+        axes.legend(loc="upper right")
+    low, high = panels[0].get_ylim()
+    panels[0].set_ylim(low, 8.0 * high)
+    panels[0].set_ylabel(r"residual of $\dot{x}$ [m$^2$/s$^2$/Hz]")
+    return figure
+
+
+def _shade_settled(axes: Axes, log: Log) -> None:
+    """Shade the times whose errors count."""
+    counted = np.concatenate([[False], settled(log, SETTLE), [False]])
+    for first, end in np.flatnonzero(np.diff(counted)).reshape(-1, 2):
+        axes.axvspan(float(log.t[first]), float(log.t[end - 1]), color=SHADE)
+
 
 SEEDS = range(1, 4)
 COMPENSATIONS: tuple[Compensation, ...] = ("none", "full", "partial")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ballbot import Model
 from campaigns.convergence import (
     SAMPLE_TIME,
+    EventDriven,
     changes,
     errors,
     follow,
@@ -20,7 +21,6 @@ from campaigns.convergence import (
     sticking_cases,
     sticks,
 )
-from campaigns.event_driven import EventDriven
 
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
 

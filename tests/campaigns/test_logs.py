@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from campaigns.correct_logs import PRESETS, drawn, record
-from campaigns.false_alarms import checked, section
-from campaigns.fuzz import COUNTS, outcomes, run
+from campaigns.false_alarms import PRESETS, checked, drawn, record, section
+from campaigns.fuzz import COUNTS, attempt, limits, outcome, outcomes, run, target_names
 from campaigns.fuzz_targets import targets
-from campaigns.fuzz_worker import attempt, limits, outcome, target_names
 
 DURATION = 6.0  # [s], a quarter of the campaign's logs
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from ballbot.twin import Scenario
-from campaigns import observations, twin_convergence
+from campaigns import twin_convergence, twin_observed
 from campaigns.twin_observed import PLAY, RESONANCE, Run, closed_loop
 
 
 def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter() -> None:
     """Two independent mechanics, MuJoCo's contacts and the Lagrangian, meet."""
-    robot = observations.ROBOT
+    robot = twin_observed.ROBOT
     exact = twin_convergence.exact_motion(robot)
     contacts = twin_convergence.TOGETHER[:4]  # half a second of computing
     errors = np.array([twin_convergence.errors(robot, exact, one) for one in contacts])
@@ -23,7 +23,7 @@ def test_rollers_ripple_the_wheel_s_speed_and_a_single_point_does_not() -> None:
     """The thesis's bumps (3.2): nine rollers of a row pass in a turn."""
     found = {}
     for name in ("wide_rows", "nominal", "single_point"):
-        found[name] = observations.roller_ripple(Scenario.named(name, observations.ROBOT), seed=1)
+        found[name] = twin_observed.roller_ripple(Scenario.named(name, twin_observed.ROBOT), seed=1)
     for name, times in (("wide_rows", 50.0), ("nominal", 10.0)):  # measured: 150 and 25
         assert found[name].line > times * found[name].background
     assert found["wide_rows"].line > 5 * found["nominal"].line  # measured: 15
@@ -34,7 +34,7 @@ def test_rollers_ripple_the_wheel_s_speed_and_a_single_point_does_not() -> None:
 def test_play_is_seen_as_impulses() -> None:
     """The thesis's chapter 6; measured 350 and 29 rad/s^2, and 19 and 1.6 times a normal fourth moment."""
     played, without = (
-        observations.impulses(closed_loop(Run(scenario=one, duration=16.0))) for one in PLAY.values()
+        twin_observed.impulses(closed_loop(Run(scenario=one, duration=16.0))) for one in PLAY.values()
     )
     assert played.largest > 4 * without.largest
     assert played.kurtosis > 4 * without.kurtosis
@@ -44,7 +44,7 @@ def test_play_is_seen_as_impulses() -> None:
 def test_a_twisting_driveline_shows_in_the_residuals() -> None:
     """Measured: a line 300 times the median near 33 Hz when on, 6 times when off."""
     off, on = (
-        observations.residual_spectrum(closed_loop(Run(scenario=one, duration=16.0)), one.friction)
+        twin_observed.residual_spectrum(closed_loop(Run(scenario=one, duration=16.0)), one.friction)
         for one in RESONANCE["without play"]
     )
     assert off.height < 20

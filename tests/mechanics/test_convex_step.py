@@ -21,13 +21,14 @@ from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TOR
 from ballbot.mechanics.engine.run import robust_lane
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.mechanics.stick_slip import minimise
-from campaigns.convex_problems import (
+from campaigns.convex_step import (
     KINDS,
     Kind,
     Problem,
     distance,
     objective,
     random_problem,
+    reference,
     with_minimiser,
 )
 from tests.support.control_examples import FRICTION, alten, four_wheeled
@@ -52,9 +53,6 @@ def minimised(problem: Problem, rng: np.random.Generator) -> NDArray[np.float64]
 @each_shape
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_minimiser_is_the_reference_solver_s(wheel_count: int, pivoting: bool, kind: Kind) -> None:
-    pytest.importorskip("clarabel", reason="clarabel is not installed")
-    from campaigns.convex_reference import reference
-
     rng = np.random.default_rng(41)
     for _ in range(15):
         problem = random_problem(rng, wheel_count=wheel_count, pivoting=pivoting, kind=kind)
