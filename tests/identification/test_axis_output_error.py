@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from ballbot.errors import InputError
 from ballbot.identification.axis import AXIS_LAWS, AxisRecord
 from ballbot.identification.axis.inverse import smoothed_motion, speed_at_start
-from ballbot.identification.axis.model import PARAMETERS, Axis, Scaling
+from ballbot.identification.axis.model import PARAMETERS, Axis
 from ballbot.identification.axis.output_error import (
     closed_loop_residuals,
     equal_spans,
@@ -113,19 +113,6 @@ def test_the_speed_at_the_start_is_that_of_the_motion():
         name="cubic", sample_time=SAMPLE_TIME, force=np.zeros(1000), position=0.3 * t - t**2 + 2.0 * t**3
     )
     assert speed_at_start(record) == pytest.approx(0.3, rel=1e-9)
-
-
-@pytest.mark.parametrize("name", list(AXIS_LAWS))
-def test_scaling_round_trips(name):
-    rung = AXIS_LAWS[name]
-    values = {one: 0.5 + i for i, one in enumerate(rung.names)}
-    scaling = Scaling(names=rung.names, sizes=np.full(len(rung.names), 3.0))
-    assert scaling.values(scaling.scaled(values)) == pytest.approx(values)
-    step = 1e-6
-    z = scaling.scaled(values)
-    for i, one in enumerate(rung.names):
-        ahead = scaling.values(z + step * np.eye(len(z))[i])[one]
-        assert (ahead - values[one]) / step == pytest.approx(scaling.slopes(z)[i], rel=1e-4)
 
 
 def test_axis_laws_are_nested():

@@ -13,7 +13,7 @@ from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.inverse import default_bandwidth, smoothed_motion, speed_at_start
-from ballbot.identification.axis.model import PARAMETERS, Axis
+from ballbot.identification.axis.model import PARAMETERS, Axis, unit_for
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, drawn, thinned
 from ballbot.report.tables import digits, with_error
@@ -171,7 +171,7 @@ def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
             with_error(one.values[name], one.standard_errors[name]) if name in one.values else "–"
             for one in found.estimates
         ]
-        rows.append((kind.symbol, kind.meaning, kind.unit_for(found.unit), *values))
+        rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), *values))
     return rows
 
 

@@ -29,7 +29,15 @@ from ballbot.identification.axis.inverse import (
     smoothed_motion,
     speed_at_start,
 )
-from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Values, axis_law_named
+from ballbot.identification.axis.model import (
+    AXIS_LAWS,
+    PARAMETERS,
+    Axis,
+    AxisLaw,
+    Values,
+    axis_law_named,
+    unit_for,
+)
 from ballbot.identification.axis.output_error import (
     OutputErrorFit,
     closed_loop_residuals,
@@ -173,7 +181,7 @@ def _asymmetry_findings(
     verdict = next(one for one in ladder.candidates if not one.model.symmetric)
     if verdict.gain is None or not verdict.accepted or not rung.symmetric:
         return []
-    over_time = _over_time(asymmetry, PARAMETERS["viscous"].unit_for(record.unit)) if len(asymmetry) else ""
+    over_time = _over_time(asymmetry, unit_for(PARAMETERS["viscous"], record.unit)) if len(asymmetry) else ""
     text = (
         "The asymmetric law predicts other windows of this record with "
         f"{100.0 * verdict.gain.share:.0f} % less error, yet it is not selected: "

@@ -1,6 +1,6 @@
 """One axis as a model: its parameters, the friction laws tried, and its motion.
 
-The ladder of nested friction laws of one axis, and how their parameters are scaled for a search.
+The nested friction laws of one axis.
 
     viscous       M, b, offset
     coulomb       and c                                    tau = b v + c sgn(v)
@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
+from ballbot.fitting.parameter import Parameter, RelativeSpace, Scale
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.friction_laws.classical import Classical
@@ -43,51 +44,44 @@ Law = Classical | LuGre
 
 #: bristles need some Coulomb friction to slide at
 _LEAST_COULOMB = 1e-9
-#: a parameter on a logarithmic scale is sought within e to this power of where the search starts, either way
-_WIDEST = 7.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """What a number of an axis is."""
-
-    symbol: str
-    meaning: str
-    unit: str  #: of an axis that moves along a line; see `unit_for`
-    logarithmic: bool = False  #: above zero, and ratios matter
-    signed: bool = False
-
-    def unit_for(self, axis_unit: str) -> str:
-        """Return the unit for an axis of positions in "m" or "rad"."""
-        if axis_unit == "m":
-            return self.unit
-        return {
-            "kg": "kg m^2",
-            "N s/m": "N m s/rad",
-            "N": "N m",
-            "m/s": "rad/s",
-            "N/m": "N m/rad",
-        }.get(self.unit, self.unit)
+def _parameter(name: str, symbol: str, unit: str, meaning: str, *, scale: Scale = "amount") -> Parameter:
+    bounds = (-math.inf, math.inf) if scale == "signed" else (0.0, math.inf)
+    default = 1.0 if scale == "ratio" else 0.0
+    return Parameter(
+        name=name, symbol=symbol, unit=unit, scale=scale, bounds=bounds, default=default, meaning=meaning
+    )
 
 
+#: by name; units are those of an axis that moves along a line, see `unit_for`
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
-        "mass": Parameter(symbol="M", meaning="mass or inertia", unit="kg", logarithmic=True),
-        "viscous": Parameter(symbol="b", meaning="viscous", unit="N s/m"),
-        "coulomb": Parameter(symbol="c", meaning="Coulomb", unit="N"),
-        "offset": Parameter(symbol="offset", meaning="constant force", unit="N", signed=True),
-        "stribeck": Parameter(symbol="s", meaning="break-away above Coulomb", unit="N"),
-        "stribeck_speed": Parameter(symbol="v_s", meaning="Stribeck speed", unit="m/s", logarithmic=True),
-        "stiffness": Parameter(symbol="sigma_0", meaning="bristles' stiffness", unit="N/m", logarithmic=True),
-        "micro_damping": Parameter(
-            symbol="sigma_1", meaning="bristles' damping", unit="N s/m", logarithmic=True
-        ),
-        "viscous_plus": Parameter(symbol="b+", meaning="viscous, forwards", unit="N s/m"),
-        "viscous_minus": Parameter(symbol="b-", meaning="viscous, backwards", unit="N s/m"),
-        "coulomb_plus": Parameter(symbol="c+", meaning="Coulomb, forwards", unit="N"),
-        "coulomb_minus": Parameter(symbol="c-", meaning="Coulomb, backwards", unit="N"),
+        one.name: one
+        for one in (
+            _parameter("mass", "M", "kg", "mass or inertia", scale="ratio"),
+            _parameter("viscous", "b", "N s/m", "viscous"),
+            _parameter("coulomb", "c", "N", "Coulomb"),
+            _parameter("offset", "offset", "N", "constant force", scale="signed"),
+            _parameter("stribeck", "s", "N", "break-away above Coulomb"),
+            _parameter("stribeck_speed", "v_s", "m/s", "Stribeck speed", scale="ratio"),
+            _parameter("stiffness", "sigma_0", "N/m", "bristles' stiffness", scale="ratio"),
+            _parameter("micro_damping", "sigma_1", "N s/m", "bristles' damping", scale="ratio"),
+            _parameter("viscous_plus", "b+", "N s/m", "viscous, forwards"),
+            _parameter("viscous_minus", "b-", "N s/m", "viscous, backwards"),
+            _parameter("coulomb_plus", "c+", "N", "Coulomb, forwards"),
+            _parameter("coulomb_minus", "c-", "N", "Coulomb, backwards"),
+        )
     }
 )
+
+
+def unit_for(parameter: Parameter, axis_unit: str) -> str:
+    """Return a parameter's unit for an axis of positions in "m" or "rad"."""
+    if axis_unit == "m":
+        return parameter.unit
+    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "N/m": "N m/rad"}
+    return turning.get(parameter.unit, parameter.unit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,42 +162,16 @@ def axis_law_named(name: str) -> AxisLaw:
     return AXIS_LAWS[name]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Scaling:
-    """A rung's parameters as a search sees them: z = ln p, or p over its size."""
+def space_about(law: AxisLaw, start: Values) -> RelativeSpace:
+    """Return a law's parameters, scaled by their values at `start`."""
+    return RelativeSpace(
+        parameters=tuple(replace(PARAMETERS[name], default=float(start[name])) for name in law.names)
+    )
 
-    names: tuple[str, ...]
-    sizes: NDArray[np.float64]  #: (p,)
 
-    def values(self, z: NDArray[np.float64]) -> dict[str, float]:
-        """Return the parameters in SI units of scaled ones (p,)."""
-        return {
-            name: float(np.exp(one) if PARAMETERS[name].logarithmic else one * size)
-            for name, one, size in zip(self.names, z, self.sizes, strict=True)
-        }
-
-    def scaled(self, values: Values) -> NDArray[np.float64]:
-        """Return scaled parameters (p,)."""
-        return np.array(
-            [
-                np.log(values[name]) if PARAMETERS[name].logarithmic else values[name] / size
-                for name, size in zip(self.names, self.sizes, strict=True)
-            ]
-        )
-
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the least and the greatest scaled values (p,): zero for what cannot be negative, and e^+-7 sizes."""
-        kinds = [PARAMETERS[name] for name in self.names]
-        logarithmic = np.array([kind.logarithmic for kind in kinds])
-        signed = np.array([kind.signed for kind in kinds])
-        middle = np.where(logarithmic, np.log(self.sizes), 0.0)
-        lower = np.where(logarithmic, middle - _WIDEST, np.where(signed, -np.inf, 0.0))
-        return lower, np.where(logarithmic, middle + _WIDEST, np.inf)
-
-    def slopes(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return dp/dz (p,)."""
-        logarithmic = np.array([PARAMETERS[name].logarithmic for name in self.names])
-        return np.where(logarithmic, np.array(list(self.values(z).values())), self.sizes)
+def values_of(law: AxisLaw, parameters: NDArray[np.float64]) -> dict[str, float]:
+    """Return a law's parameters (p,) by name."""
+    return dict(zip(law.names, parameters.tolist(), strict=True))
 
 
 @compiled

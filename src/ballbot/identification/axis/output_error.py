@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.model_selection import HeldOut, ModelSelection, neighbours, select_model
+from ballbot.fitting.parameter import RelativeSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import block_length, covariance_in_time
 from ballbot.identification.axis.inverse import Motion, speed_at_start
-from ballbot.identification.axis.model import AXIS_LAWS, PARAMETERS, Axis, AxisLaw, Scaling, Values
+from ballbot.identification.axis.model import AXIS_LAWS, Axis, AxisLaw, Values, space_about, values_of
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
 
@@ -119,12 +120,14 @@ def fit_output_error(
     rung: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
 ) -> OutputErrorFit:
     """Descend from `start`; `scale` is a usual size of the residuals."""
-    sizes = np.array([abs(start[name]) or 1.0 for name in rung.names])
-    scaling = Scaling(names=rung.names, sizes=sizes)
-    lower, upper = scaling.bounds()
+    space = space_about(rung, start)
+    lower, upper = space.bounds()
+
+    def axis_at(z: NDArray[np.float64]) -> Axis:
+        return Axis(rung=rung, values=values_of(rung, space.physical(z)))
 
     def errors(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return residuals_of(Axis(rung=rung, values=scaling.values(z))).values / scale
+        return residuals_of(axis_at(z)).values / scale
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
         columns = []
@@ -134,7 +137,7 @@ def fit_output_error(
             columns.append((errors(ahead) - errors(behind)) / (ahead - behind)[i])
         return np.column_stack(columns)
 
-    begin = np.maximum(scaling.scaled(start), lower + _INSIDE)
+    begin = np.maximum(space.scaled(np.array([start[name] for name in rung.names])), lower + _INSIDE)
     found = minimize_squares(
         errors,
         begin,
@@ -143,11 +146,11 @@ def fit_output_error(
         scale="jac",
         stopping=Stopping(most_evaluations=_MOST_STEPS, least_gain=_ENOUGH, least_step=1e-5),
     )
-    last = residuals_of(Axis(rung=rung, values=scaling.values(found.point)))
+    last = residuals_of(axis_at(found.point))
     return OutputErrorFit(
         rung=rung,
-        values=scaling.values(found.point),
-        standard_errors=_standard_errors(scaling, found.point, found.jacobian, last, scale),
+        values=values_of(rung, space.physical(found.point)),
+        standard_errors=values_of(rung, _standard_errors(space, found.point, found.jacobian, last, scale)),
         rms=float(np.sqrt(np.mean(last.values**2))),
     )
 
@@ -180,18 +183,19 @@ def search_output_error(
     Over long windows single events of sticking make many small valleys, of which a descent finds the nearest.
     """
     near = fit_output_error(rung, start, residuals_of, scale=scale)
-    scaling = Scaling(
-        names=rung.names, sizes=np.array([abs(near.values[name]) or 1.0 for name in rung.names])
+    space = space_about(rung, near.values)
+    middle, (lower, upper) = (
+        space.scaled(np.array([near.values[name] for name in rung.names])),
+        space.bounds(),
     )
-    middle, (lower, upper) = scaling.scaled(near.values), scaling.bounds()
-    logarithmic = np.array([PARAMETERS[name].logarithmic and name != "mass" for name in rung.names])
+    logarithmic = space.logarithmic & np.array([name != "mass" for name in rung.names])
     reach = np.where(logarithmic, _REACH_LOGARITHMIC, _REACH)
 
     def z_of(sought: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.clip(middle + (2.0 * sought - 1.0) * reach, lower, upper)
 
     def costs(population: NDArray[np.float64]) -> NDArray[np.float64]:
-        axes = [Axis(rung=rung, values=scaling.values(z_of(one))) for one in population]
+        axes = [Axis(rung=rung, values=values_of(rung, space.physical(z_of(one)))) for one in population]
         return np.array([0.5 * np.log(np.mean(residuals_of(axis).values ** 2)) for axis in axes])
 
     evolved = evolve(
@@ -201,20 +205,21 @@ def search_output_error(
         population=_POPULATION,
         run=DEFAULT_RUN,
     )
-    found = fit_output_error(rung, scaling.values(z_of(evolved.best)), residuals_of, scale=scale)
+    start_again = values_of(rung, space.physical(z_of(evolved.best)))
+    found = fit_output_error(rung, start_again, residuals_of, scale=scale)
     return min(near, found, key=lambda fit: fit.rms)
 
 
 def _standard_errors(
-    scaling: Scaling, z: NDArray[np.float64], J: NDArray[np.float64], last: Residuals, scale: float
-) -> dict[str, float]:
-    lower, upper = scaling.bounds()
+    space: RelativeSpace, z: NDArray[np.float64], J: NDArray[np.float64], last: Residuals, scale: float
+) -> NDArray[np.float64]:
+    lower, upper = space.bounds()
     kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
     errors = np.full(len(z), np.nan)
     neighbours = (int(last.block.max()) + 1) // _NEIGHBOURS
     covariance = covariance_in_time(J[:, kept], last.values / scale, last.block, neighbours=neighbours)
     errors[kept] = np.sqrt(covariance.diagonal())
-    return dict(zip(scaling.names, (errors * scaling.slopes(z)).tolist(), strict=True))
+    return errors * space.slopes(z)
 
 
 FOLDS = 3
