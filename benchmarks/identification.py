@@ -136,7 +136,7 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
     own, wide = robot.friction, {"viscous": (0.0, 0.1), "coulomb": (0.0, 0.5), "rolling": (0.0, 0.05)}
     held = {"stribeck": (0.0, 0.0), "stribeck_speed": (own.stribeck_speed,) * 2}
     held |= {"stribeck_exponent": (own.stribeck_exponent,) * 2}
-    coordinates = scale_between(robot, bounds=Bounds(**wide, **held))
+    coordinates = scale_between(robot, bounds=Bounds(wide | held))
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout, threads=1)
     none = coordinates.layout.without_friction(coordinates.nominal)[None]
     reference = predictor.square_sums(none, windows, every=windows.comparison_interval)[0]

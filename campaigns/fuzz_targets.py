@@ -412,8 +412,7 @@ def _judge_controller(path: Path) -> None:
 
 def _judge_bounds(path: Path) -> None:
     bounds = read_bounds(path)
-    for name in bounds.given:
-        lower, upper = bounds.interval(name) or (math.nan, math.nan)
+    for lower, upper in bounds.limits.values():
         assert math.isfinite(lower)
         assert lower <= upper < math.inf
 

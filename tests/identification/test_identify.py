@@ -109,7 +109,7 @@ def test_result_does_not_depend_on_the_number_of_threads():
 def test_a_parameter_without_influence_gets_no_number():
     # without break-away friction nothing depends on where and how it fades
     log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
-    found = quick(log, bounds=Bounds(stribeck=(0.0, 0.0)))
+    found = quick(log, bounds=Bounds({"stribeck": (0.0, 0.0)}))
     assert math.isnan(found.parameters["v_s"])
     assert math.isnan(found.parameters["delta"])
     assert math.isnan(found.standard_errors["v_s"])
@@ -121,7 +121,7 @@ def test_a_parameter_without_influence_gets_no_number():
 
 def test_active_bounds_are_kept_and_reported():
     log = noisy(balancing_log(), seed=4).between(6.0, 12.0)
-    bounds = Bounds(rolling=(0.012, 0.05), viscous=(0.0, 0.03))  # the truth is 0.007
+    bounds = Bounds({"rolling": (0.012, 0.05), "viscous": (0.0, 0.03)})  # the truth is 0.007
     found = quick(log, bounds=bounds)
     assert found.parameters["C_rr"] == 0.012
     assert math.isnan(found.standard_errors["C_rr"])

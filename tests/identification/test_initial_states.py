@@ -46,7 +46,7 @@ def held_but(label: str) -> Bounds:
         "stribeck_exponent": (1.1, 1.1),
         "rolling": (0.007, 0.007),
     }
-    return Bounds(**(at_truth | around))
+    return Bounds(at_truth | around)
 
 
 @pytest.fixture(scope="module")

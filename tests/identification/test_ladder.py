@@ -67,10 +67,10 @@ def test_every_law_but_the_first_has_another_within_it():
 
 
 def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
-    given = Bounds(viscous=(0.0, 0.02), stribeck=(0.0, 0.3))
+    given = Bounds({"viscous": (0.0, 0.02), "stribeck": (0.0, 0.3)})
     bounds = bounds_of(law_named("coulomb"), given)
-    assert bounds.viscous == (0.0, 0.02)
-    assert bounds.stribeck == (0.0, 0.0)
+    assert bounds.limits["viscous"] == (0.0, 0.02)
+    assert bounds.limits["stribeck"] == (0.0, 0.0)
     with pytest.raises(InputError, match=r"'colomb' is not a friction law; did you mean 'coulomb'\?"):
         law_named("colomb")
 

@@ -161,10 +161,7 @@ def test_standard_errors_clustered_by_window_are_those_of_many_repeats():
 def test_bounds_come_from_a_file(tmp_path):
     (tmp_path / "bounds.toml").write_text("coulomb = [0.05, 0.2]\nrolling = [0, 0.01]\n")
     bounds = read_bounds(tmp_path / "bounds.toml")
-    assert bounds.coulomb == (0.05, 0.2)
-    assert bounds.rolling == (0.0, 0.01)
-    assert bounds.viscous is None
-    assert bounds.given == ("coulomb", "rolling")
+    assert bounds.limits == {"coulomb": (0.05, 0.2), "rolling": (0.0, 0.01)}
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_every_quantity_can_be_given_bounds():
 
 
 def test_fixed_quantities_keep_their_values():
-    coordinates = scale_between(alten(FRICTION), free=("delay",), bounds=Bounds(rolling=(0.001, 0.01)))
+    coordinates = scale_between(alten(FRICTION), free=("delay",), bounds=Bounds({"rolling": (0.001, 0.01)}))
     free = [label for label, one in zip(coordinates.labels, coordinates.free, strict=True) if one]
     assert free == ["C_rr", "delay"]
     np.testing.assert_array_equal(coordinates.lower[:11], TRUTH[:11])

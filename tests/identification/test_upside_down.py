@@ -215,7 +215,7 @@ class TestIdentification:
         self, log: Log, tmp_path
     ):
         robot = ALTEN.replace(friction=FRICTION)
-        few = Bounds(stribeck=(0.0, 0.1), stribeck_speed=(0.6, 0.6), stribeck_exponent=(1.1, 1.1))
+        few = Bounds({"stribeck": (0.0, 0.1), "stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})
         options = {"bounds": few, "window": 0.4, "generations": 3, "population": 6, "evolution_windows": 4}
         found = identify_upside_down(robot, log, run=Run(executor=Threads(count=1)), **options)
         path = tmp_path / "checkpoint.jsonl"
@@ -231,7 +231,7 @@ class TestIdentification:
 
     @pytest.mark.slow
     def test_held_and_useless_parameters_get_no_error(self, log: Log):
-        bounds = Bounds(stribeck=(0.0, 0.0), stribeck_exponent=(1.0, 1.0))
+        bounds = Bounds({"stribeck": (0.0, 0.0), "stribeck_exponent": (1.0, 1.0)})
         found = identify_upside_down(
             ALTEN, log, bounds=bounds, window=0.4, generations=3, population=6, evolution_windows=4
         )
@@ -250,7 +250,7 @@ class TestIdentification:
             ({}, {"window": 4.0}, "choose a shorter window"),
             ({}, {"window": 1e-4}, "two samples"),
             ({}, {"held_out": 1.0}, "held_out"),
-            ({}, {"bounds": Bounds(delay=(0.0, 0.01))}, "delay cannot be identified"),
+            ({}, {"bounds": Bounds({"delay": (0.0, 0.01)})}, "delay cannot be identified"),
         ],
     )
     def test_refusals(self, log: Log, change, options, sentence):

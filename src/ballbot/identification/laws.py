@@ -121,8 +121,7 @@ def law_named(name: str) -> Law:
 
 def bounds_of(law: Law, bounds: Bounds) -> Bounds:
     """Return bounds that hold what the law does not have; the rest stay as given."""
-    given = {name: bounds.interval(name) for name in bounds.given}
-    return Bounds(**{**law.wide, **given, **law.held})
+    return Bounds({**law.wide, **bounds.limits, **law.held})
 
 
 #: neighbouring windows drawn together; of a quarter held out, four are some 4 s of the robot's way

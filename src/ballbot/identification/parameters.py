@@ -19,8 +19,8 @@ s is friction that hardly ever acts, and traps a search: hence the bound at 0.1 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -33,40 +33,24 @@ from ballbot.identification.quantities import BY_NAME, FRICTION, Layout, Limits,
 from ballbot.robot import Robot
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Bounds:
-    """The least and the greatest value of quantities; None keeps the default.
+    """The least and the greatest value of quantities, by name; the others keep the default.
 
     Raises
     ------
     InputError
-        Where a pair is not two finite numbers in rising order, or reaches below what is physical.
+        If a name is not a quantity, or a pair is not two finite numbers in rising order or reaches below what is
+        physical.
     """
 
-    viscous: Limits | None = None  #: b [N m s/rad], every wheel's
-    coulomb: Limits | None = None  #: c [N m], every wheel's
-    stribeck: Limits | None = None  #: s [N m], every wheel's
-    stribeck_speed: Limits | None = None  #: v_s [rad/s]
-    stribeck_exponent: Limits | None = None  #: delta [-]
-    rolling: Limits | None = None  #: C_rr [-]
-    load: Limits | None = None  #: mu [-], every wheel's
-    pivoting: Limits | None = None  #: T_p [N m]
-    center_of_mass: Limits | None = None  #: l [m]
-    second_moment: Limits | None = None  #: S_x, S_y and S_z [kg m^2]
-    ball_inertia: Limits | None = None  #: j_b [kg m^2]
-    wheel_inertia: Limits | None = None  #: j_w [kg m^2]
-    rotor_inertia: Limits | None = None  #: j_r [kg m^2], at the wheel
-    torque_gain: Limits | None = None  #: [-], every motor's
-    torque_offset: Limits | None = None  #: [N m], every motor's
-    delay: Limits | None = None  #: [s]
-    imu_delay: Limits | None = None  #: [s]
-    velocity_delay: Limits | None = None  #: [s]
-    lean_bias: Limits | None = None  #: [rad], about x and about y
-    gyro_bias: Limits | None = None  #: [rad/s], about x, y and z
+    limits: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
 
     def __post_init__(self) -> None:
-        for name in self.given:
-            lower, upper = self.interval(name) or (math.nan, math.nan)
+        for name, (lower, upper) in self.limits.items():
+            if name not in BY_NAME:
+                hint = suggest(name, BY_NAME, otherwise="the keys are")
+                raise InputError(f"{name!r} is not a quantity that can be identified; {hint}")
             if not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper):
                 raise InputError(
                     f"The bounds of {name} are [{lower}, {upper}]; the lower one must come first."
@@ -75,20 +59,15 @@ class Bounds:
             if (lower < 0.0 and scale != "signed") or (lower <= 0.0 and scale == "ratio"):
                 least = "above zero" if scale == "ratio" else "zero or more"
                 raise InputError(f"The lower bound of {name} is {lower:g}; it must be {least}.")
-        if self.delay is not None and self.delay[0] < 0.0:
+        if self.limits.get("delay", (0.0, 0.0))[0] < 0.0:
             raise InputError(
-                f"The lower bound of delay is {self.delay[0]:g}; it must be "
+                f"The lower bound of delay is {self.limits['delay'][0]:g}; it must be "
                 "zero or more, because an effect cannot precede its cause."
             )
 
-    @property
-    def given(self) -> tuple[str, ...]:
-        """The names of the quantities that are given bounds."""
-        return tuple(field.name for field in fields(self) if self.interval(field.name) is not None)
-
-    def interval(self, name: str) -> Limits | None:
-        """Return the bounds of the quantity of that name, None where the defaults hold."""
-        return getattr(self, name)
+    def without(self, *names: str) -> Bounds:
+        """Return the bounds of the other quantities."""
+        return Bounds({name: limits for name, limits in self.limits.items() if name not in names})
 
 
 def read_bounds(path: str | Path) -> Bounds:
@@ -100,13 +79,8 @@ def read_bounds(path: str | Path) -> Bounds:
         Where the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
     """
     entries = read_toml(path)
-    names = [field.name for field in fields(Bounds)]
-    unknown = [key for key in entries if key not in names]
-    if unknown:
-        hint = suggest(unknown[0], names, otherwise="the keys are")
-        raise InputError(f"{path}: {unknown[0]!r} is not a quantity that can be identified; {hint}")
     try:
-        return Bounds(**{key: _limits_in_file(key, value) for key, value in entries.items()})
+        return Bounds({key: _limits_in_file(key, value) for key, value in entries.items()})
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -144,7 +118,7 @@ def scale_between(
     """
     bounds = bounds or Bounds()
     sought = names_in(free)
-    asked = {*sought, *bounds.given}
+    asked = {*sought, *bounds.limits}
     extra = tuple(name for name in BY_NAME if name not in FRICTION and name in asked)
     layout = Layout(wheel_count=robot.wheel_count, extra=extra)
     parameters = []
@@ -168,7 +142,7 @@ def scale_between(
 
 def _limits(quantity: Quantity, robot: Robot, sought: Sequence[str], bounds: Bounds) -> NDArray[np.float64]:
     """Return the least and greatest value of each of a quantity's numbers (k, 2); equal where it is held."""
-    given = bounds.interval(quantity.name)
+    given = bounds.limits.get(quantity.name)
     if given is not None:
         return np.tile(given, (len(quantity.labels(robot.wheel_count)), 1))
     if quantity.name not in sought:

@@ -329,10 +329,10 @@ class BallProblem:
 
 def _coordinates(robot: Robot, bounds: Bounds) -> Coordinates:
     """Return the coordinates of friction's 3 n + 3 parameters, the last, rolling friction, held as it is."""
-    others = [name for name in bounds.given if name not in FRICTION]
+    others = [name for name in bounds.limits if name not in FRICTION]
     if others:
         raise InputError(f"{others[0]} cannot be identified upside down; remove its bounds.")
-    return scale_between(robot, free=FRICTION[:-1], bounds=replace(bounds, rolling=None))
+    return scale_between(robot, free=FRICTION[:-1], bounds=bounds.without("rolling"))
 
 
 def _check(problem: BallProblem) -> list[Finding]:
