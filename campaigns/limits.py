@@ -14,6 +14,7 @@ import numpy as np
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.presets import nominal_controller
+from ballbot.fitting.run import Run
 from ballbot.report.limits import directions_figure, heights_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
@@ -89,7 +90,7 @@ def _case(robot: Robot, compensation: Compensation, limit: float) -> Case:
     loop = Loop(robot=robot, controller=controller)
     drawn = limit == robot.drive.torque_limit
     model = find_limits(loop, refinements=5 if drawn else 0)
-    edges = twin_edges(robot, controller, Scenario.nominal(robot), model, directions=ON_TWIN)
+    edges = twin_edges(robot, controller, Scenario.nominal(robot), model, directions=ON_TWIN, run=Run(seed=1))
     return Case(name=f"{compensation}, {limit:g} N m", loop=loop, model=model, twin=edges)
 
 

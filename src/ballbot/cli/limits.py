@@ -15,7 +15,7 @@ from ballbot.cli.output import table
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.fitting.run import check_seed
+from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, directions_figure, heights_figure, planes_figure
 from ballbot.report.style import drawn
@@ -96,7 +96,7 @@ def limits(
                     bar.show((place + now.share) / len(chosen), note=name)
 
                 loop = Loop(robot=described, controller=controller, grip=grip)
-                found.model[one.name] = find_limits(loop, refinements=refinements, progress=report)
+                found.model[one.name] = find_limits(loop, refinements=refinements, run=Run(progress=report))
                 if truth is not None:
                     bar.show((place + 1) / len(chosen), note=f"{one.name}, on the twin")
                     found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], seed)
@@ -136,7 +136,7 @@ def _truth(scenario: str, robot: Robot) -> Scenario:
 def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinEdge]:
     from ballbot.workflows.limits import twin_edges
 
-    return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, seed=seed)
+    return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, run=Run(seed=seed))
 
 
 def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, folder: Path) -> None:

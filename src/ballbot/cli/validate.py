@@ -23,11 +23,12 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding
-from ballbot.fitting.run import check_seed
+from ballbot.fitting.run import Run, check_seed
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.formats import is_log_file
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import Progress
 from ballbot.report.prediction import (
     StudyFolder,
     cause_lines,
@@ -311,9 +312,13 @@ def _validate(
     parts: dict[str, Validation] = {}
     with progress_bar(console, "validating") as bar:
         for number, (name, log) in enumerate(logs.items()):
-            bar.show(number / len(logs), doing=f"validating {name}")
+
+            def report(now: Progress, number: int = number, name: str = name) -> None:
+                bar.show((number + now.share) / len(logs), doing=f"validating {name}", note=now.stage)
+
+            run = Run(seed=seed, progress=report)
             try:
-                parts[name] = validate_pair(models, log, controller=controller, seed=seed)
+                parts[name] = validate_pair(models, log, controller=controller, run=run)
             except InputError as error:
                 raise InputError(f"{name}: {error}") from None
     return parts

@@ -11,11 +11,13 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
+from ballbot.progress import Progress
 from ballbot.robot import Robot
 from ballbot.validation.closed_loop import (
     ClosedLoop,
@@ -69,9 +71,9 @@ def validate(
     formulation: Formulation = "exact",
     restart_every: float = 4.0,
     longest: float = 2.0,
-    seed: int = 0,
+    run: Run = DEFAULT_RUN,
 ) -> Validation:
-    """Hold a robot's model, with its friction and without, against a log in three ways; see `validate_pair`.
+    """Validate a robot's model, with its friction and without, against a log in three ways; see `validate_pair`.
 
     Parameters
     ----------
@@ -87,7 +89,7 @@ def validate(
         Of the model.
     restart_every : float
     longest : float
-    seed : int
+    run : Run, optional
         As for `validate_pair`.
 
     Raises
@@ -105,7 +107,7 @@ def validate(
         holdout=holdout,
         restart_every=restart_every,
         longest=longest,
-        seed=seed,
+        run=run,
     )
     return replace(validation, log_findings=checked.findings)
 
@@ -118,9 +120,9 @@ def validate_pair(
     holdout: Sequence[Interval] | None = None,
     restart_every: float = 4.0,
     longest: float = 2.0,
-    seed: int = 0,
+    run: Run = DEFAULT_RUN,
 ) -> Validation:
-    """Hold any two models against a log in three ways: closed loop, open loop and prediction.
+    """Validate any two models against a log in three ways: closed loop, open loop and prediction.
 
     The log is not checked here; see `ballbot.log.checks.checked_logs`.
 
@@ -139,13 +141,13 @@ def validate_pair(
         Time from restart to restart in closed loop [s].
     longest : float
         Longest open-loop run [s].
-    seed : int
-        Of the noise drawn for the noise floors.
+    run : Run, optional
+        Its seed is that of the noise drawn for the noise floors; its progress is reported before each stage.
 
     Raises
     ------
     InputError
-        Where the log lacks a column, is not of this robot, or was recorded by another controller than the one given.
+        If the log lacks a column, is not of this robot, or was recorded by another controller than the one given.
     """
     for name, value in (("restart_every", restart_every), ("longest", longest)):
         if not (np.isfinite(value) and value > 0.0):
@@ -155,28 +157,44 @@ def validate_pair(
     log = log.with_columns({"psi": np.unwrap(log["psi"])})
     check_wheels(models.first.model, log)
     parts = stretches(log, holdout)
+    _report(run, 0)
     prediction = predict(models, log, parts)
     covariance = prediction.start_covariance
     disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
+    _report(run, 1)
     recovered, closed, refusal = (
         (None, None, disturbed) if disturbed else _closed_loop(models, log, parts, controller, restart_every)
     )
+    _report(run, 2)
+    opened = (
+        None
+        if disturbed
+        else open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=run.seed)
+    )
+    _report(run, 3)
+    horizon = compare_horizons(models, log, parts, start_covariance=covariance, seed=run.seed)
+    _report(run, 4)
     return Validation(
         models=models,
-        open_loop=None
-        if disturbed
-        else open_loop(models, log, parts, start_covariance=covariance, longest=longest, seed=seed),
+        open_loop=opened,
         no_open_loop=disturbed,
         closed_loop=closed,
         no_closed_loop=refusal,
         prediction=prediction,
         residuals=analyse_residuals(prediction, models.first.model, find_updates(log)),
-        horizon=compare_horizons(models, log, parts, start_covariance=covariance, seed=seed),
+        horizon=horizon,
         recovered=recovered,
         dither=find_dither(models.first.model, log),
         duration=sum(len(part) for part in parts) * log.sample_time,
         sample_time=log.sample_time,
     )
+
+
+_STAGES = ("one step ahead", "closed loop", "open loop", "horizons", "residuals")
+
+
+def _report(run: Run, done: int) -> None:
+    run.progress(Progress(stage=_STAGES[done], done=done, total=len(_STAGES)))
 
 
 def join_validations(parts: Sequence[Validation]) -> Validation:

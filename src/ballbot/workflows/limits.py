@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.references import hold
 from ballbot.estimation import named_estimator
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress, ProgressCallback, ignore_progress
+from ballbot.progress import Progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
@@ -161,9 +162,7 @@ class TwinEdge:
         return 0.95 * self.sure <= self.twin <= 1.05 * self.most
 
 
-def find_limits(
-    loop: Loop, *, refinements: int = 5, progress: ProgressCallback = ignore_progress
-) -> RobotLimits:
+def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> RobotLimits:
     """Return how far a robot may lean and how hard it may be hit.
 
     Parameters
@@ -172,19 +171,19 @@ def find_limits(
         Its grip is that of `sure`.
     refinements : int
         Of the planes' grid; 5 make a million points each.
-    progress : callable, optional
-        Called with the progress after each stage.
+    run : Run, optional
+        Its progress is reported after each stage; nothing is random, and nothing is kept.
     """
     held = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
     lean = Edges(sure=_lean_reach(loop, directions), most=_lean_reach(held, directions))
-    progress(Progress(stage="limits", done=0.05, total=1.0))
+    run.progress(Progress(stage="limits", done=0.05, total=1.0))
     body = loop.robot.body
     heights = body.center_of_mass * np.array(HEIGHTS)
     blow = Edges(
         sure=_impulse_reach(loop, directions, heights), most=_impulse_reach(held, directions, heights)
     )
-    progress(Progress(stage="limits", done=0.2, total=1.0))
+    run.progress(Progress(stage="limits", done=0.2, total=1.0))
     worst = float(directions[lean.sure.sizes.argmin()])
     widest = float(lean.most.sizes[lean.sure.sizes.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
@@ -196,7 +195,7 @@ def find_limits(
                 one.survives, lambda a, b: leaning_state(worst, a, b), most=most, refinements=refinements
             )
         )
-        progress(Progress(stage="limits", done=done, total=1.0))
+        run.progress(Progress(stage="limits", done=done, total=1.0))
     return RobotLimits(
         directions=directions,
         heights=heights,
@@ -241,8 +240,7 @@ def twin_edges(
     found: RobotLimits,
     *,
     directions: Sequence[int],
-    seed: int = 1,
-    progress: ProgressCallback = ignore_progress,
+    run: Run = DEFAULT_RUN,
 ) -> list[TwinEdge]:
     """Return the twin's limits beside the model's, by halving between none and a tenth more than the model's most.
 
@@ -256,10 +254,8 @@ def twin_edges(
         The model's.
     directions : sequence of int
         Places among its directions.
-    seed : int
-        Of every run.
-    progress : callable, optional
-        Called with the progress after each stage.
+    run : Run, optional
+        Its seed is that of every simulated run; its progress is reported after each direction.
     """
     lenient = replace(scenario, fallen_lean=LARGEST_LEAN)
     state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
@@ -270,13 +266,15 @@ def twin_edges(
 
         def leans(size: float, direction: float = direction) -> bool:
             start = leaning_state(direction, size)
-            run = simulate(twin, controller, hold(), duration=_STANDING_TIME, initial_state=start, seed=seed)
-            return run.ended is None
+            log = simulate(
+                twin, controller, hold(), duration=_STANDING_TIME, initial_state=start, seed=run.seed
+            )
+            return log.ended is None
 
         def stands(size: float, direction: float = direction) -> bool:
             struck = Twin(robot, replace(lenient, pushes=(_push(robot, direction, size),)), estimator=state)
-            run = simulate(struck, controller, hold(), duration=_PUSH_TIME + _STANDING_TIME, seed=seed)
-            return run.ended is None
+            log = simulate(struck, controller, hold(), duration=_PUSH_TIME + _STANDING_TIME, seed=run.seed)
+            return log.ended is None
 
         sizes = {
             "lean": (found.lean.sure.sizes[place], found.lean.most.sizes[place]),
@@ -289,7 +287,7 @@ def twin_edges(
             _edge("lean", direction, *sizes["lean"], leans),
             _edge("blow", direction, *sizes["blow"], stands),
         ]
-        progress(Progress(stage="limits on the twin", done=done, total=len(directions)))
+        run.progress(Progress(stage="limits on the twin", done=done, total=len(directions)))
     return edges
 
 

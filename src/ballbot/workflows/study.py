@@ -278,6 +278,9 @@ def _identify(
 def _validate(robot: Robot, logs: Sequence[StudiedLog], run: Run) -> tuple[Validation, ...]:
     validations, models = [], ModelPair.by_friction(Model(robot))
     for number, studied in enumerate(logs):
-        run.progress(Progress(stage=f"validating on {studied.name}", done=number, total=len(logs)))
-        validations.append(validate_pair(models, studied.log, holdout=studied.held_out, seed=run.seed))
+        stage = f"validating on {studied.name}"
+        one = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
+        validations.append(
+            validate_pair(models, studied.log, holdout=studied.held_out, run=replace(run, progress=one))
+        )
     return tuple(validations)
