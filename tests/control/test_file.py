@@ -140,8 +140,9 @@ def test_file_of_an_earlier_version_gives_the_same_controller_and_says_what_chan
     robot = alten(FRICTION)
     with pytest.warns(OldFileFormat) as caught:
         read = read_controller(OLD, robot)
-    # the file's gain was designed by another build of LAPACK
-    np.testing.assert_allclose(read.packed, everything(robot).packed, rtol=0.0, atol=1e-12)
+    # the file's gain was designed by another build of LAPACK on another processor; its error there is the unit
+    # roundoff times the condition of the Riccati equation (1e6 or so) times the largest gain, 50
+    np.testing.assert_allclose(read.packed, everything(robot).packed, rtol=0.0, atol=1e-8)
     assert read.parts == replace(everything(robot).parts, integral=read.parts.integral)
     (text,) = [str(one.message) for one in caught]
     assert text.startswith(

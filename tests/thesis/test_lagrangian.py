@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import time
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -269,17 +266,6 @@ def test_the_inertia_counted_twice_is_what_slows_the_thesis_robots_fall():
 
 
 # --- the rest -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("formulation", ["exact", "thesis"])
-def test_deriving_takes_seconds(formulation: Formulation):
-    program = (
-        "from ballbot.robot import Robot; from ballbot.thesis.lagrangian import equations;"
-        f"equations(Robot.load('alten'), {formulation!r}).acceleration([0.1] * 5, [0.2] * 5, [0.3] * 3)"
-    )
-    start = time.perf_counter()
-    subprocess.run([sys.executable, "-c", program], check=True)
-    assert time.perf_counter() - start < 20
 
 
 def test_an_unknown_formulation_is_refused():
