@@ -31,7 +31,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.files import parse_toml, read_json, read_text
 from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
-from ballbot.log import Log, sampling_times
+from ballbot.log import Log, signals
 from ballbot.log.columns import LARGEST_CELL
 from ballbot.log.formats import mat as mat_file
 from ballbot.log.formats import text as text_tables
@@ -415,7 +415,7 @@ def test_the_documents_have_the_limits():
         f"in these | {files.DEEPEST} |",
         f"{MOST_ROWS // 10**6} million, {MOST_COLUMNS}, {MOST_CELLS // 10**6} million",
         f"last | {LONGEST / 86400.0:g} days |",
-        f"{SHORTEST * 1e9:g} ns; {sampling_times.SHORTEST * 1e3:g} ms",
+        f"{SHORTEST * 1e9:g} ns; {signals.SHORTEST_INTERVAL * 1e3:g} ms",
         f"| {LARGEST_CELL:.0e};".replace("e+", "e"),
         f"{SHORTEST_SAMPLE * 1e6:g} µs, {SHORTEST_STEP * 1e6:g} µs",
     ):

@@ -11,11 +11,12 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ballbot.errors import InputError, nearest, suggest
@@ -220,10 +221,9 @@ def _tags(mistake: _Mistake) -> list[str]:
     return [
         repr(tag)
         for hint in _after(mistake.hints, mistake.place[-1])
-        if isinstance(hint, type) and issubclass(hint, BaseModel)
-        for field in hint.model_fields.values()
-        if get_origin(field.annotation) is Literal and field.is_required()
-        for tag in get_args(field.annotation)
+        for key in _schema_keys(hint)
+        if get_origin(key.hint) is Literal and key.required
+        for tag in get_args(key.hint)
     ]
 
 
@@ -267,10 +267,9 @@ def _chooses(hints: Sequence[object], label: str) -> bool:
 
 def _is_labelled(hint: object, label: str) -> bool:
     """Return whether a union's member has that label: a model's name or the value of its key `kind`."""
-    if not (isinstance(hint, type) and issubclass(hint, BaseModel)):
-        return False
-    values = (get_args(field.annotation) for field in hint.model_fields.values())
-    return label == hint.__name__ or any(label in one for one in values)
+    keys = _schema_keys(hint)
+    named = bool(keys) and label == getattr(hint, "__name__", "")
+    return named or any(label in get_args(key.hint) for key in keys)
 
 
 def _after(hints: Sequence[object], part: str | int) -> Iterator[object]:
@@ -287,11 +286,43 @@ def _after(hints: Sequence[object], part: str | int) -> Iterator[object]:
             yield from _members(_keys(hint).get(part))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Key:
+    """A key of a model or a dataclass."""
+
+    name: str  #: in the file
+    hint: object  #: its type
+    required: bool
+
+
+def _schema_keys(hint: object) -> list[_Key]:
+    """Return the keys of a model or a dataclass; nothing of another type."""
+    if isinstance(hint, type) and issubclass(hint, BaseModel):
+        return [
+            _Key(name=one.alias or name, hint=one.annotation, required=one.is_required())
+            for name, one in hint.model_fields.items()
+        ]
+    if not (isinstance(hint, type) and is_dataclass(hint)):
+        return []
+    hints = get_type_hints(hint, include_extras=True)
+    return [
+        _Key(
+            name=_alias(hints[one.name]) or one.name,
+            hint=hints[one.name],
+            required=one.default is MISSING and one.default_factory is MISSING,
+        )
+        for one in fields(hint)
+    ]
+
+
+def _alias(hint: object) -> str | None:
+    stated = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+    return next((one.alias for one in stated if isinstance(one, FieldInfo) and one.alias), None)
+
+
 def _keys(hint: object) -> dict[str, object]:
     """Return the keys of a model or a dataclass, each with its type."""
-    if isinstance(hint, type) and issubclass(hint, BaseModel):
-        return {field.alias or name: field.annotation for name, field in hint.model_fields.items()}
-    return get_type_hints(hint) if isinstance(hint, type) and is_dataclass(hint) else {}
+    return {key.name: key.hint for key in _schema_keys(hint)}
 
 
 def _members(hint: object) -> Iterator[object]:

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.apply_mapping import from_roll_pitch_yaw, without_resets
-from ballbot.log.mapping import DutyInput
+from ballbot.log.mapping import DutyInput, from_roll_pitch_yaw, without_resets
 from ballbot.log.pose import with_odometry
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels

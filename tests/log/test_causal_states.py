@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.apply_mapping import sensor_delay
-from ballbot.log.causal_states import causal_states
-from ballbot.log.mapping import LogMapping
+from ballbot.log.mapping import LogMapping, sensor_delay
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_inference.mapping_text import mapping_text
 from ballbot.log.mapping_inference.proposal import propose
-from ballbot.log.pose import with_odometry
+from ballbot.log.mapping_inference.report import mapping_text
+from ballbot.log.pose import causal_states, with_odometry
 from tests.support.foreign_log_examples import (
     MESSAGES,
     SENSOR_DELAY,

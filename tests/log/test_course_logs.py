@@ -8,8 +8,8 @@ import pytest
 from ballbot.cli.check_log import check_log
 from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.log.mapping_inference.findings import findings_of
 from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.report import findings_of
 from ballbot.robot import Robot
 
 #: where wheel 1 stands against the IMU's x axis [deg], with the wheels counting as heading says: the course puts its

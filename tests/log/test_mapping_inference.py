@@ -10,10 +10,9 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_inference.findings import findings_of
-from ballbot.log.mapping_inference.mapping_text import mapping_text
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.proposal import Proposal, propose
+from ballbot.log.mapping_inference.report import findings_of, mapping_text
 from ballbot.log.pose import with_odometry
 from tests.support.foreign_log_examples import (
     COMMAND_DELAY,

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.sampling_times import new_messages, repaired_noise, sampling_times, speed_noise
-from ballbot.log.signals import local_fit
+from ballbot.log.signals import local_fit, new_messages, repaired_noise, sampling_times, speed_noise
 
 COUNT = 2.0 * np.pi / 4480.0  #: [rad], one encoder count of the course robots' wheels
 

@@ -21,9 +21,8 @@ from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.formats import is_foreign
 from ballbot.log.log import ColumnSummary, summarize
 from ballbot.log.mapping_file import parse_mapping
-from ballbot.log.mapping_inference.findings import findings_of
-from ballbot.log.mapping_inference.mapping_text import mapping_text
 from ballbot.log.mapping_inference.proposal import Proposal, propose
+from ballbot.log.mapping_inference.report import findings_of, mapping_text
 from ballbot.log.pose import with_odometry
 from ballbot.printable import shell_line
 from ballbot.report.page import as_json

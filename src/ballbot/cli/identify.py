@@ -47,8 +47,8 @@ from ballbot.identification.stages import IdentificationOptions
 from ballbot.identification.sweep import SweepFriction, read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
-from ballbot.log.causal_states import causal_states
 from ballbot.log.checks import CheckedLogs
+from ballbot.log.pose import causal_states
 from ballbot.report.friction import ladder_figure
 from ballbot.report.style import drawn
 from ballbot.report.tables import digits

@@ -241,7 +241,7 @@ def cross_validate(
         What to call the log.
     starts : callable, optional
         The states known at times of its rows, from which the predictions by horizon start, as
-        `ballbot.log.apply_mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
+        `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
 
     Raises
     ------

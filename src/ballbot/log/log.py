@@ -84,7 +84,7 @@ class Log:
             NaN.
         """
         from ballbot.log import formats
-        from ballbot.log.apply_mapping import apply_mapping
+        from ballbot.log.mapping import apply_mapping
 
         if isinstance(mapping, str | Path):
             from ballbot.log.mapping_file import read_mapping

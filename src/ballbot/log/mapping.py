@@ -1,30 +1,49 @@
-"""How a foreign table becomes a log, as values; `ballbot.log.apply_mapping` applies them.
+"""How a foreign table becomes a log: the mapping as values, and its application.
 
 Each of Ballbot's columns comes from one of the file's, times a factor (unit, scale, sign) plus an offset, or is the
 derivative of another of Ballbot's columns, or comes with others from an IMU's roll, pitch and yaw. The motors' columns
 become wheel torques [N m].
 
-Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all of
+Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
+
+The steps of the application, in order: scale, continue wheel angles across resets, estimate when the rows were sampled,
+shift and resample, convert an IMU's angles into Ballbot's, differentiate, compute torques, keep the intervals of the
+mapping. Delays are undone: a sensor's value that reached the log `delay` late describes the time t - delay, and a
+command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed column has no value are
+cut off. Rows at even intervals get sensors interpolated between the file's rows, and each command's mean over the
+time to the next row, so that its impulse is kept.
+
+An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ballbot's angles are those of
+R_world_body = Rx(theta) Ry(phi) Rz(psi). If the angle from the robot's x axis to the IMU's is `turn`, towards the left,
+R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about axes that
+turn with the heading: they are the same only while the heading is zero.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat, PositiveFloat
 
+from ballbot.arrays import rows_between
+from ballbot.errors import InputError, suggest
+from ballbot.log.columns import mark_missing, numbered_names
 from ballbot.log.formats.text import TextLayout
+from ballbot.log.signals import new_messages, sampling_times
 
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueInput:
-    """The log holds wheel torques."""
+    """The log has wheel torques."""
 
     def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the torque that the driver made of the torque logged: the same."""
+        """Return the torque at the motor, which is the logged one."""
         return value
 
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -34,14 +53,14 @@ class TorqueInput:
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentInput:
-    """The log holds motor currents."""
+    """The log has motor currents."""
 
-    torque_constant: float  #: k_t [N m/A]
-    gear_ratio: float  #: n [-]
-    efficiency: float  #: of the gear, 0..1
+    torque_constant: PositiveFloat  #: k_t [N m/A]
+    gear_ratio: PositiveFloat  #: n [-]
+    efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: of the gear
 
     def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the current that the driver made of the current logged: the same."""
+        """Return the current at the motor, which is the logged one."""
         return value
 
     def torque(self, value: NDArray[np.float64], _wheel_speed: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -51,15 +70,16 @@ class CurrentInput:
 
 @dataclass(frozen=True, kw_only=True)
 class DutyInput:
-    """The log holds PWM duties of a brushed or field-oriented motor on a stiff supply, inductance neglected."""
+    """The log has PWM duties of a brushed or field-oriented motor on a stiff supply; inductance is neglected."""
 
-    supply_voltage: float  #: V [V]
-    torque_constant: float  #: k_t [N m/A]
-    back_emf_constant: float  #: k_e [V s/rad]
-    resistance: float  #: R [ohm]
-    gear_ratio: float  #: n [-]
-    dead_band: float = 0.0  #: duty that the firmware adds, in the duty's direction, to overcome friction
-    duty_limit: float = 1.0  #: the largest duty that reaches the motor
+    supply_voltage: PositiveFloat  #: V [V]
+    torque_constant: PositiveFloat  #: k_t [N m/A]
+    back_emf_constant: PositiveFloat  #: k_e [V s/rad]
+    resistance: PositiveFloat  #: R [ohm]
+    gear_ratio: PositiveFloat  #: n [-]
+    #: duty that the firmware adds, in the duty's direction, to overcome friction
+    dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  #: the largest duty that reaches the motor
 
     def acting(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the duty at the motor: d + dead_band sgn(d), within the limit."""
@@ -87,7 +107,7 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class MotorInput:
-    """The motors' columns of the file, one for each wheel in Ballbot's order, and what they mean."""
+    """The motors' columns of the file, one for each wheel in Ballbot's order, and their kind."""
 
     sources: tuple[Source, ...]
     drive: DriveInput
@@ -95,7 +115,7 @@ class MotorInput:
 
 @dataclass(frozen=True, kw_only=True)
 class Attitude:
-    """Roll, pitch and, where the file has it, yaw of an IMU; see `ballbot.log.apply_mapping`."""
+    """Roll, pitch and, if the file has it, yaw of an IMU."""
 
     sources: tuple[Source, ...]
     turn: float = 0.0  #: angle of the IMU's x axis from the robot's, towards the left [rad]
@@ -103,13 +123,14 @@ class Attitude:
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Which moments the log's rows are of."""
+    """[time] of a mapping file: the times of the log's rows."""
 
-    repair: bool = False  #: whether the encoders say when a row was sampled; see `ballbot.log.sampling_times`
-    sample_time: float | None = None  #: of rows at even intervals [s]; the file's own rows where it is None
-    keep: tuple[tuple[float, float], ...] | None = (
-        None  #: spans of the file's clock to keep [s]; None keeps all
+    repair: bool = (
+        False  #: whether the times of sampling are estimated from the encoders; see `sampling_times`
     )
+    sample_time: PositiveFloat | None = None  #: of rows at even intervals [s]; None keeps the file's rows
+    #: intervals of the file's clock to keep [s]; None keeps all
+    keep: tuple[tuple[FiniteFloat, FiniteFloat], ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +143,298 @@ class LogMapping:
     motors: MotorInput | None
     attitude: Attitude | None = None
     timing: Timing = Timing()
-    largest_speed: float | None = (
-        None  #: [rad/s]; a wheel angle that moves faster was reset and is carried on
-    )
+    #: [rad/s]; a wheel angle that changes faster was reset and is continued from there
+    largest_speed: float | None = None
+
+
+def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> NDArray[np.float64]:
+    """Return theta, phi, psi (N, 3) [rad], psi without jumps.
+
+    Parameters
+    ----------
+    angles : ndarray (N, 3)
+        Roll, pitch and yaw [rad]; NaN goes through.
+    turn : float
+        Angle of the IMU's x axis from the robot's, towards the left [rad].
+    """
+    roll, pitch, yaw = angles.T
+    c_r, s_r, c_p, s_p = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    c_y, s_y = np.cos(yaw), np.sin(yaw)
+    # columns of R_world_imu
+    x = np.stack([c_y * c_p, s_y * c_p, -s_p])
+    y = np.stack([c_y * s_p * s_r - s_y * c_r, s_y * s_p * s_r + c_y * c_r, c_p * s_r])
+    z = np.stack([c_y * s_p * c_r + s_y * s_r, s_y * s_p * c_r - c_y * s_r, c_p * c_r])
+    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    theta, phi = np.arctan2(-z[1], z[2]), np.arcsin(np.clip(z[0], -1.0, 1.0))
+    psi = np.arctan2(-y[0], x[0])
+    known = np.isfinite(psi)
+    psi[known] = np.unwrap(psi[known])
+    return np.column_stack([theta, phi, psi])
+
+
+#: [s] by which rounding may move a delayed row past the one it belongs to
+_ROUNDING = 1e-9
+_ATTITUDE_NAMES = ("theta", "phi", "psi")
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+def apply_mapping(
+    mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], *, even_from: float | None = None
+) -> Columns:
+    """Return the log's columns (N,) from the file's.
+
+    Parameters
+    ----------
+    mapping : LogMapping
+    table : mapping of str to (M,) array
+        The file's columns by the file's names.
+    even_from : float, optional
+        A time from which rows at even intervals are counted [s]; the table's first if not given.
+
+    Returns
+    -------
+    dict of str to (N,) array
+        In Ballbot's names and units; rows at the ends are cut if a delay requires it.
+
+    Raises
+    ------
+    InputError
+        If the file lacks a column that the mapping names, its time does not increase, or no row is left.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
+        columns = _applied(mapping, table, even_from)
+    return {name: values if name == "t" else mark_missing(values) for name, values in columns.items()}
+
+
+def _applied(
+    mapping: LogMapping, table: Mapping[str, NDArray[np.float64]], even_from: float | None
+) -> Columns:
+    t = row_times(mapping, table)
+    raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items()}
+    if mapping.largest_speed is not None:
+        raw |= {name: without_resets(t, raw[name], mapping.largest_speed) for name in _wheel_angles(raw)}
+    sampled = _sampled(mapping, t, raw)
+    even = mapping.timing.sample_time
+    count = len(mapping.columns) + len(mapping.derivatives) + 10
+    rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
+    columns: Columns = {"t": rows}
+    shift = not np.array_equal(rows, sampled)
+    for name, source in mapping.columns.items():
+        if name != "t":
+            columns[name] = _measured_at(rows, sampled, raw[name], source.delay, shift=shift)
+    if mapping.attitude is not None:
+        columns |= _attitude(mapping.attitude, table, rows, sampled, shift=shift)
+    if mapping.motors is not None:
+        columns |= _commands(mapping.motors, table, t, rows, even=even is not None)
+    columns = _cut(columns, t, *_delays(mapping))
+    for name, origin in mapping.derivatives.items():
+        if origin not in columns:
+            raise InputError(f"The mapping differentiates {origin}, which it does not provide.")
+        columns[name] = _derivative(columns["t"], columns[origin], origin)
+    if mapping.motors is not None:
+        columns |= _torques(mapping.motors, columns)
+    return _kept(columns, mapping.timing.keep)
+
+
+def without_resets(
+    t: NDArray[np.float64], angle: NDArray[np.float64], largest_speed: float
+) -> NDArray[np.float64]:
+    """Return an encoder's angle (N,) without the steps that no wheel can make: resets and overflows.
+
+    Parameters
+    ----------
+    t, angle : ndarray (N,)
+        [s], [rad].
+    largest_speed : float
+        A speed that the wheel cannot reach [rad/s].
+    """
+    steps = np.diff(angle)
+    if not steps.size:
+        return angle
+    # three usual intervals, so that a late row is not taken for a reset
+    allowed = largest_speed * np.maximum(np.diff(t), 3.0 * np.median(np.diff(t)))
+    steps[np.abs(steps) > allowed] = 0.0
+    return angle[0] + np.concatenate(([0.0], np.cumsum(steps)))
+
+
+def row_times(mapping: LogMapping, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the times of the file's rows (N,) by the file's own clock [s].
+
+    Raises
+    ------
+    InputError
+        If they do not increase.
+    """
+    t = _scaled("t", mapping.columns["t"], table)
+    unknown = np.flatnonzero(~np.isfinite(t))
+    if unknown.size:
+        raise InputError(
+            f"The time is missing or not finite at row {unknown[0] + 1}; give every row its time or remove the row."
+        )
+    wrong = np.flatnonzero(~(np.diff(t) > 0.0))
+    if wrong.size:
+        raise InputError(
+            f"Time does not increase at row {wrong[0] + 2} (t = "
+            f"{t[wrong[0] + 1]:.9g} s). Sort the rows or split the log."
+        )
+    return t
+
+
+def sensor_delay(mapping: LogMapping) -> float:
+    """Return the largest delay of the sensors [s]."""
+    measured, _ = _delays(mapping)
+    return max(measured)
+
+
+def _even_rows(
+    t: NDArray[np.float64], interval: float, counted_from: float, *, columns: int
+) -> NDArray[np.float64]:
+    """Return the times within the table that are whole intervals from `counted_from`; refuse too many."""
+    rows_between(float(t[-1] - t[0]), interval, columns=columns, source="By the mapping's t, the file")
+    # a part of an interval more at either end, so that a row that rounding moved is kept
+    first = math.ceil((t[0] - counted_from) / interval - 1e-6)
+    last = math.floor((t[-1] - counted_from) / interval + 1e-6)
+    return counted_from + interval * np.arange(first, last + 1)
+
+
+def _scaled(name: str, source: Source, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    if source.column not in table:
+        hint = suggest(source.column, table, otherwise="it has")
+        raise InputError(
+            f"The mapping takes {name} from the column {source.column!r}, which does not exist; {hint}"
+        )
+    return mark_missing(source.factor * table[source.column] + source.offset)
+
+
+def _wheel_angles(columns: Columns) -> tuple[str, ...]:
+    return numbered_names(columns, prefix="wheel") if "wheel1" in columns else ()
+
+
+def _sampled(mapping: LogMapping, t: NDArray[np.float64], raw: Columns) -> NDArray[np.float64]:
+    """Return the times (N,) at which the rows' sensors were read [s]."""
+    if not mapping.timing.repair:
+        return t
+    names = _wheel_angles(raw)
+    if len(names) < 2:
+        raise InputError("[time] repair needs the angles of at least two wheels.")
+    angles = np.column_stack([raw[name] for name in names])
+    if not np.isfinite(angles).all():
+        raise InputError("[time] repair needs wheel angles without missing values.")
+    return sampling_times(t, angles)
+
+
+def _measured_at(
+    rows: NDArray[np.float64],
+    sampled: NDArray[np.float64],
+    values: NDArray[np.float64],
+    delay: float,
+    *,
+    shift: bool,
+) -> NDArray[np.float64]:
+    """Return a sensor's values (N,) reported `delay` after the rows' times, interpolated linearly."""
+    if not (shift or delay):
+        return values
+    first = new_messages(sampled) if shift else slice(None)
+    return np.interp(rows + delay, sampled[first], values[first])
+
+
+def _attitude(
+    attitude: Attitude,
+    table: Mapping[str, NDArray[np.float64]],
+    rows: NDArray[np.float64],
+    sampled: NDArray[np.float64],
+    *,
+    shift: bool,
+) -> Columns:
+    angles = np.zeros((len(rows), 3))
+    for place, source in enumerate(attitude.sources):
+        values = _scaled(_ATTITUDE_NAMES[place], source, table)
+        if place == 2:
+            values = np.unwrap(values)
+        angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
+    turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
+    return dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+
+
+def _commands(
+    motors: MotorInput,
+    table: Mapping[str, NDArray[np.float64]],
+    t: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    *,
+    even: bool,
+) -> Columns:
+    columns: Columns = {}
+    for i, source in enumerate(motors.sources, start=1):
+        acting = motors.drive.acting(_scaled(f"u{i}", source, table))
+        columns[f"u{i}"] = (
+            _mean_acting(t, rows, acting, source.delay) if even else _acting_at(t, acting, source.delay)
+        )
+    return columns
+
+
+def _acting_at(t: NDArray[np.float64], values: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+    """Return the command that acts at t: the last one logged at t - delay or before."""
+    if not delay:
+        return values
+    latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
+    return values[np.maximum(latest, 0)]
+
+
+def _mean_acting(
+    t: NDArray[np.float64], rows: NDArray[np.float64], values: NDArray[np.float64], delay: float
+) -> NDArray[np.float64]:
+    """Return the mean of the command that acts from each row to the next."""
+    impulse = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(t))))
+    step = rows[1] - rows[0] if len(rows) > 1 else 1.0
+    edges = np.append(rows, rows[-1] + step) - delay
+    return np.diff(np.interp(edges, t, impulse)) / step
+
+
+def _delays(mapping: LogMapping) -> tuple[list[float], list[float]]:
+    """Return the delays of the sensors and of the commands [s]."""
+    measured = [source.delay for source in mapping.columns.values()]
+    measured += [source.delay for source in mapping.attitude.sources] if mapping.attitude else []
+    return measured, [source.delay for source in mapping.motors.sources] if mapping.motors else []
+
+
+def _cut(columns: Columns, t: NDArray[np.float64], measured: list[float], commanded: list[float]) -> Columns:
+    """Return the rows for which every delayed column has a value in the file, whose times are t."""
+    rows = columns["t"]
+    ahead = [*measured, *(-delay for delay in commanded)]
+    kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
+    if not kept.any():
+        raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
+    return {name: values[kept] for name, values in columns.items()}
+
+
+def _derivative(t: NDArray[np.float64], values: NDArray[np.float64], origin: str) -> NDArray[np.float64]:
+    if len(t) < 2:
+        raise InputError(f"The derivative of {origin} needs at least two rows.")
+    return np.gradient(values, t)
+
+
+def _torques(motors: MotorInput, columns: Columns) -> Columns:
+    torques: Columns = {}
+    for i in range(1, len(motors.sources) + 1):
+        speed = columns.get(f"wheel{i}_dot")
+        if speed is None and isinstance(motors.drive, DutyInput):
+            raise InputError(
+                f"Torque from a PWM duty needs the speed of the wheel: map the column wheel{i}_dot."
+            )
+        command = columns[f"u{i}"]
+        torques[f"u{i}"] = motors.drive.torque(command, np.zeros_like(command) if speed is None else speed)
+    return torques
+
+
+def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Columns:
+    if spans is None:
+        return columns
+    t = columns["t"]
+    kept = np.zeros(len(t), dtype=np.bool_)
+    for start, end in spans:
+        kept |= (t >= start) & (t < end)
+    if not kept.any():
+        raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
+    return {name: values[kept] for name, values in columns.items()}

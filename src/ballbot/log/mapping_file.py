@@ -4,16 +4,16 @@ An example with everything in it::
 
     [file]                        # the text table; may be left out for CSV with a header
     separator = "blanks"          # comma (default), semicolon, tab, blanks
-    missing = ["NA"]              # what marks a missing value, beside an empty cell and nan
+    missing = ["NA"]              # marks of a missing value, beside an empty cell and nan
     header_lines = 1              # lines before the first row, the last of them with the names
-    names = ["i", "t_now"]        # the columns' names, where the header lacks them or has them wrong
-    damaged_rows = "drop"         # leave out rows of another width or with words; "refuse" (default)
+    names = ["i", "t_now"]        # the columns' names, if the header has none or wrong ones
+    damaged_rows = "drop"         # skip rows of another width or with words; "refuse" (default)
     rows = [1, 5000]              # first and last row to take, from 1; may be left out
 
     [time]                        # may be left out
-    repair = true                 # rows' sensors are of the moments that the encoders reveal (message by message)
-    sample_time = 0.01            # [s], rows at even intervals: sensors read in between, commands averaged
-    keep = [[2.0, 57.5]]          # [s], spans of the file's clock to keep
+    repair = true                 # estimate from the encoders when each row was sampled (message by message)
+    sample_time = 0.01            # [s], rows at even intervals: sensors interpolated, commands averaged
+    keep = [[2.0, 57.5]]          # [s], intervals of the file's clock to keep
 
     [columns]
     t = { from = "t_now", unit = "ms" }
@@ -32,14 +32,14 @@ An example with everything in it::
     order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
     sign = [1, 1, -1]             # of angle and speed, for the file's wheels in the file's order
     angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn = 4480 }
-    # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it is carried on
+    # angle may have largest_speed = 40.0 [rad/s]: faster steps are encoder resets, across which it continues
     speed = { derivative_of = "angle" }   # or { from = [..], unit = "rpm" }
 
     [input]
     kind = "pwm"                  # torque, current or pwm
     from = ["u1", "u2", "u3"]     # in the file's order; [wheels] order applies
     sign = -1                     # one for all, or a list
-    scale = 1.0                   # what makes the full duty 1 (or A, or N m)
+    scale = 1.0                   # factor that makes the full duty 1 (or converts to A, or N m)
     delay = 0.012                 # [s] from the log's time to the motor
     supply_voltage = 11.1         # [V]
     torque_constant = 0.01        # [N m/A], motor side
@@ -49,18 +49,18 @@ An example with everything in it::
     dead_band = 0.0314            # duty that the firmware adds in the duty's direction; 0 by default
     duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
 
-A current needs torque_constant, gear_ratio and, where it is not 1, efficiency.
+A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -90,14 +90,9 @@ from ballbot.schema import validate_table
 Sign = Literal[1, -1]
 
 
-class Table(BaseModel):
-    """A TOML table whose keys are all known."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class FileTable(Table):
-    """[file]: how the text is laid out."""
+@dataclass(frozen=True, kw_only=True)
+class FileTable:
+    """[file]: the layout of the text."""
 
     separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
     missing: tuple[str, ...] = ()
@@ -107,28 +102,22 @@ class FileTable(Table):
     rows: tuple[PositiveInt, PositiveInt] | None = None
 
 
-class TimeTable(Table):
-    """[time]: which moments, and at which intervals."""
-
-    repair: bool = False
-    sample_time: PositiveFloat | None = None
-    keep: tuple[tuple[FiniteFloat, FiniteFloat], ...] | None = None
-
-
-class AttitudeTable(Table):
+@dataclass(frozen=True, kw_only=True)
+class AttitudeTable:
     """[attitude]: roll, pitch and yaw of an IMU."""
 
-    sources: tuple[str, ...] = Field(alias="from", min_length=2, max_length=3)
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=3)]
     unit: str | None = None
     sign: Sign | tuple[Sign, ...] = 1
     turn: FiniteFloat = 0.0
     delay: FiniteFloat = 0.0
 
 
-class ColumnTable(Table):
+@dataclass(frozen=True, kw_only=True)
+class ColumnTable:
     """An entry of [columns]."""
 
-    source: str | None = Field(None, alias="from")
+    source: Annotated[str | None, Field(alias="from")] = None
     derivative_of: str | None = None
     unit: str | None = None
     counts_per_turn: PositiveFloat | None = None
@@ -138,10 +127,13 @@ class ColumnTable(Table):
     delay: FiniteFloat = 0.0
 
 
-class WheelColumnsTable(Table):
+@dataclass(frozen=True, kw_only=True)
+class WheelColumnsTable:
     """`angle` and `speed` of [wheels]: a column of the file for each wheel."""
 
-    sources: tuple[str, ...] | None = Field(None, alias="from", min_length=1, max_length=MAX_WHEELS)
+    sources: Annotated[tuple[str, ...] | None, Field(alias="from", min_length=1, max_length=MAX_WHEELS)] = (
+        None
+    )
     derivative_of: Literal["angle"] | None = None
     unit: str | None = None
     counts_per_turn: PositiveFloat | None = None
@@ -150,7 +142,8 @@ class WheelColumnsTable(Table):
     largest_speed: PositiveFloat | None = None
 
 
-class WheelsTable(Table):
+@dataclass(frozen=True, kw_only=True)
+class WheelsTable:
     """[wheels]."""
 
     order: tuple[int, ...] | None = None
@@ -159,53 +152,50 @@ class WheelsTable(Table):
     speed: WheelColumnsTable | None = None
 
 
-class MotorsTable(Table):
-    """What every kind of [input] has."""
+@dataclass(frozen=True, kw_only=True)
+class MotorsTable:
+    """The keys of every kind of [input]."""
 
-    sources: tuple[str, ...] = Field(alias="from", min_length=1, max_length=MAX_WHEELS)
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
     sign: Sign | tuple[Sign, ...] = 1
     scale: FiniteFloat = 1.0
     delay: FiniteFloat = 0.0
 
 
-class TorqueTable(MotorsTable):
+@dataclass(frozen=True, kw_only=True)
+class TorqueTable(MotorsTable, TorqueInput):
     """[input] of kind torque [N m at the wheel]."""
 
     kind: Literal["torque"]
     unit: str | None = None
 
 
-class CurrentTable(MotorsTable):
+@dataclass(frozen=True, kw_only=True)
+class CurrentTable(MotorsTable, CurrentInput):
     """[input] of kind current [A]."""
 
     kind: Literal["current"]
-    torque_constant: PositiveFloat
-    gear_ratio: PositiveFloat
-    efficiency: float = Field(1.0, gt=0.0, le=1.0)
 
 
-class DutyTable(MotorsTable):
+@dataclass(frozen=True, kw_only=True)
+class DutyTable(MotorsTable, DutyInput):
     """[input] of kind pwm [duty, -1..1]."""
 
     kind: Literal["pwm"]
-    supply_voltage: PositiveFloat
-    torque_constant: PositiveFloat
-    back_emf_constant: PositiveFloat
-    resistance: PositiveFloat
-    gear_ratio: PositiveFloat
-    dead_band: float = Field(0.0, ge=0.0, lt=1.0)
-    duty_limit: float = Field(1.0, gt=0.0, le=1.0)
 
 
 def _column_table(value: object) -> object:
     return {"from": value} if isinstance(value, str) else value
 
 
-class MappingTable(Table):
+@dataclass(frozen=True, kw_only=True)
+class MappingTable:
     """A whole mapping file."""
 
+    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
+
     file: FileTable = FileTable()
-    time: TimeTable = TimeTable()
+    time: Timing = field(default_factory=Timing)
     columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
     attitude: AttitudeTable | None = None
     wheels: WheelsTable = WheelsTable()
@@ -221,14 +211,14 @@ def read_mapping(path: str | Path) -> LogMapping:
     Raises
     ------
     InputError
-        Where the file cannot be read, is not TOML, or does not say how to make a log: the key, and what is
-        right.
+        If the file cannot be read, is not TOML, or does not describe a log; the sentence names the key and
+        its allowed values.
     """
     return parse_mapping(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
 
 
 def parse_mapping(text: str, *, source: str) -> LogMapping:
-    """Return the mapping that a mapping file's text says; errors name `source` as where it came from.
+    """Return the mapping that the text of a mapping file describes; errors name its `source`.
 
     Raises
     ------
@@ -243,6 +233,7 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
 
 
 def _mapping(table: MappingTable) -> LogMapping:
+    _check_intervals(table.time.keep or ())
     columns: dict[str, Source] = {}
     derivatives: dict[str, str] = {}
     for name, entry in table.columns.items():
@@ -268,18 +259,17 @@ def _mapping(table: MappingTable) -> LogMapping:
         derivatives=derivatives,
         motors=motors,
         attitude=attitude,
-        timing=_timing(table.time),
+        timing=table.time,
         largest_speed=table.wheels.angle.largest_speed if table.wheels.angle else None,
     )
 
 
-def _timing(table: TimeTable) -> Timing:
-    for start, end in table.keep or ():
+def _check_intervals(keep: Sequence[tuple[float, float]]) -> None:
+    for start, end in keep:
         if not end > start:
             raise InputError(
                 f"[time] keep has the interval [{start:g}, {end:g}]; write the earlier time first"
             )
-    return Timing(repair=table.repair, sample_time=table.sample_time, keep=table.keep)
 
 
 def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
@@ -314,10 +304,12 @@ def _wheel_derivatives(wheels: WheelsTable) -> dict[str, str]:
 
 
 def _check_alone(where: str, entry: ColumnTable | WheelColumnsTable) -> None:
-    others = sorted(entry.model_fields_set - {"derivative_of"})
-    if others:
-        words = ", ".join("from" if name in ("source", "sources") else name for name in others)
-        raise InputError(f"{where} has derivative_of, which allows no other key, but also has {words}")
+    others = [one.name for one in fields(entry) if getattr(entry, one.name) != one.default]
+    keys = ["from" if name in ("source", "sources") else name for name in others if name != "derivative_of"]
+    if keys:
+        raise InputError(
+            f"{where} has derivative_of, which allows no other key, but also has {', '.join(keys)}"
+        )
 
 
 def _check_name(name: str) -> None:
@@ -375,10 +367,12 @@ def _order(wheels: WheelsTable, count: int) -> list[int]:
     return [place - 1 for place in order]
 
 
-def _signs(where: str, sign: int | Sequence[int], count: int, what: str = "wheels") -> list[int]:
+def _signs(where: str, sign: int | Sequence[int], count: int, named: str = "wheels") -> list[int]:
     signs = [sign] * count if isinstance(sign, int) else list(sign)
     if len(signs) != count:
-        raise InputError(f"{where} sign has {len(signs)} values; it needs one for each of the {count} {what}")
+        raise InputError(
+            f"{where} sign has {len(signs)} values; it needs one for each of the {count} {named}"
+        )
     return signs
 
 
@@ -393,22 +387,10 @@ def _motors(table: TorqueTable | CurrentTable | DutyTable, wheels: WheelsTable) 
     return MotorInput(sources=sources, drive=_drive(table))
 
 
-def _drive(table: TorqueTable | CurrentTable | DutyTable) -> DriveInput:
-    if isinstance(table, DutyTable):
-        return DutyInput(
-            supply_voltage=table.supply_voltage,
-            torque_constant=table.torque_constant,
-            back_emf_constant=table.back_emf_constant,
-            resistance=table.resistance,
-            gear_ratio=table.gear_ratio,
-            dead_band=table.dead_band,
-            duty_limit=table.duty_limit,
-        )
-    if isinstance(table, CurrentTable):
-        return CurrentInput(
-            torque_constant=table.torque_constant, gear_ratio=table.gear_ratio, efficiency=table.efficiency
-        )
-    return TorqueInput()
+def _drive(table: DriveInput) -> DriveInput:
+    """Return the drive's own part of a table."""
+    kind = next(kind for kind in (TorqueInput, CurrentInput, DutyInput) if isinstance(table, kind))
+    return kind(**{one.name: getattr(table, one.name) for one in fields(kind)})
 
 
 def _layout(table: FileTable) -> TextLayout:

@@ -1,22 +1,32 @@
-"""Where the robot is: the ball's position from the wheels (odometry), the body's pose from motion capture.
+"""Position, states and poses from a log: odometry, states without later data, motion capture.
 
     z = T_obw wheel speeds + w,    Omega = R z,    v = r_b (Omega_y, -Omega_x)
 
 (Appendix V of the thesis.) The ball rolls without slip; pivoting under the robot does not move it. Logs of motion
-capture hold t, x y z of a point and qw qx qy qz of a body, with NaN where nothing was seen.
+capture have t, x y z of a point and qw qx qy qz of a body, with NaN while the cameras do not see it.
+
+A mapped log contains some later data: rates are differences that include the next row, rows at even intervals are
+interpolated between two of the file's, and the repair of times looks `signals.COURSE_REACH` ahead. A prediction that
+starts from such a row already contains part of the predicted motion. `causal_states` therefore maps the file's rows
+again for each moment, as if the file ended there, up to the row in which the slowest sensor describes that moment; a
+rate that the mapping differentiates is the slope of a line through the last rows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import wheel_speed_names
+from ballbot.log.columns import STATE_NAMES, wheel_speed_names
+from ballbot.log.formats import read_columns
 from ballbot.log.log import Log
+from ballbot.log.mapping import LogMapping, apply_mapping, row_times, sensor_delay
+from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 
 _NEEDED = ("theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot")
@@ -35,7 +45,7 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     Raises
     ------
     InputError
-        Where a column is missing or has missing values.
+        If a column is missing or has missing values.
     """
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
@@ -53,7 +63,7 @@ def with_odometry(log: Log, robot: Robot) -> Log:
 
 
 def with_position(log: Log, robot: Robot) -> Log:
-    """Return the log as it is where it has x, else with what `with_odometry` adds.
+    """Return the log itself if it has x, else with the position of `with_odometry`.
 
     Raises
     ------
@@ -72,6 +82,75 @@ def _integral(t: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.f
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
 
 
+#: length of the past that is mapped [s], and the shortest that gives a state
+_PAST, _LEAST_PAST = 1.0, 0.2
+#: length of the line whose slope is a rate [s]
+_LINE = 0.04
+#: [s] by which rounding may move a row
+_ROW_ROUNDING = 1e-6
+
+
+def causal_states(
+    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the states (m, 10) at rows of a mapped log, from the rows that the file has by then.
+
+    Parameters
+    ----------
+    path : str or Path
+        The foreign file.
+    mapping : str, Path or LogMapping
+        How the file becomes a log.
+    robot : Robot
+        Its wheels give the ball's path if the log has no position. The path starts anew for each moment, so that
+        only its rates have a meaning.
+    moments : ndarray (m,)
+        Times of rows of the log that file and mapping make [s].
+
+    Returns
+    -------
+    ndarray (m, 10)
+        NaN if too little of the file precedes the moment.
+
+    Raises
+    ------
+    InputError
+        If the file or the mapping cannot be read or does not make a log.
+    """
+    mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
+    table = read_columns(path, mapping.layout)
+    t, late = row_times(mapping, table), sensor_delay(mapping)
+    everything = replace(mapping, timing=replace(mapping.timing, keep=None))
+    states = np.full((len(moments), len(STATE_NAMES)), np.nan)
+    for number, moment in enumerate(moments):
+        first = int(np.searchsorted(t, moment - _PAST))
+        # the rows up to the first that describes the moment
+        end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
+        if moment - t[first] >= _LEAST_PAST:
+            rows = {name: values[first:end] for name, values in table.items()}
+            past = Log(apply_mapping(everything, rows, even_from=float(t[0])))
+            states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
+    return states
+
+
+def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> NDArray[np.float64]:
+    """Return the state (10,) in the last row."""
+    by_wheels = "x" not in past
+    past = with_position(past, robot)
+    state = past.states[-1]
+    differentiated = set(mapping.derivatives)
+    if by_wheels and "wheel1_dot" in differentiated:
+        differentiated |= {"x_dot", "y_dot"}
+    rows = min(len(past), max(3, 1 + round(_LINE / past.sample_time)))
+    times = past.t[-rows:] - past.t[-1]
+    half = len(STATE_NAMES) // 2
+    for place, name in enumerate(STATE_NAMES[:half]):
+        if f"{name}_dot" in differentiated:
+            slope, value = np.polyfit(times, past[name][-rows:], 1)
+            state[place], state[half + place] = value, slope
+    return state
+
+
 QUATERNION_NAMES = ("qw", "qx", "qy", "qz")
 PLACE_NAMES = ("x", "y", "z")
 #: how far from one a quaternion's norm may be and still mean an orientation
@@ -81,15 +160,15 @@ _LEAST_POSES = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Poses:
-    """What cameras saw, in their frame and on their clock."""
+    """Poses measured by motion capture, in its frame and on its clock."""
 
     t: NDArray[np.float64]  #: (M,) [s]
-    rotations: Rotation  #: M of them, body to cameras; where unseen, the one seen last
-    seen: NDArray[np.bool_]  #: (M,), the orientation is there
-    places: NDArray[np.float64]  #: (M, 3) [m]; NaN where there is none
+    rotations: Rotation  #: M of them, body to cameras; the last known one while unseen
+    seen: NDArray[np.bool_]  #: (M,), whether the orientation was measured
+    places: NDArray[np.float64]  #: (M, 3) [m]; NaN if not measured
 
     def seen_only(self) -> Poses:
-        """Return the poses whose orientation is there; where cameras saw nothing there is a gap in their times."""
+        """Return the poses whose orientation was measured; their times have a gap where the body was not seen."""
         return Poses(
             t=self.t[self.seen],
             rotations=Rotation.from_quat(self.rotations.as_quat()[self.seen]),
@@ -98,23 +177,23 @@ class Poses:
         )
 
 
-def read_poses(film: Log) -> Poses:
+def read_poses(mocap: Log) -> Poses:
     """Return the poses of a log of motion capture; without x, y and z the places are NaN.
 
     Raises
     ------
     InputError
-        Where there are no unit quaternions qw, qx, qy, qz.
+        If there are no unit quaternions qw, qx, qy, qz.
     """
-    wxyz = np.column_stack([film[name] for name in QUATERNION_NAMES])
+    wxyz = np.column_stack([mocap[name] for name in QUATERNION_NAMES])
     seen = np.isfinite(wxyz).all(axis=1) & (np.abs(np.linalg.norm(wxyz, axis=1) - 1.0) < _NORM_TOLERANCE)
     if seen.sum() < _LEAST_POSES:
         raise InputError("The motion capture has no poses; it needs unit quaternions in qw, qx, qy, qz.")
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
-    placed = all(name in film for name in PLACE_NAMES)
-    places = np.column_stack([film[n] for n in PLACE_NAMES]) if placed else np.full((len(seen), 3), np.nan)
+    placed = all(name in mocap for name in PLACE_NAMES)
+    places = np.column_stack([mocap[n] for n in PLACE_NAMES]) if placed else np.full((len(seen), 3), np.nan)
     return Poses(
-        t=film.t,
+        t=mocap.t,
         rotations=Rotation.from_quat(wxyz[last][:, [1, 2, 3, 0]]),
         seen=seen,
         places=np.where(np.isfinite(places).all(axis=1, keepdims=True), places, np.nan),

@@ -1,10 +1,20 @@
-"""Smooth values, rates and accelerations of logged signals, their turning points, and the rows where a robot balances.
+"""Signals of a log: smooth values, rates and accelerations, times of sampling, turning points, intervals of balancing.
 
 `local_fit` fits a cubic around every row of a signal sampled at uneven times, with the weights of the tricube
 (W. S. Cleveland, J. Am. Stat. Assoc. 74 (1979) 829-836) over a fixed number of rows.
 
 `smooth` gives a value, rate and acceleration on even rows, from the cubic fitted around each row with Gaussian weights:
 one filter for all signals, so that a linear relation between them is kept, whatever the filter removes.
+
+`sampling_times` estimates from the encoders when they were read. A host that logs the latest message writes its own
+clock beside angles that were read up to one message earlier. Every wheel of a row is then off its smooth course by
+(wheel speed) x (one and the same time), so that the time is
+
+    e = sum_i w_i r_i / (sum_i w_i^2 + (s / a)^2)
+
+with w_i the smooth speeds, r_i angles minus smooth angles, s the noise of the angles, and a the usual size of e: least
+squares with the prior that e is of size a, under which slow wheels do not change the time. A few rounds of fit and
+correction converge. The intervals between messages may vary.
 """
 
 from __future__ import annotations
@@ -16,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
+from ballbot.errors import InputError
 
 _LOCAL_DEGREE = 3
 #: rows fitted at once; more would take much memory and not less time
@@ -30,7 +41,7 @@ def local_fit(
     Parameters
     ----------
     t : ndarray (N,)
-        Times, not falling; a time may stand twice.
+        Times, not decreasing; a time may appear twice.
     values : ndarray (N, c)
     rows : int
         Taken on each side of a row.
@@ -51,7 +62,7 @@ def local_fit(
         places = np.clip(block[:, None] + offsets, 0, len(t) - 1)
         powers = ((t[places] - t[block, None]) / scale)[..., None] ** np.arange(_LOCAL_DEGREE + 1)
         normal = np.einsum("nki,k,nkj->nij", powers, weights, powers)
-        # rows that share one time leave the fit without a slope; this makes it zero
+        # rows at one time leave the slope undetermined; this makes it zero
         normal += 1e-9 * np.eye(_LOCAL_DEGREE + 1)
         right = np.einsum("nki,k,nkc->nic", powers, weights, values[places] - values[block, None])
         found = np.linalg.solve(normal, right)
@@ -59,14 +70,128 @@ def local_fit(
     return smooth, rates
 
 
+#: a, the usual error of a row's time [s]: messages come every 5 ms, or 10
+TIME_ERROR = 2e-3
+#: s, noise of the angles [rad]: encoders of some thousand counts a turn, and the residual of a smooth course
+ANGLE_NOISE = 6e-4
+#: the smooth course is fitted over so long to each side [s]
+COURSE_REACH = 0.06
+#: the shortest usual interval between rows [s]: 10 kHz
+SHORTEST_INTERVAL = 1e-4
+ROUNDS = 6
+#: the noise is estimated where the wheels turn at least so fast [rad/s], root of the sum of squares
+FAST = 3.0
+#: least number of such rows
+FEWEST_FAST = 50
+#: rows closer together than this part of the median interval are one message logged twice
+REPEATED = 0.2
+
+
+def sampling_times(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the times at which the rows' angles were read, up to a constant.
+
+    Parameters
+    ----------
+    t : ndarray (N,)
+        The rows' own times [s], increasing.
+    angles : ndarray (N, n)
+        Wheel angles [rad], finite, two wheels or more.
+
+    Returns
+    -------
+    ndarray (N,)
+        Not decreasing; equal for rows with the same message.
+    """
+    rows = _course_rows(t)
+    times = t.copy()
+    for _ in range(ROUNDS):
+        smooth, speeds = local_fit(times, angles, rows=rows)
+        size = (speeds**2).sum(axis=1) + (ANGLE_NOISE / TIME_ERROR) ** 2
+        times = times + (speeds * (angles - smooth)).sum(axis=1) / size
+        times = np.maximum.accumulate(times)
+    return times
+
+
+def new_messages(times: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows (N,) have another message than the row before."""
+    least = REPEATED * float(np.median(np.diff(times)))
+    kept = np.ones(len(times), dtype=np.bool_)
+    last = times[0]
+    for row in range(1, len(times)):
+        kept[row] = times[row] - last > least
+        last = times[row] if kept[row] else last
+    return kept
+
+
+def speed_noise(
+    t: NDArray[np.float64], angles: NDArray[np.float64], times: NDArray[np.float64] | None = None
+) -> float | None:
+    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast.
+
+    Parameters
+    ----------
+    t, angles : ndarray (N,), (N, n)
+        As for `sampling_times`.
+    times : ndarray (N,), optional
+        Times of `sampling_times`, in place of t.
+
+    Returns
+    -------
+    float or None
+        Root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
+    """
+    noise = _noise_of_speeds(t if times is None else times, angles, rows=_course_rows(t))
+    return None if noise is None else float(np.sqrt((noise**2).mean()))
+
+
+def repaired_noise(t: NDArray[np.float64], angles: NDArray[np.float64]) -> float | None:
+    """Return `speed_noise` after the repair, each wheel with the times that the other wheels give.
+
+    With times that it helped to find, the noise of a wheel would be underestimated.
+    """
+    squares = []
+    for wheel in range(angles.shape[1]):
+        times = sampling_times(t, np.delete(angles, wheel, axis=1))
+        noise = _noise_of_speeds(times, angles, rows=_course_rows(t))
+        if noise is None:
+            return None
+        squares.append((noise[:, wheel] ** 2).mean())
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _noise_of_speeds(
+    times: NDArray[np.float64], angles: NDArray[np.float64], *, rows: int
+) -> NDArray[np.float64] | None:
+    """Return speeds between rows minus smooth speeds (K, n) while the wheels turn fast; None if too few rows are."""
+    kept = new_messages(times)
+    times, angles = times[kept], angles[kept]
+    _, speeds = local_fit(times, angles, rows=rows)
+    between = 0.5 * (speeds[1:] + speeds[:-1])
+    noise = np.diff(angles, axis=0) / np.diff(times)[:, None] - between
+    fast = np.sqrt((between**2).sum(axis=1)) > FAST
+    fast[:rows] = fast[-rows:] = False  # the fit is one-sided there
+    return noise[fast] if fast.sum() >= FEWEST_FAST else None
+
+
+def _course_rows(t: NDArray[np.float64]) -> int:
+    """Return the number of rows of the smooth course on each side; refuse intervals that no encoder has."""
+    usual = float(np.median(np.diff(t))) if len(t) > 1 else COURSE_REACH
+    if usual < SHORTEST_INTERVAL:
+        raise InputError(
+            f"Rows come every {usual:.3g} s, and repair needs at least {SHORTEST_INTERVAL:g} "
+            "s between rows; correct the unit of t, which must be in seconds."
+        )
+    return max(4, round(COURSE_REACH / usual))
+
+
 #: interval of the even rows [s]
 INTERVAL = 0.005
 #: standard deviation of the weights [s]: balancing happens at 1 to 3 Hz, an IMU's noise is above
 WIDTH = 0.05
 _DEGREE = 3
-#: how many standard deviations of the weights are taken to each side
+#: standard deviations of the weights to each side
 REACH = 4.0
-#: made of one log at a time
+#: columns of one log that are smoothed at a time
 _COLUMNS = 20
 
 
@@ -95,7 +220,7 @@ def smooth(
     rows : ndarray (N,)
         [s], at intervals of `INTERVAL`.
     t : ndarray (M,)
-        When the values were measured [s], rising.
+        When the values were measured [s], increasing.
     values : ndarray (M, c)
     width : float
         Standard deviation of the weights [s].
@@ -112,7 +237,7 @@ def smooth(
 
 
 def _kernel(order: int, reach: int, width: float) -> NDArray[np.float64]:
-    """Return what, convolved with a signal, gives its derivative of that order."""
+    """Return the kernel whose convolution with a signal is the derivative of that order."""
     x = INTERVAL * np.arange(-reach, reach + 1)
     weights = np.exp(-0.5 * (x / width) ** 2)
     powers = np.vander(x, _DEGREE + 1, increasing=True)
@@ -133,27 +258,27 @@ def turning_points(values: NDArray[np.float64], least_turn: float) -> list[int]:
         elif rising <= 0 and value > listed[lowest] + least_turn:
             turns.append(lowest)
             rising, highest = 1, row
-    # a signal that sets out at once has turned nowhere yet
+    # a signal that moves from its first row on has not turned there
     first = 2 if len(turns) > 1 and turns[1] == 0 else 1
     return [0, *turns[first:], len(listed) - 1]
 
 
-#: a lean past this [rad] is a fall or hands
+#: a lean beyond this [rad] is a fall, or hands on the robot
 FALLEN = 0.3
-#: around a fall, so much is left out [s]
+#: excluded before and after a fall [s]
 AROUND_A_FALL = 0.5
 #: wheels slower than this [rad/s], root of the sum of squares, for `AT_REST` seconds are at rest
 MOVING_SPEED = 0.3
 AT_REST = 1.0
 #: motors without a command for so long are off [s]
 OFF = 0.3
-#: spans shorter than this are not kept [s], gaps shorter than that are closed
+#: intervals shorter than the first are not kept [s], gaps shorter than the second are closed
 SHORTEST_SPAN = 2.0
 SHORTEST_GAP = 0.2
 
 
 def fallen_rows(lean: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the even rows (N,) at which a lean (N, 2) [rad] is lost."""
+    """Return the even rows (N,) at which a lean (N, 2) [rad] is that of a fallen robot."""
     return np.abs(lean).max(axis=1) > FALLEN
 
 
@@ -181,7 +306,7 @@ def balancing_rows(
 
 
 def row_spans(rows: NDArray[np.float64], kept: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Return start and end [s] of the stretches of rows that are kept, short gaps closed, short stretches left."""
+    """Return start and end [s] of the intervals of kept rows; short gaps are closed, short intervals dropped."""
     closed = ~_long_runs(~kept, SHORTEST_GAP)
     closed = _long_runs(closed, SHORTEST_SPAN)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8)))

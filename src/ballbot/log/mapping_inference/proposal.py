@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.apply_mapping import without_resets
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import ForeignTable
+from ballbot.log.mapping import without_resets
 from ballbot.log.mapping_inference.placement import (
     COMMAND_WIDTH,
     CommandTest,
@@ -43,8 +43,18 @@ from ballbot.log.mapping_inference.roles import (
     roles_by_name,
     wheel_scale,
 )
-from ballbot.log.sampling_times import new_messages, repaired_noise, sampling_times, speed_noise
-from ballbot.log.signals import INTERVAL, Smooth, balancing_rows, even_rows, row_spans, smooth
+from ballbot.log.signals import (
+    INTERVAL,
+    Smooth,
+    balancing_rows,
+    even_rows,
+    new_messages,
+    repaired_noise,
+    row_spans,
+    sampling_times,
+    smooth,
+    speed_noise,
+)
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
@@ -157,7 +167,7 @@ class TimingRepair:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """What a foreign log seems to be; `ballbot.log.mapping_inference.mapping_text` writes its mapping."""
+    """What a foreign log seems to be; `ballbot.log.mapping_inference.report` writes its mapping."""
 
     table: ForeignTable
     roles: Roles

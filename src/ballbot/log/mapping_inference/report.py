@@ -1,8 +1,10 @@
-"""What a proposal's tests found, as sentences: what is sure, what is not, and what log would tell."""
+"""A proposal reported: its findings, and the mapping file with the reasons as comments."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,19 +12,22 @@ from ballbot.findings import Finding, Place, Severity, by_severity
 from ballbot.log.checks.kinematics import disturbance_findings
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.signals import INTERVAL, fallen_rows, local_fit
+from ballbot.printable import printable_line
+from ballbot.robot import Robot
+from ballbot.schema import toml_line
 
-#: a next best placement must fit this many times worse
+#: a placement is certain if the next best one fits so many times worse
 CLEAR_MARGIN = 1.5
-#: and a phase be known this well [rad]
+#: and if the standard error of the phase is below this [rad]
 CLEAR_PHASE = np.deg2rad(5.0)
-#: gains over the robot's own within which units and geometry are believed
+#: gains relative to the robot's within which units and geometry are accepted
 GAIN_RANGE = (0.5, 2.0)
-#: a logged speed this far from its angle's [rad/s] is a glitch
+#: a logged speed that differs so much from its angle's rate [rad/s] is a glitch
 GLITCH = 5.0
 
 
 def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
-    """Return all that is to be known of a proposal, warnings first."""
+    """Return the findings on a proposal, warnings first."""
     found = [
         *[_finding("note", "file", note) for note in proposal.table.notes],
         *_rows(proposal),
@@ -89,7 +94,7 @@ def _encoders(proposal: Proposal) -> list[Finding]:
 
 
 def _glitches(proposal: Proposal) -> list[Finding]:
-    """Return a warning where the logged speeds have values that the angles do not bear out."""
+    """Return a warning if logged speeds contradict the rates of their angles."""
     names = proposal.roles.speeds
     if not names:
         return []
@@ -231,3 +236,154 @@ def _commands(proposal: Proposal) -> list[Finding]:
     )
     found.append(_finding("note", "drive", sentence))
     return found
+
+
+def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
+    """Return the TOML of the mapping (see `ballbot.log.mapping_file`) that a proposal describes."""
+    header = [
+        f"# {printable_line(file.name)} as a log of the robot {robot.name}, proposed by `ballbot check-log`.",
+        "# Assumptions that were not measured are marked: check them before you rely on the results.",
+    ]
+    parts = [
+        header,
+        _file_lines(proposal),
+        _time_lines(proposal),
+        _column_lines(proposal),
+        _attitude_lines(proposal),
+        _wheel_lines(proposal),
+        _input_lines(proposal, robot),
+    ]
+    return "\n\n".join("\n".join(part) for part in parts if part) + "\n"
+
+
+def _file_lines(proposal: Proposal) -> list[str]:
+    table = proposal.table
+    lines = [
+        "[file]",
+        toml_line("separator", table.separator),
+        toml_line("header_lines", table.layout.header_lines),
+    ]
+    if table.layout.names is not None:
+        lines.append(toml_line("names", table.layout.names))
+    if table.layout.missing:
+        lines.append(toml_line("missing", table.layout.missing))
+    if table.layout.drop_damaged:
+        lines.append(toml_line("damaged_rows", "drop"))
+    if proposal.rows is not None:
+        lines.append(toml_line("rows", proposal.rows, "time starts again outside these rows"))
+    return lines
+
+
+def _time_lines(proposal: Proposal) -> list[str]:
+    timing = proposal.timing
+    lines = ["[time]"]
+    if timing.worth_it:
+        lines += [
+            f"# noise of the wheel speeds: {timing.before:.2g} rad/s with the file's times, {timing.after:.2g} rad/s "
+            "with those of the encoders",
+            toml_line("repair", True),
+        ]
+    lines.append(toml_line("sample_time", float(f"{proposal.sample_time:g}")))
+    if proposal.keep is not None:
+        spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep]
+        lines.append(toml_line("keep", spans, "balancing: neither at rest nor fallen nor held by hand"))
+    return lines
+
+
+def _column_lines(proposal: Proposal) -> list[str]:
+    lines = ["[columns]", toml_line("t", proposal.roles.time or "t")]
+    if proposal.roles.attitude:
+        lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
+    return lines
+
+
+def _attitude_lines(proposal: Proposal) -> list[str]:
+    if not (proposal.roles.attitude and proposal.lean):
+        return []
+    lines = [
+        "[attitude]",
+        toml_line("from", proposal.roles.attitude),
+        toml_line("unit", proposal.lean.unit, proposal.lean.reason),
+    ]
+    tested = proposal.lean_test
+    if tested is not None:
+        measured = math.degrees(proposal.frame.measured_turn)
+        error = "unknown" if tested.phase_error is None else f"{math.degrees(tested.phase_error):.1f}"
+        turn = round(math.degrees(proposal.frame.turn), 1)
+        lines += [
+            toml_line("turn", turn, f"measured: {measured:.1f}, standard error {error}"),
+            toml_line("delay", round(tested.lag, 4), "measured: behind the wheels"),
+        ]
+    return lines
+
+
+def _wheel_lines(proposal: Proposal) -> list[str]:
+    frame, lines = proposal.frame, ["[wheels]"]
+    if proposal.lean_test is not None:
+        placement, margin = proposal.lean_test.placements[0], proposal.lean_test.margin
+        lines.append(f"# order: {placement.words}; the next best placement fits {margin:.1f} times worse")
+    lines.append(toml_line("order", frame.order))
+    heading = proposal.heading
+    if heading is not None and frame.signs_by_heading:
+        lines.append(
+            f"# signs: the sum of the wheels' speeds and the heading correlate by {heading.correlation:.2f}"
+        )
+    else:
+        lines.append("# signs: assumed; a heading pulse would show in which direction the wheels count")
+    return [
+        *lines,
+        toml_line("sign", frame.signs),
+        toml_line("angle", _angle_table(proposal), proposal.wheel.reason),
+        toml_line("speed", {"derivative_of": "angle"}),
+    ]
+
+
+def _angle_table(proposal: Proposal) -> dict[str, object]:
+    wheel = proposal.wheel
+    angle: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
+    if wheel.unit == "counts":
+        angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
+    elif wheel.scale != 1.0:
+        angle["scale"] = wheel.scale
+    if proposal.largest_speed is not None:
+        angle["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
+    return angle
+
+
+def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
+    names, tested = proposal.roles.commands, proposal.commands
+    if not names or proposal.duty is None:
+        return []
+    signs: Sequence[int] = proposal.frame.signs
+    delay, drive, duty = 0.0, robot.drive, proposal.duty
+    explained = []
+    if tested is not None:
+        names = tuple(names[place - 1] for place in tested.order)
+        signs, delay = tested.signs, tested.delay
+        percent = 100 * tested.explained
+        explained = [f"# signs: measured; the commands explain {percent:.0f} % of the wheels' accelerations"]
+    robot_file = "from the robot file"
+    resistance = float(f"{stall_resistance(robot):.6g}")
+    return [
+        "[input]",
+        toml_line("kind", "pwm", "assumed: a duty of a DC motor"),
+        toml_line("from", names),
+        *explained,
+        toml_line("sign", signs),
+        toml_line("scale", duty.scale, duty.reason),
+        toml_line("delay", round(delay, 4), "assumed" if tested is None else "measured"),
+        toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here"),
+        toml_line("supply_voltage", drive.supply_voltage, robot_file),
+        toml_line("torque_constant", drive.torque_constant, robot_file),
+        toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),
+        toml_line(
+            "resistance", resistance, "assumed: full duty at standstill gives the robot's torque limit"
+        ),
+        toml_line("gear_ratio", drive.gear_ratio, robot_file),
+    ]
+
+
+def stall_resistance(robot: Robot) -> float:
+    """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
+    drive = robot.drive
+    return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
