@@ -88,6 +88,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "rows": "too few rows",
         "saturation": "torques stay at their limit",
         "scale": "a rate, a gain or a unit is wrong by a factor",
+        "short-run": "a run is too short to separate gain, friction and constants of the torque",
         "sign": "an angle and its rate have opposite signs",
         "speed-limit": "wheels turn faster than the motors can turn them",
         "spike": "single values jump away and back",

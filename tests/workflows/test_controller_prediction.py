@@ -252,6 +252,19 @@ def test_larger_error_advises_weaken_and_uncompensated_error_advises_revert(
     assert evaluate_log(prediction, displaced(log, 1.1 * low), KNOWN, controller).recommendation == "revert"
 
 
+def test_short_run_warns_that_causes_from_the_torque_are_unreliable(
+    prediction: Prediction, log: Log, controller: Controller
+):
+    short = replace(prediction, course=NamedCourse(name="square", duration=10.0))
+    wrong = displaced(log, 1.0)
+    remarks = evaluate_log(short, wrong.between(0.0, 10.0), KNOWN, controller).remarks
+    (warned,) = [one for one in remarks if one.code == "short-run"]
+    assert "from 10 s of the run" in warned.text
+    long = evaluate_log(prediction, wrong, KNOWN, controller)
+    assert long.outside
+    assert "short-run" not in [one.code for one in long.remarks]
+
+
 def test_missing_comparison_gets_no_finding(prediction: Prediction, log: Log, controller: Controller):
     large = displaced(log, 0.7 * prediction.none["peak_error"].low)
     for alone in (replace(prediction, none={}), replace(prediction, controller="none")):
