@@ -1,4 +1,4 @@
-"""How far the robot can go: leans and blows, on the model and on the twin, and what a million runs cost.
+"""How far the robot can go: tilts and impulses, on the model and on the twin, and what a million runs cost.
 
 Model and twin have the same friction here, so that they differ in what the model leaves out: wheels that slip and lift,
 play, rollers, sensors.
@@ -18,7 +18,7 @@ from ballbot.fitting.run import Run
 from ballbot.report.limits import directions_figure, heights_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits, leaning_state, twin_edges
+from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits, leaning_state, twin_limits
 from ballbot.workflows.recovery_region import Loop
 from campaigns.section import Section, write_picture
 
@@ -44,7 +44,7 @@ class Case:
     name: str
     loop: Loop
     model: RobotLimits
-    twin: list[TwinEdge]
+    twin: list[TwinLimit]
 
 
 def campaign() -> Section:
@@ -59,28 +59,28 @@ def campaign() -> Section:
         write_picture("limits_directions", lambda: directions_figure(model, twin)),
         write_picture("limits_heights", lambda: heights_figure(model)),
     ]
-    edges = [edge for one in cases for edge in one.twin]
+    compared = [limit.agrees for one in cases for limit in one.twin]
     return Section(
         title="How far the robot can go",
-        before="The least over four directions of the lean at rest, and of the blow at the height of the centre of"
-        " mass, that is survived with the nominal gain: on the model up to where no wheel lets go of the ball (grip 1),"
-        " on the nominal twin, and on the model with wheels that always hold. A blow on the twin lasts 20 ms.",
+        before="The smallest over four directions of the largest tilt at rest, and of the largest impulse at the height"
+        " of the centre of mass, from which the nominal gain recovers: on the model if no wheel may slip (grip 1), on"
+        " the nominal twin, and on the model with wheels that never slip. A push on the twin lasts 20 ms.",
         columns=[
             "compensation, torque limit",
-            *(f"{kind}: {which}" for kind in ("lean (°)", "blow (N s)") for which in _EDGES),
+            *(f"{kind}: {which}" for kind in ("tilt (°)", "impulse (N s)") for which in _BOUNDS),
         ],
         rows=[_row(one) for one in cases],
-        after=f"The twin's limit lies between the model's two in {sum(edge.agrees for edge in edges)} of {len(edges)}"
+        after=f"The twin's limit lies between the model's two bounds in {sum(compared)} of {len(compared)}"
         f" cases, to 5 %. {_cost(cases[0])}\n\n"
         + "\n\n".join(f"![{alt}]({path})" for alt, path in zip(_ALTS, pictures, strict=True)),
     )
 
 
-_EDGES = ("no wheel lets go", "twin", "wheels always hold")
+_BOUNDS = ("no wheel slips", "twin", "wheels never slip")
 _ALTS = (
-    "Leans and lean rates that are survived in the worst direction",
-    "Leans and blows that are survived over all directions",
-    "Blows that are survived over the height at which they strike",
+    "Leans and lean rates in the worst direction from which the robot recovers",
+    "Tilts and impulses over all directions from which the robot recovers",
+    "Impulses from which the robot recovers, over their height",
 )
 
 
@@ -90,31 +90,34 @@ def _case(robot: Robot, compensation: Compensation, limit: float) -> Case:
     loop = Loop(robot=robot, controller=controller)
     drawn = limit == robot.drive.torque_limit
     model = find_limits(loop, refinements=5 if drawn else 0)
-    edges = twin_edges(robot, controller, Scenario.nominal(robot), model, directions=ON_TWIN, run=Run(seed=1))
+    edges = twin_limits(
+        robot, controller, Scenario.nominal(robot), model, directions=ON_TWIN, run=Run(seed=1)
+    )
     return Case(name=f"{compensation}, {limit:g} N m", loop=loop, model=model, twin=edges)
 
 
 def _row(one: Case) -> list[str]:
     cells = [one.name]
-    for kind, unit in (("lean", 180.0 / np.pi), ("blow", 1.0)):
+    for kind, unit in (("lean", 180.0 / np.pi), ("impulse", 1.0)):
         edges = [edge for edge in one.twin if edge.kind == kind]
         cells += [
-            f"{unit * min(getattr(edge, which) for edge in edges):.1f}" for which in ("sure", "twin", "most")
+            f"{unit * min(getattr(edge, which) for edge in edges):.1f}"
+            for which in ("lower", "twin", "upper")
         ]
     return cells
 
 
 def _cost(one: Case) -> str:
     """Say what a map of a million runs costs, blind and refined, and whether outcomes change by cutting runs short."""
-    region, direction = one.model.sure_plane, one.model.plane_direction
+    region, direction = one.model.plane.lower, one.model.plane.direction
     lean, rate = (grid.ravel() for grid in np.meshgrid(region.across, region.along, indexing="ij"))
     starts = leaning_state(direction, lean, rate)
     began, used = perf_counter(), process_time()
-    blind = one.loop.survives(starts)
+    blind = one.loop.recovers(starts)
     took, used = perf_counter() - began, process_time() - used
     differing = int((blind != region.kept.ravel()).sum())
     some = np.random.default_rng(0).integers(0, len(starts), CHECKED)
-    whole = one.loop.survives(starts[some], cut_short=False)
+    whole = one.loop.recovers(starts[some], cut_short=False)
     return (
         f"A blind map of {len(starts)} runs took {took:.0f} s ({used:.0f} s of processor time, {os.cpu_count()} cores),"
         f" the map refined along its edge {region.runs} runs; they differ in {differing} points. Of {CHECKED} of the"

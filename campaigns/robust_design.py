@@ -43,7 +43,7 @@ def campaign() -> Section:
     found = robust_design(robot, compensation="full", spread=PerturbationRanges(), effort=EFFORT)
     took = perf_counter() - began
     controllers = {
-        name: Controller(robot, one.gain, compensation="full") for name, one in found.rivals.items()
+        name: Controller(robot, one.gain, compensation="full") for name, one in found.compared.items()
     }
     picture = write_picture("robust_design", lambda: robust_figure(found))
     weights = ", ".join(f"{weight:.3g}" for weight in found.state_weights)
@@ -69,13 +69,13 @@ _ORDER = ("robust", "nominal", "plain")
 
 
 def _on_fresh(found: RobustDesign) -> list[list[str]]:
-    rivals = [found.rivals[name] for name in _ORDER]
+    designs = [found.compared[name] for name in _ORDER]
     return [
-        ["worst tenth of J", *(f"{one.worst_tenth:.2f}" for one in rivals)],
-        ["mean J", *(f"{one.mean:.2f}" for one in rivals)],
-        ["worst tenth of settled errors (mm)", *(f"{1e3 * one.worst_error:.0f}" for one in rivals)],
-        ["worst tenth of torque changes (N m)", *(f"{one.worst_roughness:.3f}" for one in rivals)],
-        ["falls", *(f"{one.falls}" for one in rivals)],
+        ["worst tenth of J", *(f"{one.worst_tenth:.2f}" for one in designs)],
+        ["mean J", *(f"{one.mean:.2f}" for one in designs)],
+        ["worst tenth of settled errors (mm)", *(f"{1e3 * one.worst_error:.0f}" for one in designs)],
+        ["worst tenth of torque changes (N m)", *(f"{one.worst_roughness:.3f}" for one in designs)],
+        ["falls", *(f"{one.falls}" for one in designs)],
     ]
 
 
@@ -95,7 +95,7 @@ def _on_twin(
         known = named_estimator(state, robot, sample_time=scenario.sensors.sample_time)
         return Twin(true, scenario, estimator=known)
 
-    cells = [_cell(twin, controllers[rival], SEEDS) for rival in _ORDER]
+    cells = [_cell(twin, controllers[design], SEEDS) for design in _ORDER]
     return [f"{name}, {ESTIMATORS[state]}: peak error (mm)", *cells]
 
 

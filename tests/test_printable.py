@@ -17,8 +17,9 @@ from ballbot.cli.main import main
 from ballbot.cli.output import PlainConsole, progress_bar, table
 from ballbot.files import write_text
 from ballbot.printable import printable, printable_line, shell_line
-from ballbot.report.page import as_json, render
+from ballbot.report.page import render
 from ballbot.report.style import drawn, label_of
+from ballbot.results import as_json
 
 #: what a terminal obeys, markup, mathematics, what is no Unicode, and what is to be left as it is
 NASTY = [

@@ -7,11 +7,12 @@ because a result from such input would be wrong; `--accept CODE` goes on, and th
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
 from ballbot.errors import InputError, suggest
+from ballbot.results import to_results
 
 Severity = Literal["error", "warning", "note"]
 
@@ -237,4 +238,4 @@ def stop_on_errors(
 
 def finding_results(findings: Iterable[Finding]) -> list[dict[str, object]]:
     """Return what results.json holds of findings, errors first; errors are there only if the user accepted them."""
-    return [asdict(finding) for finding in by_severity(findings)]
+    return [to_results(finding) for finding in by_severity(findings)]

@@ -70,10 +70,10 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
     def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:
         controller = Controller(weak, STIFF, torque_limit=2.0, parts=Parts(lean_limit=bound))
         loop = Loop(robot=weak, controller=controller, grip=np.inf)
-        leans = reach(loop.survives, lambda s: leaning_state(directions, s), shape=(2,), most=LARGEST_LEAN)
+        leans = reach(loop.recovers, lambda s: leaning_state(directions, s), shape=(2,), end=LARGEST_LEAN)
         height = weak.body.center_of_mass
         blows = reach(
-            loop.survives, lambda s: pushed_state(loop.model, directions, s, height), shape=(2,), most=60.0
+            loop.recovers, lambda s: pushed_state(loop.model, directions, s, height), shape=(2,), end=60.0
         )
         return leans.sizes, blows.sizes
 

@@ -42,13 +42,13 @@ def spin_after(controller: Controller, spin: float) -> float:
     return float(abs(simulate(Model(ROBOT), loose, hold(), duration=6.0, initial_state=state)["psi_dot"][-1]))
 
 
-@pytest.mark.parametrize(("share", "pumps"), [(0.8, False), (1.0, False), (1.1, True), (1.3, True)])
-def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(share, pumps):
+@pytest.mark.parametrize(("share", "overcompensates"), [(0.8, False), (1.0, False), (1.1, True), (1.3, True)])
+def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(share, overcompensates):
     controller = compensating(share)
-    assert compensation_margin(controller, FRICTION).pumps is pumps
+    assert compensation_margin(controller, FRICTION).overcompensates is overcompensates
     # 1 rad/s of the body is 1.2 rad/s of the wheels, far above the band in which the sign is a ramp
     later = spin_after(controller, 1.0)
-    if pumps:
+    if overcompensates:
         assert later > 1.2
         with pytest.raises(InputError, match=r"injects energy and can destabilise"):
             refuse_overcompensation(controller, FRICTION)
@@ -60,15 +60,17 @@ def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(s
 def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     rolling = ROBOT.replace(friction=replace(FRICTION, rolling=1.5 * FRICTION.rolling))
     margin = compensation_margin(Controller(rolling, GAIN, compensation="partial"), FRICTION)
-    assert margin.rolling == pytest.approx(1.5)
-    assert max(margin.shares) == pytest.approx(1.0)
+    assert margin.rolling_fraction == pytest.approx(1.5)
+    assert max(margin.wheel_fractions) == pytest.approx(1.0)
     assert "rolling friction is 150 %" in margin.sentence
     wheel = ROBOT.replace(friction=replace(FRICTION, coulomb=(0.11, 0.12, 0.12)))
     margin = compensation_margin(Controller(wheel, GAIN, compensation="full"), FRICTION)
-    assert margin.pumps
-    assert margin.rolling == pytest.approx(1.0)
+    assert margin.overcompensates
+    assert margin.rolling_fraction == pytest.approx(1.0)
     assert "wheel 2" in margin.sentence
-    assert not compensation_margin(Controller(wheel, GAIN), FRICTION).pumps  # it compensates nothing
+    assert not compensation_margin(
+        Controller(wheel, GAIN), FRICTION
+    ).overcompensates  # it compensates nothing
 
 
 def test_energy_of_a_swing_equals_the_closed_forms():
@@ -83,7 +85,7 @@ def test_energy_of_a_swing_equals_the_closed_forms():
         np.testing.assert_allclose(swing.taken, wanted, rtol=1e-4)
         np.testing.assert_allclose(swing.given, wanted, rtol=2e-2)  # but within the band
     wide = compensation_margin(Controller(robot, GAIN, compensation="full", speed_band=0.5), dry)
-    shares = [swing.share for swing in wide.swings]
+    shares = [swing.fraction for swing in wide.swings]
     assert shares == sorted(shares)
     # inside the band c w/0.5 in place of c: half of A^2 c/0.5 beside half of A^2 b
     steady = 0.5 * 0.1**2 * np.array(viscous)
@@ -106,8 +108,8 @@ def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp
     assert main([*words, "--compensation-gain", "0.8"]) == 0
     assert "80 %, 80 %, 80 %, 80 %" in capsys.readouterr().out
     margin = json.loads((tmp_path / "out" / "results.json").read_text())["compensation_margin"]
-    assert margin["pumps"] is False
-    assert margin["share_of_wheel_friction"] == pytest.approx([0.8] * 3)
+    assert margin["overcompensates"] is False
+    assert margin["wheel_fractions"] == pytest.approx([0.8] * 3)
     read = read_controller(tmp_path / "out" / "controller.toml", ROBOT)
     assert read.robot.friction.coulomb == pytest.approx([0.088, 0.072, 0.096])
     assert main([*words, "--compensation-gain=-1"]) != 0
@@ -169,7 +171,7 @@ def test_directed_friction_is_checked_in_both_directions():
     symmetric = Controller(alten(FRICTION), GAIN, compensation="full")
     margin = compensation_margin(symmetric, DIRECTED)
     assert margin.largest > 1.1
-    assert min(margin.speeds) < 0.0 < max(margin.speeds)
+    assert min(margin.at_speeds) < 0.0 < max(margin.at_speeds)
 
 
 def test_controller_file_keeps_the_terms_of_the_friction(tmp_path):

@@ -20,9 +20,9 @@ from ballbot.identification.result import Identification, WindowErrors
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings
 from ballbot.report.friction import friction_curve, parameter_covariance
-from ballbot.report.page import as_json
 from ballbot.report.style import drawn, thinned, with_peaks
 from ballbot.report.tables import digits, state_mark, with_error, with_symbols
+from ballbot.results import as_json
 from ballbot.robot import Friction
 from tests.support.validation_examples import true_robot
 

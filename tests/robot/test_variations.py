@@ -140,9 +140,12 @@ class TestPropagation:
         body = replace(ALTEN.body, inertia=(4.42, 4.42, *ALTEN.body.inertia[2:]))
         s = abs(Model(ALTEN.replace(body=body)).linearize().poles().real.max() - pole)
         # the deviation of 1500 draws is known to 1.8 %, and the pole is linear in the inertia to 1 %
-        assert both.deviation == pytest.approx(s * math.sqrt(1.0 - 1.0 / math.pi), rel=0.08)
-        assert both.lower < pole + s / math.sqrt(math.pi) < both.upper
-        assert dict(both.causes) == pytest.approx({"body.inertia.xx": 0.5, "body.inertia.yy": 0.5}, abs=0.01)
+        assert both.standard_deviation == pytest.approx(s * math.sqrt(1.0 - 1.0 / math.pi), rel=0.08)
+        lower, upper = both.interval_95
+        assert lower < pole + s / math.sqrt(math.pi) < upper
+        assert both.variance_shares == pytest.approx(
+            {"body.inertia.xx": 0.5, "body.inertia.yy": 0.5}, abs=0.01
+        )
 
     def test_draws_are_normal_and_reproducible(self):
         robot = known_to(SOME)

@@ -21,9 +21,9 @@ from ballbot.estimation import named_estimator
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.report.page import as_json
 from ballbot.report.prediction import StudyFolder, next_steps
 from ballbot.report.study_files import previous_controller_text
+from ballbot.results import as_json
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import write_robot
 from ballbot.simulation.run import simulate
@@ -159,7 +159,7 @@ def test_too_few_runs_give_no_interval():
 
 
 def stored(prediction: Prediction, path: Path) -> Path:
-    write_text(path, as_json({"prediction": prediction.to_dict()}))
+    write_text(path, as_json({"prediction": prediction}))
     return path
 
 

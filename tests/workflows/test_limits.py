@@ -1,4 +1,4 @@
-"""How far a robot can go: the edge of what is survived, and what a reference takes."""
+"""How far a robot can go: the edge of the region of recovery, and how much of the limits a reference uses."""
 
 import json
 from dataclasses import replace
@@ -17,9 +17,9 @@ from ballbot.simulation.conditions import Conditions
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows import limits
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import Edges, RobotLimits
+from ballbot.workflows.limits import Bounds, Plane, RobotLimits
 from ballbot.workflows.path_demand import path_demand
-from ballbot.workflows.recovery_region import Loop, Reach, Region, map_region, reach
+from ballbot.workflows.recovery_region import Loop, Region, map_region, reach
 from ballbot.workflows.reference_check import check_reference, reference_verdict
 from tests.support.control_examples import FRICTION, alten, leaning
 
@@ -33,9 +33,9 @@ def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.in
     )
 
 
-def leans(one: Loop, *, most: float = 1.0):
+def leans(one: Loop, *, end: float = 1.0):
     return reach(
-        one.survives, lambda sizes: limits.leaning_state(DIRECTIONS, sizes), shape=DIRECTIONS.shape, most=most
+        one.recovers, lambda sizes: limits.leaning_state(DIRECTIONS, sizes), shape=DIRECTIONS.shape, end=end
     ).sizes
 
 
@@ -58,7 +58,7 @@ def controllable_lean(torque_limit: float):
 
 def test_recovery_region_is_close_below_the_theoretical_limit():
     limit = 0.3  # N m: leans of 2 degrees, where the robot is linear
-    found, bound = leans(loop(limit), most=0.1), controllable_lean(limit)
+    found, bound = leans(loop(limit), end=0.1), controllable_lean(limit)
     # sampling and the saturated gain cost a little; sin(lean) < lean gains 1e-4, the rays end on 1/12288 of 0.1 rad
     assert (found < 1.001 * bound).all()
     assert (found > 0.9 * bound).all()
@@ -89,19 +89,19 @@ def test_runs_that_are_cut_short_end_as_whole_ones_do():
     )
     for grip in (1.0, np.inf):
         chosen = replace(one, grip=grip)
-        kept = chosen.survives(states)
+        kept = chosen.recovers(states)
         assert 0.02 < kept.mean() < 0.98
-        np.testing.assert_array_equal(kept, chosen.survives(states, cut_short=False))
+        np.testing.assert_array_equal(kept, chosen.recovers(states, cut_short=False))
 
 
 def test_a_controller_that_remembers_is_run_to_the_end():
     robot = alten(FRICTION)
     one = Loop(robot=robot, controller=precise_controller(robot, compensation="full"))
     states = limits.leaning_state(np.linspace(0.0, 6.0, 32), np.linspace(0.0, 0.5, 32))
-    kept = one.survives(states)
+    kept = one.recovers(states)
     assert kept[0]
     assert not kept[-1]
-    np.testing.assert_array_equal(kept, one.survives(states, cut_short=False))
+    np.testing.assert_array_equal(kept, one.recovers(states, cut_short=False))
 
 
 def test_a_refined_map_is_the_whole_map():
@@ -113,7 +113,7 @@ def test_a_refined_map_is_the_whole_map():
     def start_of(a, b):
         return np.stack([a, b, *np.zeros((8, len(a)))], axis=1)
 
-    region = map_region(crescent, start_of, most=(1.5, 2.0), refinements=3)
+    region = map_region(crescent, start_of, ends=(1.5, 2.0), refinements=3)
     a, b = np.meshgrid(region.across, region.along, indexing="ij")
     whole = crescent(start_of(a.ravel(), b.ravel())).reshape(a.shape)
     np.testing.assert_array_equal(region.kept, whole)
@@ -131,10 +131,10 @@ def test_a_ray_stops_at_the_first_loss():
     def start_of(sizes):
         return np.concatenate([sizes[..., None], np.zeros((*sizes.shape, 9))], axis=-1)
 
-    found = reach(banded, start_of, shape=(1,), most=1.0)
+    found = reach(banded, start_of, shape=(1,), end=1.0)
     assert found.sizes[0] == pytest.approx(0.3, abs=1.0 / 12288)
     assert found.limited.all()
-    free = reach(lambda points: np.ones(len(points), bool), start_of, shape=(1,), most=1.0)
+    free = reach(lambda points: np.ones(len(points), bool), start_of, shape=(1,), end=1.0)
     assert free.sizes[0] == 1.0
     assert not free.limited.any()
 
@@ -267,9 +267,9 @@ def test_limits_are_found_and_drawn(tmp_path, capsys):
     assert main(["limits", "alten", "none", "--refinements", "0", "--out", str(tmp_path)]) == 0
     assert "no wheel slips" in capsys.readouterr().out
     results = json.loads((tmp_path / "results.json").read_text())["controllers"]["none"]
-    assert len(results["lean"]["sure"]) == len(results["directions"]) == 36
+    assert len(results["lean"]["lower"]) == len(results["directions"]) == 36
     assert all(
-        one < other for one, other in zip(results["lean"]["sure"], results["lean"]["most"], strict=True)
+        one < other for one, other in zip(results["lean"]["lower"], results["lean"]["upper"], strict=True)
     )
     for name in ("planes", "directions", "heights"):
         assert (tmp_path / f"{name}.svg").read_text().lstrip().startswith("<svg")
@@ -293,20 +293,16 @@ def test_impossible_requests_are_refused_before_any_work(tmp_path, capsys, monke
 
 
 def test_every_controller_is_drawn_and_a_coarse_plane_by_all_its_points():
-    edge = Reach(sizes=np.ones(3), limited=np.ones(3, np.bool_), runs=0)
-    # survived at one point in the middle and its neighbours: every fourth point of 33 would leave one
+    # recovers at one point in the middle and its neighbours: every fourth point of 33 would leave one
     kept = np.zeros((33, 33), np.bool_)
     kept[15:18, 15:18] = True
-    plane = Region(across=np.linspace(-1.0, 1.0, 33), along=np.linspace(-1.0, 1.0, 33), kept=kept, runs=0)
-    blows = replace(edge, sizes=np.ones((9, 3)))
+    region = Region(across=np.linspace(-1.0, 1.0, 33), along=np.linspace(-1.0, 1.0, 33), kept=kept, runs=0)
     one = RobotLimits(
         directions=np.arange(3.0),
         heights=np.arange(9.0),
-        lean=Edges(sure=edge, most=edge),
-        blow=Edges(sure=blows, most=blows),
-        plane_direction=0.0,
-        sure_plane=plane,
-        most_plane=plane,
+        lean=Bounds(lower=np.ones(3), upper=np.ones(3), runs=0),
+        impulse=Bounds(lower=np.ones((9, 3)), upper=np.ones((9, 3)), runs=0),
+        plane=Plane(direction=0.0, lower=region, upper=region),
     )
     found = dict.fromkeys("abcdef", one)
     (named,) = directions_figure(found, {}).legends
@@ -324,7 +320,7 @@ def test_the_files_that_limits_come_from_are_named(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("windy.toml").touch()
     Path("robot.toml").touch()
-    entrants = parse_candidates(["none", "soft=mine.toml@kalman"])
-    files = [one.file for one in entrants if one.file]
+    candidates = parse_candidates(["none", "soft=mine.toml@kalman"])
+    files = [one.file for one in candidates if one.file]
     assert input_files("alten", files, "nominal") == [Path("mine.toml")]
     assert input_files("robot.toml", [], "windy.toml") == [Path("robot.toml"), Path("windy.toml")]

@@ -130,7 +130,7 @@ def check(
 def _write(checked: CheckedRobot, result: CommandResult) -> list[Path]:
     """Write the result and return its files."""
     with result.replaced() as new:
-        result.write_json(checked.to_dict(), new)
+        result.write_json(checked.results(), new)
         write_text(new / "check.txt", as_text(_report(checked, framed=False)))
         if checked.swing is not None:
             _save_swing_figure(checked.swing, new / "swing.svg")
@@ -255,17 +255,20 @@ def _uncertainty_line(spread: PoleSpread | None) -> str:
             "No value in the file has a standard_deviation; with some, "
             "the standard deviation of the pole would be shown here."
         )
-    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.causes[:3])
+    largest = list(spread.variance_shares.items())[:3]
+    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
+    low, high = spread.interval_95
     return (
         "From the standard deviations in the file, its standard deviation is "
-        f"{spread.deviation:.2g} rad/s, and it lies between {spread.lower:.3g} "
-        f"and {spread.upper:.3g} in 95 % of {spread.draws} draws ({causes})."
+        f"{spread.standard_deviation:.2g} rad/s, and it lies between {low:.3g} "
+        f"and {high:.3g} in 95 % of {spread.draws} draws ({causes})."
     )
 
 
 def _band_table(band: PredictionBand, *, framed: bool) -> Table:
     rows = [
-        [state, f"{spread:.2g}", f"{band.error_at_end[state]:.2g}"] for state, spread in band.at_end.items()
+        [state, f"{spread:.2g}", f"{band.rmse_at_end[state]:.2g}"]
+        for state, spread in band.standard_deviation_at_end.items()
     ]
     title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
     return table(title, ("state", "spread by the standard deviations", "error"), rows, framed=framed)

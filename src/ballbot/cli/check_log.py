@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from contextlib import nullcontext
-from dataclasses import asdict
 from pathlib import Path
 
 from rich.table import Table
@@ -25,8 +24,8 @@ from ballbot.log.mapping_inference.proposal import Proposal, propose
 from ballbot.log.mapping_inference.report import findings_of, mapping_text
 from ballbot.log.pose import with_odometry
 from ballbot.printable import shell_line
-from ballbot.report.page import as_json
 from ballbot.result_folder import ResultFolder, result_folder
+from ballbot.results import as_json
 from ballbot.robot import Robot
 
 
@@ -124,28 +123,28 @@ def _proposal_results(
     tested, heading, commands = proposal.lean_test, proposal.heading, proposal.commands
     return {
         "file": str(file),
-        "roles": asdict(proposal.roles),
-        "wheel_unit": asdict(proposal.wheel),
-        "lean_unit": asdict(proposal.lean) if proposal.lean else None,
-        "duty": asdict(proposal.duty) if proposal.duty else None,
+        "roles": proposal.roles,
+        "wheel_unit": proposal.wheel,
+        "lean_unit": proposal.lean,
+        "duty": proposal.duty,
         "speed_noise": {"before": proposal.timing.before, "after": proposal.timing.after},
         "handedness": None if tested is None else "mirrored" if tested.placements[0].mirrored else "direct",
         "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
         "phase_error_deg": None
         if tested is None or tested.phase_error is None
         else math.degrees(tested.phase_error),
-        "placements": [] if tested is None else [asdict(one) for one in tested.placements],
+        "placements": [] if tested is None else tested.placements,
         "margin": None if tested is None else tested.margin,
         "sensor_delay": None if tested is None else tested.lag,
         "command_delay": None if commands is None else commands.delay,
         "disturbance": None if tested is None else tested.disturbance,
-        "heading": None if heading is None else asdict(heading),
-        "commands": None if commands is None else asdict(commands),
-        "frame": asdict(proposal.frame),
+        "heading": heading,
+        "commands": commands,
+        "frame": proposal.frame,
         "keep": proposal.keep,
         "rows": len(log),
         "columns": list(log.names),
-        "findings": [asdict(finding) for finding in findings],
+        "findings": findings,
     }
 
 
@@ -259,7 +258,7 @@ def _results(
         "start": float(log.t[0]),
         "end": float(log.t[-1]),
         "sample_time": log.sample_time if len(log) > 1 else None,
-        "columns": [asdict(column) for column in summaries],
-        "findings": [asdict(finding) for finding in findings],
-        "wheels": asdict(wheels) if wheels else None,
+        "columns": summaries,
+        "findings": findings,
+        "wheels": wheels,
     }

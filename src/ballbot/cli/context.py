@@ -32,8 +32,9 @@ from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
 from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
-from ballbot.report.page import Provenance, as_json, provenance
+from ballbot.report.page import Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
+from ballbot.results import as_json
 from ballbot.robot import Robot
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class CommandResult:
         whole = dict(results)
         if findings is not None:
             whole["findings"] = finding_results(findings)
-        write_text(folder / "results.json", as_json(whole | {"provenance": self.origin.to_dict()}))
+        write_text(folder / "results.json", as_json(whole | {"provenance": self.origin}))
 
     def show_file(self, *names: str) -> None:
         """Print where files of the result are."""

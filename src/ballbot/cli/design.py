@@ -43,6 +43,7 @@ from ballbot.fitting.checkpoint import identity
 from ballbot.mechanics.model import Model
 from ballbot.report.design import robust_figure
 from ballbot.report.style import drawn
+from ballbot.results import to_results
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
@@ -123,10 +124,9 @@ def design_robustly(
             "sample_time": found.controller.sample_time,
             "compensation": compensation,
             "gain": found.controller.gain,
-            "poles": [[pole.real, pole.imag] for pole in found.design.poles.tolist()],
+            "poles": found.design.poles,
             "linearization": linearization_results(_designed_on(robot)),
-            **found.to_dict(),
-            "perturbed": asdict(spread),
+            **to_results(found),
         }
         with result.replaced() as new:
             origin = _origin_comment(found, result.origin.command)
@@ -164,12 +164,12 @@ def spread_of(text: str) -> PerturbationRanges:
 def _origin_comment(found: RobustDesign, command: str) -> str:
     """Return the comment on how the gain was found."""
     weights = ", ".join(f"{weight:.4g}" for weight in found.state_weights)
-    rivals = {name: f"{one.worst_tenth:.3g}" for name, one in found.rivals.items()}
+    designs = {name: f"{one.worst_tenth:.3g}" for name, one in found.compared.items()}
     return (
         f"# Found by: {command}\n"
         f"# Q = diag({weights}), R = {found.torque_weight:g} I\n"
-        f"# worst tenth of J on {found.fresh} fresh robots: {rivals['robust']}; nominal gain {rivals['nominal']}, "
-        f"plain LQR {rivals['plain']}\n\n"
+        f"# worst tenth of J on {found.fresh} fresh robots: {designs['robust']}; nominal gain {designs['nominal']}, "
+        f"plain LQR {designs['plain']}\n\n"
     )
 
 
@@ -185,7 +185,7 @@ def _show_robust(found: RobustDesign, console: Console) -> None:
             f"{one.worst_roughness:.3f}",
             f"{one.falls}",
         ]
-        for name, one in found.rivals.items()
+        for name, one in found.compared.items()
     ]
     title = f"On {found.fresh} perturbed robots that the search did not use"
     console.print(table(title, headings, rows, framed=console.is_terminal))
@@ -309,7 +309,7 @@ def design(
         if not parts.allow_overcompensation:
             refuse_overcompensation(controller, certain)
         margin = compensation_margin(controller, certain)
-        results = _results(controller, found, spread) | {"compensation_margin": margin.results()}
+        results = _results(controller, found, spread) | {"compensation_margin": margin}
         with result.replaced() as new:
             write_controller(controller, new / "controller.toml")
             result.write_json(results, new)
@@ -414,9 +414,11 @@ def _designed_on(robot: Robot) -> Model:
 
 def _margin(margin: CompensationMargin) -> str:
     """Return how near the compensation comes to the friction that is certain, and whether it exceeds it."""
-    shares = ", ".join(f"{100.0 * share:.0f} %" for share in (*margin.shares, margin.rolling))
+    shares = ", ".join(
+        f"{100.0 * share:.0f} %" for share in (*margin.wheel_fractions, margin.rolling_fraction)
+    )
     amplitudes = ", ".join(f"{one.amplitude:g}" for one in margin.swings)
-    returned = ", ".join(f"{100.0 * one.share:.0f} %" for one in margin.swings)
+    returned = ", ".join(f"{100.0 * one.fraction:.0f} %" for one in margin.swings)
     text = (
         "Compensated at most, of each wheel's friction and of the rolling "
         f"friction: {shares}\nReturned at most, of the energy that friction "
@@ -424,7 +426,7 @@ def _margin(margin: CompensationMargin) -> str:
     )
     return (
         f"{text}\nWARNING: {margin.sentence}; this injects energy and can destabilise the robot"
-        if margin.pumps
+        if margin.overcompensates
         else text
     )
 
@@ -454,9 +456,9 @@ def _results(
         "robot": controller.robot.name,
         "sample_time": controller.sample_time,
         "compensation": controller.compensation,
-        "gain": controller.gain.tolist(),
-        "gain_standard_deviation": spread.deviation.tolist() if spread.parts else None,
+        "gain": controller.gain,
+        "gain_standard_deviation": spread.deviation if spread.parts else None,
         "gain_variance_shares": dict(spread.largest(len(spread.parts))),
-        "poles": [[pole.real, pole.imag] for pole in found.poles],
+        "poles": found.poles,
         "linearization": linearization_results(_designed_on(controller.robot)),
     }

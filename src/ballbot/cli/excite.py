@@ -34,7 +34,7 @@ from ballbot.report.tables import digits
 from ballbot.robot import Robot
 from ballbot.twin.scenario import load_scenario, scenario_text
 from ballbot.workflows.excitation_design import DesignEffort
-from ballbot.workflows.excitation_task import Law, RunLimits, RunPeaks
+from ballbot.workflows.excitation_task import Law, RunLimits
 from ballbot.workflows.excite import Excitation, ExcitationOptions, Trial, deviations_found
 from ballbot.workflows.excite import excite as find
 
@@ -48,8 +48,11 @@ def limits_table(result: Excitation, *, framed: bool) -> Table:
     runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
     runs |= {f"{name}, twin": trial.peaks for name, trial in trials.items()}
     rows = [
-        (f"{name} [{_SHOWN[name][0]}]", _shown(name, value), *(_peak(name, peaks) for peaks in runs.values()))
-        for name, value in result.task.limits.to_dict().items()
+        (
+            f"{name} [{unit}]",
+            *(_shown(name, getattr(one, name)) for one in (result.task.limits, *runs.values())),
+        )
+        for name, (unit, _) in _SHOWN.items()
     ]
     return table("Limits, and the largest values of each run", ("limit", "", *runs), rows, framed=framed)
 
@@ -105,10 +108,6 @@ def gain_sentence(gain: float) -> str:
 
 def _errors_in_units(trial: Trial) -> NDArray[np.float64]:
     return np.concatenate([np.atleast_1d(one) for one in trial.found.standard_errors.values()])
-
-
-def _peak(name: str, peaks: RunPeaks) -> str:
-    return _shown(name, peaks.to_dict()[name])
 
 
 def _shown(name: str, value: float) -> str:
@@ -290,7 +289,7 @@ def _write(found: Excitation, controller: Controller, result: CommandResult, fol
     shown = followed_run(found)
     write_text(folder / "run.svg", drawn(lambda: run_figure(shown, limits), name="run"))
     write_text(folder / "errors.svg", drawn(lambda: errors_figure(found), name="errors"))
-    result.write_json(found.to_dict(), folder)
+    result.write_json(found.results(), folder)
 
 
 def _show(result: Excitation, console: Console) -> None:

@@ -39,7 +39,7 @@ from ballbot.report.driveline import (
     error_rows,
     parameter_rows,
 )
-from ballbot.report.page import as_json
+from ballbot.results import as_json
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
 

@@ -132,7 +132,7 @@ def _write(
     found: UpsideDown, log: Log, result: CommandResult, findings: Sequence[Finding], folder: Path
 ) -> None:
     movement = ball_movement(found.robot)
-    result.write_json(found.to_dict() | {"movement": movement.to_dict()}, folder, findings=findings)
+    result.write_json(found.to_dict() | {"movement": movement}, folder, findings=findings)
     write_robot(found.robot, folder / "robot.toml")
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
     write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))

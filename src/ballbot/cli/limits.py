@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,9 +19,10 @@ from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, directions_figure, heights_figure, planes_figure
 from ballbot.report.style import drawn
+from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import RobotLimits, TwinEdge, find_limits
+from ballbot.workflows.limits import RobotLimits, TwinLimit, find_limits
 from ballbot.workflows.recovery_region import Loop
 
 if TYPE_CHECKING:  # MuJoCo is an extra
@@ -38,7 +39,7 @@ class _Found:
     """What was found of each controller, by its name."""
 
     model: dict[str, RobotLimits] = field(default_factory=dict)
-    twin: dict[str, Sequence[TwinEdge]] = field(default_factory=dict)
+    twin: dict[str, Sequence[TwinLimit]] = field(default_factory=dict)
 
 
 def limits(
@@ -133,17 +134,15 @@ def _truth(scenario: str, robot: Robot) -> Scenario:
     return load_scenario(scenario, robot)
 
 
-def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinEdge]:
-    from ballbot.workflows.limits import twin_edges
+def _on_twin(loop: Loop, truth: Scenario, found: RobotLimits, seed: int) -> Sequence[TwinLimit]:
+    from ballbot.workflows.limits import twin_limits
 
-    return twin_edges(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, run=Run(seed=seed))
+    return twin_limits(loop.robot, loop.controller, truth, found, directions=_ON_TWIN, run=Run(seed=seed))
 
 
 def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, folder: Path) -> None:
     by_controller = {
-        name: one.to_dict()
-        | {"twin": [asdict(edge) | {"agrees": edge.agrees} for edge in found.twin.get(name, ())]}
-        for name, one in found.model.items()
+        name: to_results(one) | {"twin": found.twin.get(name, ())} for name, one in found.model.items()
     }
     results = {"robot": robot.name, "grip": grip, "controllers": by_controller}
     result.write_json(results, folder)
@@ -169,18 +168,18 @@ def limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
     """Return a row for each controller: least tilt and impulse at the centre of mass over all directions."""
     rows = []
     for name, one in found.items():
-        leans = [np.degrees(edge.sizes.min()) for edge in (one.lean.sure, one.lean.most)]
-        impulses = [one.blow_at_center(edge).min() for edge in (one.blow.sure, one.blow.most)]
+        leans = [np.degrees(bound.min()) for bound in (one.lean.lower, one.lean.upper)]
+        impulses = [bound.min() for bound in (one.central_impulse.lower, one.central_impulse.upper)]
         rows.append([name, f"{leans[0]:.1f} / {leans[1]:.1f}", f"{impulses[0]:.1f} / {impulses[1]:.1f}"])
     return rows
 
 
-def twin_rows(on_twin: Mapping[str, Sequence[TwinEdge]]) -> list[list[str]]:
+def twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
     """Return a row for each limit that was found on the twin."""
     rows = []
-    for name, edges in on_twin.items():
-        for edge in edges:
-            unit, word = (180.0 / np.pi, "tilt (degrees)") if edge.kind == "lean" else (1.0, "impulse (N s)")
-            sizes = [f"{unit * size:.1f}" for size in (edge.sure, edge.twin, edge.most)]
-            rows.append([name, word, f"{np.degrees(edge.direction):.0f}°", *sizes])
+    for name, limits in on_twin.items():
+        for limit in limits:
+            unit, word = (180.0 / np.pi, "tilt (degrees)") if limit.kind == "lean" else (1.0, "impulse (N s)")
+            sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
+            rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
     return rows

@@ -25,7 +25,7 @@ from ballbot.simulation.run import simulate as run
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import load_scenario
-from ballbot.workflows.metrics import SETTLE, score, settled
+from ballbot.workflows.metrics import SETTLE, score, score_results, settled
 
 _WRITTEN = (*(f"log.{ending}" for ending in WRITTEN_ENDINGS), "results.json")
 
@@ -125,7 +125,7 @@ def _plant(model: Model, scenario: str | None, estimator: EstimatorName) -> Plan
 def _results(log: Log) -> dict[str, object]:
     results: dict[str, object] = {"rows": len(log), "sample_time": log.sample_time, "ended": log.ended}
     if settled(log, SETTLE).any():
-        scores = score(log).to_dict()
+        scores = score_results(score(log))
         del scores["ended"]
         results |= {key: value for key, value in scores.items() if not _is_nan(value)}
     return results

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import asdict
 from pathlib import Path
 
 from cyclopts import App
@@ -11,8 +10,8 @@ from cyclopts import App
 from ballbot.cli.context import parse_seeds
 from ballbot.cli.output import progress_bar, standard_output, table
 from ballbot.files import check_file, write_text
-from ballbot.report.page import as_json
 from ballbot.result_folder import result_folder
+from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
@@ -113,10 +112,7 @@ def recommendations(
                 threads=os.cpu_count() or 1,
                 progress=lambda now: bar.show(now.share),
             )
-        scores = {
-            name: {kind: [asdict(one) for one in runs] for kind, runs in comparison.scores.items()}
-            for name, comparison in found.items()
-        }
+        scores = {name: comparison.scores for name, comparison in found.items()}
         with folder.replaced() as new:
             write_text(new / "results.json", as_json(scores))
     title = "Position error after settling, and torque noise"

@@ -32,12 +32,13 @@ from scipy.stats import norm
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.mechanics.friction import friction_terms, stribeck_decay, wheel_friction
+from ballbot.results import reported
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 
-#: speeds of a wheel over which the curve is looked at [rad/s]; below the first it is the break-away torque's
+#: speeds of a wheel over which the curve is evaluated [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
-#: step of the central differences, over each parameter (over 1 where it is zero)
+#: step of the central differences, over each parameter (over 1 if it is zero)
 _DIFFERENCE_STEP = 1e-5
 
 
@@ -58,7 +59,7 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
     Returns
     -------
     Friction
-        Each wheel's torques times a number from 0 to 1, and so C_rr; v_s and delta as they were.
+        Each wheel's torques times a number from 0 to 1, and so C_rr; v_s and delta unchanged.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     """Return the covariance (6 n + 3, 6 n + 3) by the standard deviations in a robot's file, None if it has none.
 
-    A file has no correlations, so that b, c and s count as independent: with those, less would be given away.
+    A file has no correlations, so b, c and s count as independent. With correlations the result would be less cautious.
     """
     n = robot.wheel_count
     spans = {
@@ -134,7 +135,7 @@ def _certain_fraction_in_direction(
 ) -> float:
     curve = _wheel_curve(values, direction)
     if not curve.min() > 0.0:
-        return 1.0  # nothing is compensated where nothing was found
+        return 1.0  # no friction was identified
     steps = _DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values))
     slopes = [
         (_wheel_curve(values + step, direction) - _wheel_curve(values - step, direction)) / (2.0 * step.max())
@@ -153,83 +154,71 @@ def _wheel_curve(values: NDArray[np.float64], direction: float) -> NDArray[np.fl
     return b * _CONFIDENCE_SPEEDS + c + s * stribeck_decay(_CONFIDENCE_SPEEDS / v_s, delta)
 
 
-#: amplitudes of a wheel's swing that are looked at [rad/s]
+#: amplitudes of a wheel's swing [rad/s]
 AMPLITUDES = (0.1, 0.3, 1.0, 3.0)
-#: speeds of a wheel that are [rad/s]
+#: speeds of a wheel at which the fractions are computed [rad/s]
 _SPEEDS = np.geomspace(0.02, 8.0, 120)
 #: phases of a quarter of a swing, the middles of equal parts: means to 1e-4
 _PHASES = (np.arange(200) + 0.5) / 200 * 0.5 * np.pi
-#: rounding that a share is forgiven
+#: rounding of a fraction that is ignored
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class Swing:
-    """What one amplitude of the wheels' swing costs and brings, a number for each wheel."""
+    """The power of compensation and friction at one amplitude of the wheels' swing, a number for each wheel."""
 
     amplitude: float  #: of the speed [rad/s]
     given: tuple[float, ...]  #: by the compensation, at most, mean over a swing [W]
     taken: tuple[float, ...]  #: by the friction [W]
 
     @property
-    def share(self) -> float:
-        """What is given over what is taken, of the wheel where it is largest."""
+    def fraction(self) -> float:
+        """The compensation's power over the friction's, of the wheel where it is largest."""
         return max(_fraction(given, taken) for given, taken in zip(self.given, self.taken, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompensationMargin:
-    """What a controller compensates, held against a friction. Shares are infinite where that friction is zero."""
+    """The compensated fraction of a friction; infinite if that friction is zero."""
 
-    shares: tuple[float, ...]  #: of each wheel's friction, at the speed where it is largest
-    speeds: tuple[float, ...]  #: that speed [rad/s]
-    rolling: float  #: share of the rolling friction
+    wheel_fractions: tuple[float, ...]  #: of each wheel's friction, at the speed where it is largest
+    at_speeds: tuple[float, ...]  #: that speed [rad/s]
+    rolling_fraction: float  #: of the rolling friction
     swings: tuple[Swing, ...]  #: at `AMPLITUDES`
 
     @property
     def largest(self) -> float:
-        """The largest share of all."""
-        return max(*self.shares, self.rolling)
+        """The largest fraction of all."""
+        return max(*self.wheel_fractions, self.rolling_fraction)
 
-    @property
-    def pumps(self) -> bool:
-        """Whether the compensation may feed the motion energy."""
+    @reported
+    def overcompensates(self) -> bool:
+        """Whether the compensation may inject energy."""
         return self.largest > 1.0 + _ROUNDING
 
     @property
     def sentence(self) -> str:
-        """Where the compensation exceeds the friction most, or that it does not."""
-        if not self.pumps:
+        """The place at which the compensation exceeds the friction most, or that it does not exceed it."""
+        if not self.overcompensates:
             return f"the compensation is at most {_percent(self.largest)} of the friction"
-        if self.rolling == self.largest:
-            return f"the compensation of the rolling friction is {_percent(self.rolling)} of it"
-        worst = int(np.argmax(self.shares))
+        if self.rolling_fraction == self.largest:
+            return f"the compensation of the rolling friction is {_percent(self.rolling_fraction)} of it"
+        worst = int(np.argmax(self.wheel_fractions))
         return (
-            f"the compensation of wheel {worst + 1} is {_percent(self.shares[worst])} of its friction at "
-            f"{self.speeds[worst]:.2g} rad/s"
+            f"the compensation of wheel {worst + 1} is {_percent(self.wheel_fractions[worst])} of its friction at "
+            f"{self.at_speeds[worst]:.2g} rad/s"
         )
-
-    def results(self) -> dict[str, object]:
-        """Return it as `results.json` has it."""
-        return {
-            "share_of_wheel_friction": list(self.shares),
-            "at_speed": list(self.speeds),
-            "share_of_rolling_friction": self.rolling,
-            "swings": [
-                {"amplitude": one.amplitude, "given": list(one.given), "taken": list(one.taken)} for one in self.swings
-            ],
-            "pumps": self.pumps,
-        }  # fmt: skip
 
 
 def compensation_margin(controller: Controller, friction: Friction) -> CompensationMargin:
-    """Return what a controller compensates, held against a friction that counts as true.
+    """Return which fraction of a friction a controller compensates.
 
     Parameters
     ----------
     controller : Controller
     friction : Friction
-        Of as many wheels: a robot file's, or what is certain of it (`certain_friction`).
+        The true one, of as many wheels: a robot file's, or what is certain of it (`certain_friction`).
     """
     n = len(controller.gain)
     directions = _directions(controller, friction)
@@ -240,11 +229,10 @@ def compensation_margin(controller: Controller, friction: Friction) -> Compensat
     worst = ratio.argmax(axis=0)
     on = controller.compensation != "none"
     rolling = _fraction(controller.robot.friction.rolling if on else 0.0, friction.rolling)
-    shares = ratio[worst, np.arange(n)]
     return CompensationMargin(
-        shares=tuple(shares.tolist()),
-        speeds=tuple(signed[worst].tolist()),
-        rolling=rolling,
+        wheel_fractions=tuple(ratio[worst, np.arange(n)].tolist()),
+        at_speeds=tuple(signed[worst].tolist()),
+        rolling_fraction=rolling,
         swings=tuple(_swing(controller, friction, amplitude) for amplitude in AMPLITUDES),
     )
 
@@ -257,7 +245,7 @@ def _directions(controller: Controller, friction: Friction) -> tuple[float, ...]
 def compensation_curve(
     controller: Controller, speeds: NDArray[np.float64], direction: float = 1.0
 ) -> NDArray[np.float64]:
-    """Return the most that each wheel is given along its motion without load, (k, n) [N m].
+    """Return the largest compensation of each wheel along its motion without load, (k, n) [N m].
 
     Parameters
     ----------
@@ -277,21 +265,21 @@ def compensation_curve(
 
 
 def certain_friction(robot: Robot) -> Friction:
-    """Return the friction of a robot's file, or what is certain of it where the file has its standard deviations."""
+    """Return the friction of a robot's file, or what is certain of it if the file has standard deviations."""
     covariance = stated_covariance(robot)
     return robot.friction if covariance is None else cautious_friction(robot.friction, covariance)
 
 
 def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
-    """Raise where a controller may feed the motion energy.
+    """Raise InputError if a controller may inject energy.
 
     Raises
     ------
     InputError
-        With the place and the size of the worst of it.
+        If it does, with the place and the size of the largest excess.
     """
     margin = compensation_margin(controller, friction)
-    if margin.pumps:
+    if margin.overcompensates:
         raise InputError(
             f"{margin.sentence[0].upper()}{margin.sentence[1:]}; the excess injects energy and can "
             f"destabilise the robot. Multiply the compensation by {1.0 / margin.largest:.2g} or less, or "
@@ -300,14 +288,14 @@ def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
 
 
 def overcompensation_warning(controller: Controller, robot: Robot) -> str | None:
-    """Return a sentence where a controller compensates more than is certain of a robot's friction, None otherwise.
+    """Return a sentence if a controller compensates more than is certain of a robot's friction, otherwise None.
 
     Parameters
     ----------
     controller : Controller
         As read from a file: its friction is the file's.
     robot : Robot
-        As described. A robot without any friction in its file counts as one of which nothing is known.
+        As described. A robot without friction in its file has unknown friction.
     """
     known = robot.friction
     if not any((*known.viscous, *known.coulomb, *known.stribeck, known.rolling)):
@@ -315,7 +303,7 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
     margin = compensation_margin(controller, certain_friction(robot))
     return (
         f"{margin.sentence} that is certain; the excess injects energy and can destabilise the robot"
-        if margin.pumps
+        if margin.overcompensates
         else None
     )
 

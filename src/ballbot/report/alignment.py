@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from functools import partial
 
 import numpy as np
@@ -173,14 +172,14 @@ def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] =
             "rate": motion.clock.rate,
             "rate_half_width": motion.rate_half_width,
             "follows": alignment.clock_signal,
-            "rival": asdict(rival) if rival is not None else None,
+            "rival": rival,
         },
         "body_marker": {
             "wxyz": _wxyz(motion.body_marker),
             "half_width": motion.rotation_half_width,
             "untold_axis": motion.untold_axis,
         },
-        "flips": [asdict(flip) for flip in alignment.flips],
+        "flips": alignment.flips,
         "unseen": alignment.unseen,
         "frame": _frame_results(alignment),
         "lever_arm": None
@@ -204,7 +203,7 @@ def _frame_results(alignment: Alignment) -> dict[str, object] | None:
 
 
 def _sensor_results(sensors: SensorErrors) -> dict[str, object]:
-    results: dict[str, object] = {name: asdict(one) for name, one in sensors.of.items()}
+    results: dict[str, object] = dict(sensors.of)
     position = sensors.position
     results["position"] = None
     if position is not None:
@@ -212,7 +211,7 @@ def _sensor_results(sensors: SensorErrors) -> dict[str, object]:
             "largest": position.largest,
             "path": position.path,
             "explained_by_heading": position.by_heading,
-            "scale": asdict(position.scale) if position.scale is not None else None,
+            "scale": position.scale,
         }
     return results | {"duration": sensors.duration}
 

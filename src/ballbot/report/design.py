@@ -34,14 +34,14 @@ def robust_figure(found: RobustDesign) -> Figure:
 
 def _draw_costs(axes: Axes, found: RobustDesign) -> None:
     axes.axvspan(100.0 * (1.0 - TAIL), 100.0, color=SHADE, label="worst tenth")
-    for name, rival in found.rivals.items():
-        share = 100.0 * (np.arange(len(rival.costs)) + 0.5) / len(rival.costs)
-        axes.plot(share, np.sort(rival.costs), label=_LABELS[name], **_LINES[name])
+    for name, design in found.compared.items():
+        share = 100.0 * (np.arange(len(design.costs)) + 0.5) / len(design.costs)
+        axes.plot(share, np.sort(design.costs), label=_LABELS[name], **_LINES[name])
     axes.set_yscale("log")
     axes.set_yticks([1, 2, 5, 10, 20], labels=["1", "2", "5", "10", "20"])
     axes.minorticks_off()
     axes.set_xlim(0.0, 100.0)
-    axes.set_ylim(0.9, 1.3 * max(float(rival.costs.max()) for rival in found.rivals.values()))
+    axes.set_ylim(0.9, 1.3 * max(float(design.costs.max()) for design in found.compared.values()))
     axes.set_xlabel("share of the robots that cost less [%]")
     axes.set_ylabel("J")
     axes.set_title(f"{found.fresh} robots that the search had not seen")

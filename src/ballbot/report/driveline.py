@@ -257,5 +257,5 @@ def driveline_results(
             "rmse_of_the_friction_found": [one.rmse_restarted for one in printed],
         },
         "remarks": finding_results(driveline_findings(fits, printed)),
-        "provenance": made.to_dict(),
+        "provenance": made,
     }

@@ -1,4 +1,4 @@
-"""Figures of a robot's limits: the plane of lean and lean rate, and leans and blows over all directions."""
+"""Figures of a robot's limits: the plane of lean and lean rate, and tilts and impulses over all directions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
 
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, label_of
-from ballbot.workflows.limits import Edges, Kind, RobotLimits, TwinEdge
+from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
 
 #: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
@@ -27,15 +27,15 @@ _LOOKS = (
 )
 #: more would look like one another
 MOST_CONTROLLERS = len(_LOOKS)
-_SURE, _MOST = "#7fa6cf", "#d8e3ef"
+_LOWER, _UPPER = "#7fa6cf", "#d8e3ef"
 #: a plane is drawn by so many intervals a side where it has more
 _DRAWN = 256
-#: most planes beside each other, and entries of a legend
+#: largest number of planes, and of entries of a legend, in a row
 _IN_ROW = 3
 
 
 def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
-    """Draw which leans and lean rates each controller comes back from, in its worst direction."""
+    """Draw the leans and lean rates that each controller recovers from, in its worst direction."""
     columns = min(_IN_ROW, len(found))
     rows = -(-len(found) // columns)
     figure = Figure(figsize=(7.4, 0.6 + 2.5 * rows), layout="constrained")
@@ -43,19 +43,19 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     for axes in panels.flat[len(found) :]:
         axes.set_visible(False)
     for axes, (name, one) in zip(panels.flat, found.items(), strict=False):
-        for region, color, style in ((one.most_plane, _MOST, "--"), (one.sure_plane, _SURE, "-")):
+        for region, color, style in ((one.plane.upper, _UPPER, "--"), (one.plane.lower, _LOWER, "-")):
             _draw_region(axes, region, color, style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
-        axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane_direction):.0f}°")
+        axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane.direction):.0f}°")
         axes.set_xlabel("tilt [degrees]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
         axes.set_ylabel("tilt rate [degrees/s]")
     figure.legend(
         handles=[
-            Patch(facecolor=_SURE, edgecolor=INK, label="recovers, and no wheel slips"),
-            Patch(facecolor=_MOST, edgecolor=INK, linestyle="--", label="recovers if wheels never slip"),
+            Patch(facecolor=_LOWER, edgecolor=INK, label="recovers, and no wheel slips"),
+            Patch(facecolor=_UPPER, edgecolor=INK, linestyle="--", label="recovers if wheels never slip"),
         ],
         loc="outside lower center",
         ncols=2,
@@ -63,18 +63,15 @@ def planes_figure(found: Mapping[str, RobotLimits]) -> Figure:
     return figure
 
 
-def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinEdge]]) -> Figure:
-    """Draw the largest lean at rest and the hardest blow at the centre of mass over all directions."""
+def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]]) -> Figure:
+    """Draw the largest tilt at rest and the largest impulse at the centre of mass over all directions."""
     figure = Figure(figsize=(7.4, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
     leans = {name: _degrees(one.lean) for name, one in found.items()}
-    blows = {
-        name: (one.blow_at_center(one.blow.sure), one.blow_at_center(one.blow.most))
-        for name, one in found.items()
-    }
+    impulses = {name: (one.central_impulse.lower, one.central_impulse.upper) for name, one in found.items()}
     directions = {name: one.directions for name, one in found.items()}
     _draw_polar(left, directions, leans, _marks(on_twin, "lean", 180.0 / np.pi), "tilt at rest [degrees]")
-    _draw_polar(right, directions, blows, _marks(on_twin, "blow", 1.0), "impulse [N s]")
+    _draw_polar(right, directions, impulses, _marks(on_twin, "impulse", 1.0), "impulse [N s]")
     handles = [
         Line2D([], [], color=color, marker=mark if on_twin else "", label=label_of(name), linewidth=width)
         for name, (color, mark, width) in zip(found, _LOOKS, strict=False)
@@ -90,14 +87,14 @@ def directions_figure(found: Mapping[str, RobotLimits], on_twin: Mapping[str, Se
 
 
 def heights_figure(found: Mapping[str, RobotLimits]) -> Figure:
-    """Draw the hardest blow that is survived from any direction over the height at which it strikes."""
+    """Draw the largest impulse that a robot recovers from in every direction, over its height."""
     figure = Figure(figsize=(7.4, 2.9), layout="constrained")
     axes = figure.subplots()
     for (name, one), (color, _, width) in zip(found.items(), _LOOKS, strict=False):
         axes.plot(
-            one.blow.sure.sizes.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
+            one.impulse.lower.min(axis=1), one.heights, color=color, linewidth=width, label=label_of(name)
         )
-        axes.plot(one.blow.most.sizes.min(axis=1), one.heights, color=color, linewidth=width, linestyle="--")
+        axes.plot(one.impulse.upper.min(axis=1), one.heights, color=color, linewidth=width, linestyle="--")
     axes.set_xlim(left=0.0)
     axes.set_xlabel(
         "largest impulse from every direction [N s] (solid: no wheel slips; dashed: wheels never slip)"
@@ -115,12 +112,12 @@ def _draw_region(axes: Axes, region: Region, color: str, style: str) -> None:
     axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
 
 
-def _degrees(edges: Edges) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.degrees(edges.sure.sizes), np.degrees(edges.most.sizes)
+def _degrees(bounds: Bounds) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.degrees(bounds.lower), np.degrees(bounds.upper)
 
 
 def _marks(
-    on_twin: Mapping[str, Sequence[TwinEdge]], kind: Kind, unit: float
+    on_twin: Mapping[str, Sequence[TwinLimit]], kind: Kind, unit: float
 ) -> dict[str, list[tuple[float, float]]]:
     return {
         name: [(edge.direction, unit * edge.twin) for edge in edges if edge.kind == kind]
@@ -135,10 +132,10 @@ def _draw_polar(
     marks: Mapping[str, Sequence[tuple[float, float]]],
     title: str,
 ) -> None:
-    for (name, (sure, most)), (color, mark, width) in zip(sizes.items(), _LOOKS, strict=False):
+    for (name, (lower, upper)), (color, mark, width) in zip(sizes.items(), _LOOKS, strict=False):
         around = np.append(directions[name], directions[name][0] + 2.0 * np.pi)
-        axes.plot(around, np.append(sure, sure[0]), color=color, linewidth=width)
-        axes.plot(around, np.append(most, most[0]), color=color, linewidth=width, linestyle="--")
+        axes.plot(around, np.append(lower, lower[0]), color=color, linewidth=width)
+        axes.plot(around, np.append(upper, upper[0]), color=color, linewidth=width, linestyle="--")
         for direction, size in marks.get(name, ()):
             axes.plot([direction], [size], color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
     axes.set_ylim(bottom=0.0)

@@ -1,17 +1,15 @@
-"""What every result shares: its page rendered from a template, its values as JSON text, and its provenance.
+"""What every result shares: a page rendered from a template, and the provenance.
 
-Templates are in this package, and everything that they show is escaped but the figures. JSON knows no arrays and no
-NaN. The provenance holds the command, the files, the seed and the versions: enough to make a result again and to see
-whether it is the same.
+Templates are in this package. Everything that they show is escaped, except figures. The provenance holds the command,
+the files, the seed and the versions: enough to make a result again and to check that it is the same.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES
-from ballbot.printable import json_escaped, printable
+from ballbot.printable import printable
 
 
 def render(template: str, values: Mapping[str, object]) -> str:
@@ -48,29 +46,9 @@ def figure_markup(svg: str) -> Markup:
     return Markup(svg)
 
 
-def as_json(results: Mapping[str, object]) -> str:
-    """Return results as JSON text: arrays as lists, what is not finite as null."""
-    return json_escaped(json.dumps(_plain(results), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"
-
-
 def by_state(values: NDArray[np.float64]) -> dict[str, float]:
     """Return ten values by the states' names."""
     return dict(zip(STATE_NAMES, values.tolist(), strict=True))
-
-
-def _plain(value: object) -> object:
-    """Return what JSON can hold: plain containers, NaN and infinities as None."""
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(one) for one in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
@@ -92,10 +70,6 @@ class Provenance:
     files: tuple[SourceFile, ...]
     seed: int | str  #: or several, as 1-20
     versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return asdict(self)
 
 
 def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:

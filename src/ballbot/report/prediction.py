@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.printable import shell_line
 from ballbot.report.page import Provenance, render
+from ballbot.results import to_results
 from ballbot.workflows.controller_causes import CAUSE_MEANINGS, Cause
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
 from ballbot.workflows.controller_verdict import BETTER, QUANTITY_NAMES, QuantityResult, Verdict
@@ -48,14 +49,19 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
         "reason": verdict.reason,
         "ended": verdict.ended,
         "quantities": {
-            one.name: {"value": one.value, "place": one.place, "worse": one.worse, **asdict(one.predicted)}
+            one.name: {
+                "value": one.value,
+                "place": one.place,
+                "worse": one.worse,
+                **to_results(one.predicted),
+            }
             for one in verdict.quantities
         },
-        "none": {name: asdict(one) for name, one in verdict.none.items()},
-        "causes": [asdict(cause) | {"meaning": CAUSE_MEANINGS[cause.name]} for cause in verdict.causes],
+        "none": verdict.none,
+        "causes": [to_results(cause) | {"meaning": CAUSE_MEANINGS[cause.name]} for cause in verdict.causes],
         "remarks": finding_results(verdict.remarks),
         "next_steps": steps,
-        "course": asdict(prediction.course),
+        "course": prediction.course,
         "controller": prediction.controller,
     }
 

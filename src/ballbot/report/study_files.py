@@ -6,7 +6,6 @@ before stays beside the new one, as previous_controller.toml.
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +14,10 @@ from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_SETTINGS, read_text, write_text
-from ballbot.report.page import Provenance, as_json
+from ballbot.report.page import Provenance
 from ballbot.report.study import study_report
 from ballbot.report.validation import validation_results
+from ballbot.results import as_json, to_results
 from ballbot.robot.file import write_robot
 from ballbot.workflows.controller_choice import Trial
 from ballbot.workflows.study import Study
@@ -41,8 +41,8 @@ def study_results(study: Study, made: Provenance) -> dict[str, object]:
         "validation": validation,
         "controller": _controller(study),
         "comparison": _comparison(study),
-        "prediction": study.prediction.to_dict() if study.prediction else None,
-        "provenance": made.to_dict(),
+        "prediction": study.prediction,
+        "provenance": to_results(made),
     }
 
 
@@ -69,13 +69,12 @@ def _comparison(study: Study) -> dict[str, object]:
         "plant": study.plant,
         "scenario": study.scenario.name,
         "draws": len(choice.plants),
-        "course": {"name": choice.course.name, "duration": choice.course.duration},
+        "course": choice.course,
         "chosen": choice.chosen,
         "counted_as_equal": list(choice.equals),
-        "gain": None if gain is None else asdict(gain),
+        "gain": gain,
         "ablation": {
-            part: _trial(trial) | {"ratio": asdict(choice.share_of(part))}
-            for part, trial in choice.ablation.items()
+            part: _trial(trial) | {"ratio": choice.share_of(part)} for part, trial in choice.ablation.items()
         },
     }
 

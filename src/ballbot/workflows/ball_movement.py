@@ -1,24 +1,25 @@
-"""The thesis's Figure 3.4: a ball on clamped wheels under its own LQR, one axis asked to turn at a time.
+"""The thesis's Figure 3.4: a ball on clamped wheels under its own LQR, its reference stepping about one axis at a time.
 
-Without friction the ball goes where it is asked. With friction it stays short of it, and moves about the other axes as
-well: friction takes its share of each wheel's torque, so that the torques' ratio, and with it the axis, is another one.
+Without friction the ball reaches the reference. With friction it stays short of it and turns about the other axes as
+well: friction takes a part of each wheel's torque, which changes the ratio of the torques and thereby the axis.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import lqr
+from ballbot.results import left_out, reported
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.upside_down import BallRun, ClampedBall, follow
 
 #: weights of the three rotations [1/rad^2] and of their rates, and of each torque [1/(N m)^2]
 STATE_WEIGHTS = (50.0, 50.0, 50.0, 2.0, 2.0, 2.0)
 TORQUE_WEIGHT = 30.0
-#: each axis is asked to turn by so much [rad], one every so many seconds
+#: step of each axis's reference [rad], and the time from one axis to the next [s]
 TURN, PAUSE = 0.5, 4.0
 
 
@@ -26,23 +27,24 @@ TURN, PAUSE = 0.5, 4.0
 class BallMovement:
     """The same controller on a ball with friction and on one without."""
 
-    reference: NDArray[np.float64]  #: (N, 3) [rad]
-    with_friction: BallRun
-    without_friction: BallRun
+    reference: NDArray[np.float64] = field(metadata=left_out)  #: (N, 3) [rad]
+    with_friction: BallRun = field(metadata=left_out)
+    without_friction: BallRun = field(metadata=left_out)
 
-    @property
-    def off_axis(self) -> float:
-        """Largest rotation [rad] about an axis that had not been asked to turn yet, with friction."""
+    @reported
+    def error_at_end_with_friction(self) -> NDArray[np.float64]:
+        """Rotation less the reference (3,) [rad]."""
+        return self.with_friction.rotations[-1] - self.reference[-1]
+
+    @reported
+    def error_at_end_without_friction(self) -> NDArray[np.float64]:
+        """Rotation less the reference (3,) [rad]."""
+        return self.without_friction.rotations[-1] - self.reference[-1]
+
+    @reported
+    def off_axis_with_friction(self) -> float:
+        """Largest rotation about an axis whose reference is still zero [rad]."""
         return float(np.abs(np.where(self.reference == 0.0, self.with_friction.rotations, 0.0)).max())
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds: errors at the end [rad] and the movement about axes not asked to turn."""
-        last = self.reference[-1]
-        return {
-            "error_at_end_with_friction": (self.with_friction.rotations[-1] - last).tolist(),
-            "error_at_end_without_friction": (self.without_friction.rotations[-1] - last).tolist(),
-            "off_axis_with_friction": self.off_axis,
-        }
 
 
 def ball_movement(robot: Robot) -> BallMovement:

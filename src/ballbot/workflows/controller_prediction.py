@@ -29,6 +29,7 @@ from ballbot.control.references import REFERENCES
 from ballbot.errors import InputError
 from ballbot.files import read_json
 from ballbot.log import Log
+from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.workflows.controller_causes import OF_FRICTION, signature_of
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse
@@ -90,26 +91,16 @@ class Prediction:
     scenario: str  #: name of what is true of the plants
     draws: int  #: number of plants
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
-    none: Mapping[str, PredictionInterval]  #: the same without friction compensation; empty if that falls
-    signature: Mapping[
-        str, float
-    ]  #: what the log of a predicted run shows; see `ballbot.workflows.controller_causes`
+    none: (
+        Mapping[str, PredictionInterval] | None
+    )  #: the same without friction compensation; None if that falls
+    #: of the log of a predicted run; see `ballbot.workflows.controller_causes`
+    signature: Mapping[str, float]
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it, under the key "prediction"."""
-        return {
-            "course": {"name": self.course.name, "duration": self.course.duration},
-            "controller": self.controller,
-            "checksum": self.checksum,
-            "torque_limit": self.torque_limit,
-            "plant": self.plant,
-            "scenario": self.scenario,
-            "draws": self.draws,
-            "confidence": CONFIDENCE,
-            "chosen": _as_dict(self.chosen),
-            "none": _as_dict(self.none) or None,
-            "signature": dict(self.signature),
-        }
+    @reported
+    def confidence(self) -> float:
+        """Of the intervals."""
+        return CONFIDENCE
 
 
 def predict(choice: ControllerChoice, *, logs: Sequence[Log] = ()) -> Prediction | None:
@@ -139,7 +130,7 @@ def predict(choice: ControllerChoice, *, logs: Sequence[Log] = ()) -> Prediction
         scenario=choice.plants[0].scenario.name,
         draws=len(choice.plants),
         chosen=intervals_of(choice, chosen),
-        none=intervals_of(choice, "none") if len(without.scores) - without.falls >= MIN_RUNS else {},
+        none=intervals_of(choice, "none") if len(without.scores) - without.falls >= MIN_RUNS else None,
         signature=_expected_signature(choice, logs),
     )
 
@@ -237,10 +228,6 @@ def _of_quantity(
     )
 
 
-def _as_dict(intervals: Mapping[str, PredictionInterval]) -> dict[str, object]:
-    return {name: {"median": one.median, "low": one.low, "high": one.high} for name, one in intervals.items()}
-
-
 class _IntervalTable(Table):
     median: FiniteFloat
     low: FiniteFloat
@@ -305,7 +292,7 @@ def read_prediction(path: str | Path) -> Prediction:
         scenario=table.scenario,
         draws=table.draws,
         chosen=_intervals(table.chosen),
-        none=_intervals(table.none) if table.none else {},
+        none=_intervals(table.none) if table.none else None,
         signature={name: np.nan if one is None else one for name, one in table.signature.items()},
     )
 

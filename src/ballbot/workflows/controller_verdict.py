@@ -95,7 +95,7 @@ class Verdict:
     recommendation: Recommendation
     reason: str  #: one sentence with the numbers that decide
     quantities: tuple[QuantityResult, ...]
-    none: Mapping[str, PredictionInterval]  #: what is predicted without compensation; empty if that falls
+    none: Mapping[str, PredictionInterval] | None  #: predicted without compensation; None if that falls
     ended: str | None  #: why the run ended before the course, or None
     causes: tuple[Cause, ...]  #: of what is outside, the likeliest first; empty if nothing is
     remarks: tuple[Finding, ...]  #: what limits the verdict
@@ -315,7 +315,8 @@ def _recommended(
         return "revert", f"The run ended before the course did ({ended})."
     by_name = {one.name: one for one in quantities}
     peak = by_name["peak_error"]
-    none = prediction.none.get("peak_error") if prediction.controller != "none" else None
+    without = None if prediction.controller == "none" else prediction.none
+    none = without["peak_error"] if without else None
     if none is not None and not peak.value < none.low:
         return "revert", (
             f"The peak error is {1e3 * peak.value:.3g} mm, not clearly smaller than without compensation "

@@ -15,7 +15,7 @@ window) larger, on one run much as on another: these errors are for comparing ru
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -48,10 +48,6 @@ class RunPeaks:
     lean: float  #: of the axis from the vertical [rad]
     floor: float  #: distance from where the run began [m]
     torque: float  #: of any wheel [N m]
-
-    def to_dict(self) -> dict[str, float]:
-        """Return what results.json holds."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,10 +83,6 @@ class RunLimits:
     def exceeded(self, peaks: RunPeaks) -> list[str]:
         """Return the names of the limits that do not hold."""
         return [name for name, share in self.used(peaks).items() if share > 1.0]
-
-    def to_dict(self) -> dict[str, float]:
-        """Return what results.json holds."""
-        return asdict(self)
 
 
 def peaks_of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> RunPeaks:

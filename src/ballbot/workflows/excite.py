@@ -221,31 +221,31 @@ class Excitation:
         trial = self.trials["designed"]
         return trial.log.ended is None and not self.task.limits.exceeded(trial.peaks)
 
-    def to_dict(self) -> dict[str, object]:
+    def results(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
         question, made = self.task.question, self.design
         believed = question.coordinates.physical(question.point)[question.coordinates.free]
         return {
-            "limits": self.task.limits.to_dict(),
+            "limits": self.task.limits,
             "duration": self.task.duration,
             "believed": _by_label(question.labels, believed),
-            "deviations": question.deviations.tolist(),
+            "deviations": question.deviations,
             "expected": {
                 "square": self._expected(self.square.errors),
                 "designed": self._expected(made.errors),
             },
             "peaks_on_model": {
-                "square": self.square.run.peaks.to_dict(),
-                "designed": made.peaks.to_dict(),
+                "square": self.square.run.peaks,
+                "designed": made.peaks,
             },
             "on_twin": {name: self._tried(trial) for name, trial in self.trials.items()},
             "limits_held_on_twin": self.limits_held,
-            "criterion_after_each_generation": [_number(one) for one in made.history],
+            "criterion_after_each_generation": made.history,
             "sines": {
                 "axes": ["x", "y", "psi"],
-                "frequencies": made.frequencies.tolist(),
-                "amplitudes": made.amplitudes.tolist(),
-                "phases": made.phases.tolist(),
+                "frequencies": made.frequencies,
+                "amplitudes": made.amplitudes,
+                "phases": made.phases,
             },
         }
 
@@ -254,13 +254,13 @@ class Excitation:
         return {
             "standard_errors": _by_label(question.labels, question.in_units(scaled)),
             "scaled": _by_label(question.labels, scaled),
-            "worst": _number(float(scaled.max())),
+            "worst": scaled.max(),
         }
 
     def _tried(self, trial: Trial) -> dict[str, object]:
         return {
             "ended": trial.log.ended,
-            "peaks": trial.peaks.to_dict(),
+            "peaks": trial.peaks,
             "exceeded": self.task.limits.exceeded(trial.peaks),
             "scaled": _by_label(self.task.question.labels, trial.errors),
             "parameters": trial.found.to_dict()["parameters"],
@@ -359,9 +359,5 @@ def excite(
     )
 
 
-def _by_label(labels: Sequence[str], values: NDArray[np.float64]) -> dict[str, float | None]:
-    return {label: _number(float(value)) for label, value in zip(labels, values, strict=True)}
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _by_label(labels: Sequence[str], values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip(labels, values.tolist(), strict=True))

@@ -7,7 +7,7 @@ outermost. The standings are means over the seeds, and every controller against 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
 
 import numpy as np
@@ -18,6 +18,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.results import left_out, to_results
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
 from ballbot.workflows.comparison import (
@@ -30,7 +31,7 @@ from ballbot.workflows.comparison import (
     run_comparison,
 )
 from ballbot.workflows.courses import Course
-from ballbot.workflows.metrics import Score, true_place
+from ballbot.workflows.metrics import Score, score_results, true_place
 
 #: points of a track in a second, and the decimals they are kept with [m, rad]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
@@ -172,8 +173,8 @@ RATIOS = ("peak_position_error", "rms_position_error", "high_frequency_torque", 
 class Standing:
     """A controller on a course. A run that fell has no errors: it counts among the falls and nowhere else."""
 
-    course: str
-    controller: str
+    course: str = field(metadata=left_out)
+    controller: str = field(metadata=left_out)
     runs: int
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
@@ -181,36 +182,16 @@ class Standing:
     means: Mapping[str, Estimate]  #: by the score's names, over the runs that stood, SI units
     differences: Mapping[str, Estimate]  #: from the first controller, seed by seed; empty for itself
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "runs": self.runs,
-            "falls": self.falls,
-            "fall_interval": self.fall_interval,
-            "arrived": self.arrived,
-            "means": {name: asdict(one) for name, one in self.means.items()},
-            "differences": {name: asdict(one) for name, one in self.differences.items()},
-        }
-
 
 @dataclass(frozen=True, kw_only=True)
 class Overall:
     """A controller over all courses."""
 
-    controller: str
+    controller: str = field(metadata=left_out)
     runs: int
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
     ratios: Mapping[str, Estimate]  #: to the first controller, by the names in RATIOS; empty for itself
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "runs": self.runs,
-            "falls": self.falls,
-            "fall_interval": self.fall_interval,
-            "ratios": {name: asdict(one) for name, one in self.ratios.items()},
-        }
 
 
 def standing(league: League, course: str, controller: str) -> Standing:
@@ -259,8 +240,8 @@ def league_results(league: League) -> dict[str, object]:
     courses = {}
     for course in league.courses:
         controllers = {
-            name: standing(league, course.name, name).to_dict()
-            | {"scores": [score.to_dict() for score in league.scores[course.name, name]]}
+            name: to_results(standing(league, course.name, name))
+            | {"scores": [score_results(score) for score in league.scores[course.name, name]]}
             for name in league.controllers
         }
         courses[course.name] = {
@@ -274,7 +255,7 @@ def league_results(league: League) -> dict[str, object]:
         "robot": league.robot,
         "seeds": league.seeds,
         "first": league.controllers[0],
-        "overall": {name: overall(league, name).to_dict() for name in league.controllers},
+        "overall": {name: overall(league, name) for name in league.controllers},
         "courses": courses,
     }
 

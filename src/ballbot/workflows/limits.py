@@ -1,16 +1,16 @@
 """The largest tilts and impulses that a robot with a controller recovers from, on the model and on the twin.
 
-They are found three ways: tilts at rest, impulses on the body, and a plane of lean and lean rate. On the model each is
-found twice, and the truth lies between: `sure`, where no wheel ever lets go of the ball, and `most`, where the wheels
-are taken to hold whatever they push (the equations of motion know no slip). The twin's wheels can slip and lift, and
-its controller sees its sensors only.
+They are found for tilts at rest, for impulses on the body, and over a plane of lean and lean rate. The equations of
+motion have no slip, so the model gives two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and
+`upper`, from runs in which grip is unlimited. The twin's wheels can slip and lift, and its controller has only the
+measurements of its sensors.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
+from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
@@ -53,16 +54,16 @@ def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) 
 def pushed_state(
     model: Model, direction: ArrayLike, impulse: ArrayLike, height: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return states (..., 10) just after a blow on a body that stood upright at rest.
+    """Return states (..., 10) just after an impulse on a body that is upright and at rest.
 
-    The blow J [N s] at the height h above the ball's centre is the generalised impulse p = (J, h e_z x J) on the
-    ball's place and the body's turning, and M(0) q_dot = p. It is over before friction or the motors do anything.
+    The impulse J [N s] at the height h above the ball's centre is the generalised impulse p = (J, h e_z x J) on the
+    ball's position and the body's rotation, and M(0) q_dot = p. Friction and motors have no time to act.
 
     Parameters
     ----------
     model : Model
     direction : array_like (...)
-        Of the blow, on the floor [rad].
+        Of the impulse, on the floor [rad].
     impulse : array_like (...)
         J [N s].
     height : array_like (...)
@@ -76,26 +77,51 @@ def pushed_state(
     return states
 
 
-#: leans and blows are tried towards so many directions, evenly spread
+#: number of directions of tilts and impulses, evenly spread
 DIRECTIONS = 36
-#: heights of a blow above the ball's centre, in heights of the centre of mass
+#: heights of an impulse above the ball's centre, in heights of the centre of mass
 HEIGHTS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
 _CENTER = HEIGHTS.index(1.0)
-#: a blow no robot stays on the ball after: this speed [m/s] times the whole mass
-_HARDEST = 5.0
+#: the largest impulse that is tried is this speed [m/s] times the whole mass; no robot recovers from it
+_FASTEST = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Edges:
-    """How far every direction is survived, wheels held to their grip and wheels that always hold."""
+class Bounds:
+    """The largest size from which a robot recovers, by direction."""
 
-    sure: Reach
-    most: Reach
+    lower: NDArray[np.float64]  #: no wheel slips
+    upper: NDArray[np.float64]  #: if wheels never slip
+    runs: int = field(metadata=left_out)  #: that were computed
 
-    @property
-    def runs(self) -> int:
-        """Runs that it took."""
-        return self.sure.runs + self.most.runs
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """The states of lean [rad] and lean rate [rad/s] in one direction from which a robot recovers."""
+
+    direction: float  #: on the floor [rad]
+    lower: Region = field(metadata=left_out)  #: no wheel slips
+    upper: Region = field(metadata=left_out)  #: if wheels never slip
+
+    @reported
+    def lean(self) -> float:
+        """Largest lean of the plane [rad]."""
+        return float(self.lower.across[-1])
+
+    @reported
+    def rate(self) -> float:
+        """Largest lean rate of the plane [rad/s]."""
+        return float(self.lower.along[-1])
+
+    @reported
+    def lower_area(self) -> float:
+        """Area of recovery in which no wheel slips [rad^2/s]."""
+        return self.lower.area
+
+    @reported
+    def upper_area(self) -> float:
+        """Area of recovery if wheels never slip [rad^2/s]."""
+        return self.upper.area
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,96 +129,77 @@ class RobotLimits:
     """The limits of one closed loop."""
 
     directions: NDArray[np.float64]  #: (d,) on the floor, from x towards y [rad]
-    heights: NDArray[np.float64]  #: (h,) of blows above the ball's centre [m]
-    lean: Edges  #: sizes (d,): the lean at rest [rad]
-    blow: Edges  #: sizes (h, d): the impulse [N s]
-    plane_direction: float  #: in which the plane lies: the least sure lean [rad]
-    sure_plane: Region  #: over lean [rad] and lean rate [rad/s]
-    most_plane: Region
+    heights: NDArray[np.float64]  #: (h,) of impulses above the ball's centre [m]
+    lean: Bounds  #: (d,): the lean at rest [rad]
+    impulse: Bounds  #: (h, d) [N s]
+    plane: Plane  #: in the direction of the least lower bound of the lean
 
-    @property
+    @reported
     def runs(self) -> int:
-        """Runs that all of it took."""
-        return self.lean.runs + self.blow.runs + self.sure_plane.runs + self.most_plane.runs
+        """Number of runs that were computed."""
+        return self.lean.runs + self.impulse.runs + self.plane.lower.runs + self.plane.upper.runs
+
+    @reported
+    def points(self) -> int:
+        """Number of points of the two planes."""
+        return self.plane.lower.kept.size + self.plane.upper.kept.size
 
     @property
-    def points(self) -> int:
-        """Points of the two planes."""
-        return self.sure_plane.kept.size + self.most_plane.kept.size
-
-    def blow_at_center(self, edge: Reach) -> NDArray[np.float64]:
-        """Return the impulses (d,) [N s] that are survived at the height of the centre of mass."""
-        return edge.sizes[_CENTER]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "directions": self.directions.tolist(),
-            "heights": self.heights.tolist(),
-            "lean": {"sure": self.lean.sure.sizes.tolist(), "most": self.lean.most.sizes.tolist()},
-            "blow": {"sure": self.blow.sure.sizes.tolist(), "most": self.blow.most.sizes.tolist()},
-            "plane": {
-                "direction": self.plane_direction,
-                "lean": float(self.sure_plane.across[-1]),
-                "rate": float(self.sure_plane.along[-1]),
-                "sure_area": self.sure_plane.area,
-                "most_area": self.most_plane.area,
-            },
-            "runs": self.runs,
-            "points": self.points,
-        }
+    def central_impulse(self) -> Bounds:
+        """The impulses (d,) [N s] at the height of the centre of mass."""
+        one = self.impulse
+        return Bounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER], runs=one.runs)
 
 
-Kind = Literal["lean", "blow"]
+Kind = Literal["lean", "impulse"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwinEdge:
-    """One limit on the model and on the twin: rad for a lean, N s for a blow at the centre of mass's height."""
+class TwinLimit:
+    """A limit on model and twin: a lean at rest [rad], or an impulse at the centre of mass's height [N s]."""
 
     kind: Kind
     direction: float  #: [rad]
-    sure: float  #: up to where no wheel of the model lets go
-    twin: float  #: up to where the twin stands, to 1/32 of `most` and a tenth
-    most: float  #: up to where the model stands if its wheels always hold
+    lower: float  #: of the model, no wheel slips
+    twin: float  #: to 1/29 of the upper bound
+    upper: float  #: of the model if wheels never slip
 
-    @property
+    @reported
     def agrees(self) -> bool:
-        """Whether the twin's limit is between the model's two, to within 5 %."""
-        return 0.95 * self.sure <= self.twin <= 1.05 * self.most
+        """Whether the twin's limit is between the model's bounds, to within 5 %."""
+        return 0.95 * self.lower <= self.twin <= 1.05 * self.upper
 
 
 def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> RobotLimits:
-    """Return how far a robot may lean and how hard it may be hit.
+    """Return the largest tilts and impulses from which a robot recovers.
 
     Parameters
     ----------
     loop : Loop
-        Its grip is that of `sure`.
+        Its grip is that of the lower bounds.
     refinements : int
         Of the planes' grid; 5 make a million points each.
     run : Run, optional
         Its progress is reported after each stage; nothing is random, and nothing is kept.
     """
-    held = replace(loop, grip=np.inf)
+    unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    lean = Edges(sure=_lean_reach(loop, directions), most=_lean_reach(held, directions))
+    lean = _bounds(_lean_reach(loop, directions), _lean_reach(unlimited, directions))
     run.progress(Progress(stage="limits", done=0.05, total=1.0))
-    body = loop.robot.body
-    heights = body.center_of_mass * np.array(HEIGHTS)
-    blow = Edges(
-        sure=_impulse_reach(loop, directions, heights), most=_impulse_reach(held, directions, heights)
+    heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
+    impulse = _bounds(
+        _impulse_reach(loop, directions, heights), _impulse_reach(unlimited, directions, heights)
     )
     run.progress(Progress(stage="limits", done=0.2, total=1.0))
-    worst = float(directions[lean.sure.sizes.argmin()])
-    widest = float(lean.most.sizes[lean.sure.sizes.argmin()])
+    worst = float(directions[lean.lower.argmin()])
+    widest = float(lean.upper[lean.lower.argmin()])
     growth = float(loop.model.linearize().poles().real.max())
-    most = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
+    ends = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
     planes = []
-    for done, one in ((0.6, loop), (1.0, held)):
+    for done, one in ((0.6, loop), (1.0, unlimited)):
         planes.append(
             map_region(
-                one.survives, lambda a, b: leaning_state(worst, a, b), most=most, refinements=refinements
+                one.recovers, lambda a, b: leaning_state(worst, a, b), ends=ends, refinements=refinements
             )
         )
         run.progress(Progress(stage="limits", done=done, total=1.0))
@@ -200,40 +207,42 @@ def find_limits(loop: Loop, *, refinements: int = 5, run: Run = DEFAULT_RUN) -> 
         directions=directions,
         heights=heights,
         lean=lean,
-        blow=blow,
-        plane_direction=worst,
-        sure_plane=planes[0],
-        most_plane=planes[1],
+        impulse=impulse,
+        plane=Plane(direction=worst, lower=planes[0], upper=planes[1]),
     )
+
+
+def _bounds(lower: Reach, upper: Reach) -> Bounds:
+    return Bounds(lower=lower.sizes, upper=upper.sizes, runs=lower.runs + upper.runs)
 
 
 def _lean_reach(loop: Loop, directions: NDArray[np.float64]) -> Reach:
     return reach(
-        loop.survives,
+        loop.recovers,
         lambda sizes: leaning_state(directions, sizes),
         shape=directions.shape,
-        most=LARGEST_LEAN,
+        end=LARGEST_LEAN,
     )
 
 
 def _impulse_reach(loop: Loop, directions: NDArray[np.float64], heights: NDArray[np.float64]) -> Reach:
     robot = loop.robot
     return reach(
-        loop.survives,
+        loop.recovers,
         lambda sizes: pushed_state(loop.model, directions, sizes, heights[:, None]),
         shape=(len(heights), len(directions)),
-        most=_HARDEST * (robot.ball.mass + robot.body.mass),
+        end=_FASTEST * (robot.ball.mass + robot.body.mass),
     )
 
 
-#: a blow on the twin is a force of so long [s], four samples of the nominal scenario
+#: an impulse on the twin is a force of this duration [s], four samples of the nominal scenario
 PUSH_DURATION = 0.02
-_PUSH_TIME = 0.5  # when it comes [s]
-_STANDING_TIME = 3.0  # and how long a robot must stand from then on [s]
+_PUSH_TIME = 0.5  # when it begins [s]
+_RECOVERY_TIME = 3.0  # for which a robot must then stay on its ball [s]
 _HALVINGS = 5
 
 
-def twin_edges(
+def twin_limits(
     robot: Robot,
     controller: Controller,
     scenario: Scenario,
@@ -241,15 +250,15 @@ def twin_edges(
     *,
     directions: Sequence[int],
     run: Run = DEFAULT_RUN,
-) -> list[TwinEdge]:
-    """Return the twin's limits beside the model's, by halving between none and a tenth more than the model's most.
+) -> list[TwinLimit]:
+    """Return the twin's limits beside the model's, by bisection between zero and 1.1 times the model's upper bound.
 
     Parameters
     ----------
     robot : Robot
     controller : Controller
     scenario : Scenario
-        What is true of the twin; it counts as fallen where the model does.
+        Of the twin; its lean of a fall is replaced by the model's.
     found : RobotLimits
         The model's.
     directions : sequence of int
@@ -259,46 +268,40 @@ def twin_edges(
     """
     lenient = replace(scenario, fallen_lean=LARGEST_LEAN)
     state = named_estimator(controller.estimator, robot, sample_time=scenario.sensors.sample_time)
-    twin = Twin(robot, lenient, estimator=state)
-    edges = []
+    leaning = Twin(robot, lenient, estimator=state)
+    limits = []
     for done, place in enumerate(directions, start=1):
         direction = float(found.directions[place])
 
-        def leans(size: float, direction: float = direction) -> bool:
+        def recovers_from_lean(size: float, direction: float = direction) -> bool:
             start = leaning_state(direction, size)
             log = simulate(
-                twin, controller, hold(), duration=_STANDING_TIME, initial_state=start, seed=run.seed
+                leaning, controller, hold(), duration=_RECOVERY_TIME, initial_state=start, seed=run.seed
             )
             return log.ended is None
 
-        def stands(size: float, direction: float = direction) -> bool:
-            struck = Twin(robot, replace(lenient, pushes=(_push(robot, direction, size),)), estimator=state)
-            log = simulate(struck, controller, hold(), duration=_PUSH_TIME + _STANDING_TIME, seed=run.seed)
+        def recovers_from_impulse(size: float, direction: float = direction) -> bool:
+            pushed = Twin(robot, replace(lenient, pushes=(_push(robot, direction, size),)), estimator=state)
+            log = simulate(pushed, controller, hold(), duration=_PUSH_TIME + _RECOVERY_TIME, seed=run.seed)
             return log.ended is None
 
-        sizes = {
-            "lean": (found.lean.sure.sizes[place], found.lean.most.sizes[place]),
-            "blow": (
-                found.blow_at_center(found.blow.sure)[place],
-                found.blow_at_center(found.blow.most)[place],
-            ),
-        }
-        edges += [
-            _edge("lean", direction, *sizes["lean"], leans),
-            _edge("blow", direction, *sizes["blow"], stands),
+        limits += [
+            _twin_limit("lean", direction, found.lean, place, recovers_from_lean),
+            _twin_limit("impulse", direction, found.central_impulse, place, recovers_from_impulse),
         ]
         run.progress(Progress(stage="limits on the twin", done=done, total=len(directions)))
-    return edges
+    return limits
 
 
-def _edge(
-    kind: Kind, direction: float, sure: float, most: float, stands: Callable[[float], bool]
-) -> TwinEdge:
-    low, high = 0.0, 1.1 * float(most)
+def _twin_limit(
+    kind: Kind, direction: float, bounds: Bounds, place: int, recovers: Callable[[float], bool]
+) -> TwinLimit:
+    lower, upper = float(bounds.lower[place]), float(bounds.upper[place])
+    low, high = 0.0, 1.1 * upper
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if stands(middle) else (low, middle)
-    return TwinEdge(kind=kind, direction=direction, sure=float(sure), twin=low, most=float(most))
+        low, high = (middle, high) if recovers(middle) else (low, middle)
+    return TwinLimit(kind=kind, direction=direction, lower=lower, twin=low, upper=upper)
 
 
 def _push(robot: Robot, direction: float, impulse: float) -> Push:

@@ -10,7 +10,7 @@ a robot's log and of a simulated run alike: these are the quantities that a pred
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from scipy.signal import butter, sosfiltfilt
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.results import to_results
 
 #: time [s] after the start, or after a jump of the reference, from which errors count. The nominal closed loop
 #: without friction has done 97 % of a step after 6 s.
@@ -170,13 +171,6 @@ class Score:
     driving_energy: float  #: of that, what the motors gave [J]
     ended: str | None  #: why the run stopped early, as in a fall
 
-    def to_dict(self) -> dict[str, float | str | None]:
-        """Return what results.json holds; of a run that never settled, only the least time that settling takes."""
-        values = asdict(self)
-        if not self.arrived:
-            values |= {"settling_time": None, "settling_time_at_least": self.settling_time}
-        return values
-
     def to_arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return its numbers, and the codes of why the run ended, as a checkpoint keeps them."""
         *numbers, ended = astuple(self)
@@ -190,6 +184,14 @@ class Score:
         values = dict(zip(names, numbers.tolist(), strict=True))
         ended = bytes(codes.astype(np.uint8)).decode() or None
         return Score(**values | {"arrived": bool(values["arrived"])}, ended=ended)
+
+
+def score_results(one: Score) -> dict[str, object]:
+    """Return a score as results.json holds it; without arrival there is only a lower bound of the settling time."""
+    results = to_results(one)
+    if not one.arrived:
+        results |= {"settling_time": None, "settling_time_at_least": one.settling_time}
+    return results
 
 
 def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Sequence[float] = ()) -> Score:

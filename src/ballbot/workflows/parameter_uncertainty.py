@@ -10,7 +10,8 @@ batch. The band shows what the parameters alone leave open; noise, initial state
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack, selector
+from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots, propagate
 
@@ -33,20 +35,10 @@ POLE_DRAWS = 800
 class PoleSpread:
     """The fastest unstable pole [rad/s] over robots as they may be."""
 
-    deviation: float  #: standard deviation
-    lower: float  #: 2.5 % of the draws are below
-    upper: float  #: 2.5 % of the draws are above
+    standard_deviation: float
+    interval_95: tuple[float, float]  #: 2.5 % of the draws are below, 2.5 % above
     draws: int
-    causes: tuple[tuple[str, float], ...]  #: parameter and its share of the variance, the largest first
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "standard_deviation": self.deviation,
-            "interval_95": [self.lower, self.upper],
-            "draws": self.draws,
-            "variance_shares": dict(self.causes),
-        }
+    variance_shares: Mapping[str, float]  #: by parameter, the largest first
 
 
 def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS, seed: int = 0) -> PoleSpread:
@@ -55,17 +47,16 @@ def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS, seed: int = 0) -> Pole
     Raises
     ------
     InputError
-        Where the standard deviations are too large to be a robot's.
+        If the standard deviations are too large to be a robot's.
     """
     fastest = [float(_growths(one).max()) for one in draw_robots(robot, draws, seed=seed)]
     lower, upper = np.quantile(fastest, [0.025, 0.975])
     mean = propagate(robot, _mean_growth)
     return PoleSpread(
-        deviation=float(np.std(fastest, ddof=1)),
-        lower=float(lower),
-        upper=float(upper),
+        standard_deviation=float(np.std(fastest, ddof=1)),
+        interval_95=(float(lower), float(upper)),
         draws=draws,
-        causes=tuple(mean.largest(len(mean.parts))),
+        variance_shares=dict(mean.largest(len(mean.parts))),
     )
 
 
@@ -88,32 +79,35 @@ MAX_WINDOWS = 200
 class PredictionBand:
     """Predictions of w windows of m samples by robots as they may be."""
 
-    t: NDArray[np.float64]  #: (m,) [s] after a window's start
-    starts: NDArray[np.float64]  #: (w,) the log's t at each window's start [s]
-    measured: NDArray[np.float64]  #: (w, m, 10)
-    nominal: NDArray[np.float64]  #: (w, m, 10), by the file's values
-    deviation: NDArray[np.float64]  #: (w, m, 10), standard deviation over the draws
-    lower: NDArray[np.float64]  #: (w, m, 10), 2.5 % of the draws are below
-    upper: NDArray[np.float64]  #: (w, m, 10), 2.5 % of the draws are above
+    t: NDArray[np.float64] = field(metadata=left_out)  #: (m,) [s] after a window's start
+    starts: NDArray[np.float64] = field(metadata=left_out)  #: (w,) the log's t at each window's start [s]
+    measured: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10)
+    nominal: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10), by the file's values
+    deviation: NDArray[np.float64] = field(
+        metadata=left_out
+    )  #: (w, m, 10), standard deviation over the draws
+    lower: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10), 2.5 % of the draws are below
+    upper: NDArray[np.float64] = field(metadata=left_out)  #: (w, m, 10), 2.5 % of the draws are above
 
-    @property
-    def at_end(self) -> dict[str, float]:
+    @reported
+    def windows(self) -> int:
+        """Number of windows."""
+        return len(self.starts)
+
+    @reported
+    def horizon(self) -> float:
+        """Length of a window [s]."""
+        return float(self.t[-1])
+
+    @reported
+    def standard_deviation_at_end(self) -> dict[str, float]:
         """Root mean square over the windows of each state's standard deviation at the window's end."""
         return _by_state(np.sqrt((self.deviation[:, -1] ** 2).mean(axis=0)))
 
-    @property
-    def error_at_end(self) -> dict[str, float]:
+    @reported
+    def rmse_at_end(self) -> dict[str, float]:
         """Root mean square over the windows of each state's error at the window's end."""
         return _by_state(np.sqrt(((self.nominal - self.measured)[:, -1] ** 2).mean(axis=0)))
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "windows": len(self.starts),
-            "horizon": float(self.t[-1]),
-            "standard_deviation_at_end": self.at_end,
-            "rmse_at_end": self.error_at_end,
-        }
 
 
 def prediction_band(
@@ -144,7 +138,7 @@ def prediction_band(
     Raises
     ------
     InputError
-        Where no parameter has a standard deviation, fewer than two robots are asked for, or the log has no window.
+        If no parameter has a standard deviation, fewer than two robots are asked for, or the log has no window.
     """
     if not any(np.any(np.asarray(one) > 0.0) for one in robot.standard_deviations.values()):
         raise InputError(

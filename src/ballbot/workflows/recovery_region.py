@@ -2,14 +2,14 @@
 
 A run ends as soon as its outcome is known (`ballbot.simulation.verdict`):
 
-    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from here on ask for no torque above 40 % of
-               the limit or of what the wheels' grip holds at rest, no wheel speed above 40 % of the motors' highest and
-               no lean above 0.15 rad, by the rows K (F - G K)^k and so on: the law stays linear, and the robot
+    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from here on need no torque above 40 % of
+               the limit or of the wheels' grip at rest, no wheel speed above 40 % of the motors' highest and
+               no lean above 0.15 rad, by the rows K (F - G K)^k and so on. The law stays linear, and the robot
                comes to rest
     lost       leaning outward further than where the motors' full torque still turns the fall back
 
-The first is exact for the linear loop without dry friction, the second for a robot at rest; most of the torque, and a
-tenth of the lean, are left for what they leave out. A sample of runs is compared with runs that are not cut short.
+The first is exact for the linear loop without dry friction, the second for a robot at rest. Most of the torque and a
+tenth of the lean remain as a margin for what is neglected. Tests compare a sample of runs with runs not cut short.
 
 A ray is first tried in `LOOKS` places, so that a loss between two sizes from which the robot recovers is not
 overlooked. The first loss is then bisected, all rays in one batch. A plane is tried on a coarse grid; from then on
@@ -40,9 +40,9 @@ from ballbot.robot.derived import wheel_speed_limit
 from ballbot.simulation.batch import Verdict, simulate_batch
 from ballbot.simulation.conditions import Conditions
 
-#: a run that has not ended after so long [s] has been caught
+#: a robot that has not fallen after this time [s] has recovered
 DURATION = 5.0
-#: runs of one call, which bounds the memory and lets progress be told
+#: runs of one call, which bounds the memory
 CALL = 65536
 
 _FRACTION = 0.4  # of torque limit and speed limit that a settled robot will need at most
@@ -55,13 +55,11 @@ _DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loop:
-    """A robot with its controller, its motors' limits among what holds it back."""
+    """A robot with its controller, within its motors' limits."""
 
-    robot: Robot  #: the true one; what is compensated is the controller's own
+    robot: Robot  #: the true one; the controller has its own friction
     controller: Controller
-    grip: float = (
-        1.0  #: friction coefficient of the wheels on the ball; a run in which one would slip counts as lost
-    )
+    grip: float = 1.0  #: friction coefficient of the wheels on the ball; a run in which a wheel slips is lost
     step: float = 0.005  #: inner step [s]
 
     @cached_property
@@ -76,17 +74,17 @@ class Loop:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """When a run's outcome counts as known."""
+        """When a run's outcome is known."""
         return Verdict(
             settled=settled_rows(self.model, self.controller, grip=self.grip),
             lost=lost_lean(self.model),
             grip=self.grip,
         )
 
-    def survives(
+    def recovers(
         self, starts: NDArray[np.float64], *, threads: int | None = None, cut_short: bool = True
     ) -> NDArray[np.bool_]:
-        """Return which starts (runs, 10) the robot, asked to hold the origin, comes back from.
+        """Return from which starts (runs, 10) the robot recovers, with the origin as its reference.
 
         Parameters
         ----------
@@ -118,7 +116,7 @@ class Loop:
         return kept
 
 
-#: from starts (runs, 10) to which of them are survived (runs,)
+#: from starts (runs, 10) to whether the robot recovers (runs,)
 Recovers = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
@@ -133,8 +131,8 @@ def top_speed(robot: Robot) -> float:
 def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
     """Return the rows c (m, 10) of what counts as settled, |c e| <= 1.
 
-    One row of infinities, which nothing settles by, where the linear loop is not stable, or where parts of the
-    controller remember something, so that the state does not tell its future.
+    If the linear loop is unstable, or parts of the controller have a memory (the state alone then does not determine
+    the future), the result is one row of infinities: nothing counts as settled.
     """
     linear, K = model.linearize(), controller.gain
     F, G = held(linear.A, linear.B, controller.sample_time)
@@ -155,8 +153,7 @@ def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArra
 
 
 def lost_lean(model: Model) -> float:
-    """Return the lean [rad] beyond which a robot that leans further is lost, whatever its motors do."""
-
+    """Return the lean [rad] beyond which a robot that leans outward is lost, whatever its motors do."""
     if _min_outward(model, LARGEST_LEAN) <= 0.0:
         return LARGEST_LEAN
     turned = root_scalar(lambda lean: _min_outward(model, lean), bracket=(0.0, LARGEST_LEAN), method="brentq")
@@ -171,13 +168,13 @@ def _outward(model: Model, lean: float, direction: float) -> float:
     """Return the lean's least acceleration outward [rad/s^2] from rest under any torques and friction of the motors."""
     towards = np.array([0.0, 0.0, math.cos(direction), math.sin(direction), 0.0])
     robot, n = model.robot, model.robot.wheel_count
-    most = robot.drive.torque_limit + np.array(robot.friction.breakaway)
+    largest = robot.drive.torque_limit + np.array(robot.friction.breakaway)
     torques = np.concatenate([np.zeros((1, n)), np.eye(n)])
     accelerations = model.acceleration(lean * towards, np.zeros(5), torques) @ towards
-    return float(accelerations[0] - np.abs(accelerations[1:] - accelerations[0]) @ most)
+    return float(accelerations[0] - np.abs(accelerations[1:] - accelerations[0]) @ largest)
 
 
-#: places at which a ray is looked at first, evenly spread
+#: places at which a ray is first tried, evenly spread
 LOOKS = 24
 #: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
 _HALVINGS = 9
@@ -187,41 +184,42 @@ _COARSE, _REFINEMENTS = 32, 5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reach:
-    """How far along rays starts are survived."""
+    """How far along rays a robot recovers."""
 
-    sizes: NDArray[np.float64]  #: (...), up to which every start looked at was survived
-    limited: NDArray[np.bool_]  #: (...), whether there is a loss at all up to the ray's end
+    sizes: NDArray[np.float64]  #: (...), up to which the robot recovered from every start tried
+    limited: NDArray[np.bool_]  #: (...), whether there is a loss up to the ray's end
     runs: int
 
 
 def reach(
-    survives: Recovers,
+    recovers: Recovers,
     start_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     *,
     shape: tuple[int, ...],
-    most: float,
+    end: float,
 ) -> Reach:
-    """Return how far each of some rays is survived, from zero to `most`.
+    """Return how far along each of some rays a robot recovers, from zero to `end`.
 
     Parameters
     ----------
-    survives : callable
+    recovers : callable
+        From starts (runs, 10) to whether the robot recovers (runs,).
     start_of : callable
         From sizes (k, *shape) along each ray to starts (k, *shape, 10).
     shape : tuple of int
         Of the rays.
-    most : float
+    end : float
         The rays' end, in the unit of the sizes.
     """
 
     def looked(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return survives(start_of(sizes).reshape(-1, 10)).reshape(sizes.shape)
+        return recovers(start_of(sizes).reshape(-1, 10)).reshape(sizes.shape)
 
-    looks = most * np.arange(1, LOOKS + 1) / LOOKS
+    looks = end * np.arange(1, LOOKS + 1) / LOOKS
     first = looked(np.broadcast_to(looks.reshape(-1, *(1,) * len(shape)), (LOOKS, *shape)))
     limited = np.logical_not(np.all(first, axis=0))
-    kept = np.where(limited, first.argmin(axis=0), LOOKS) * (most / LOOKS)
-    interval = most / LOOKS
+    kept = np.where(limited, first.argmin(axis=0), LOOKS) * (end / LOOKS)
+    interval = end / LOOKS
     for _ in range(_HALVINGS):
         interval *= 0.5
         further = looked((kept + interval)[None])[0]
@@ -231,7 +229,7 @@ def reach(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Region:
-    """Which starts of a plane are survived."""
+    """From which starts of a plane a robot recovers."""
 
     across: NDArray[np.float64]  #: (a,), the first coordinate
     along: NDArray[np.float64]  #: (b,), the second
@@ -240,32 +238,33 @@ class Region:
 
     @property
     def area(self) -> float:
-        """The survived part of the plane, in both coordinates' units."""
+        """The area of recovery, in the product of both coordinates' units."""
         cell = (self.across[1] - self.across[0]) * (self.along[1] - self.along[0])
         return float(self.kept.sum() * cell)
 
 
 def map_region(
-    survives: Recovers,
+    recovers: Recovers,
     start_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
     *,
-    most: tuple[float, float],
+    ends: tuple[float, float],
     refinements: int = _REFINEMENTS,
 ) -> Region:
-    """Return which starts are survived over a rectangle about the origin, refined at the edge.
+    """Return from which starts of a rectangle about the origin a robot recovers, refined at the edge.
 
     Parameters
     ----------
-    survives : callable
+    recovers : callable
+        From starts (runs, 10) to whether the robot recovers (runs,).
     start_of : callable
         From both coordinates (k,) to starts (k, 10).
-    most : tuple of float
+    ends : tuple of float
         The rectangle reaches from minus to plus this in each coordinate.
     refinements : int
         Times that the coarse grid of 33 x 33 is halved; 5 make 1025 x 1025 points.
     """
     intervals = _COARSE << refinements
-    across, along = (np.linspace(-end, end, intervals + 1) for end in most)
+    across, along = (np.linspace(-end, end, intervals + 1) for end in ends)
     kept = np.zeros((intervals + 1, intervals + 1), np.bool_)
     known = np.zeros_like(kept)
     runs = 0
@@ -274,7 +273,7 @@ def map_region(
     wanted[::stride, ::stride] = True
     while True:
         places = np.nonzero(wanted & ~known)
-        kept[places] = survives(start_of(across[places[0]], along[places[1]]))
+        kept[places] = recovers(start_of(across[places[0]], along[places[1]]))
         known[places] = True
         runs += len(places[0])
         if stride == 1:

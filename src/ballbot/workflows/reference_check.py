@@ -6,7 +6,7 @@ loop. A verdict with its reasons and a table are made from them.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from ballbot.arrays import real_array
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.mechanics.model import Model
+from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import FALLING_PART, Conditions
@@ -41,36 +42,40 @@ class Use:
     t: float  #: when [s]
     wheel: int | None  #: which, from 1
 
-    @property
+    @reported
     def share(self) -> float:
-        """Of the limit; above 1 it does not hold."""
+        """Share of the limit; above 1 the limit is exceeded."""
         return self.value / self.limit
 
 
 @dataclass(frozen=True, kw_only=True)
 class Followed:
-    """What becomes of the reference in closed loop."""
+    """How the reference is followed in closed loop."""
 
     uses: tuple[Use, ...]
-    at_limit: float  #: share of the time in which a wheel's torque is at its limit
-    ended: float  #: when the robot falls [s]; infinity where it does not
+    share_at_torque_limit: float  #: share of the time in which a wheel's torque is at its limit
+    ended: float  #: when the robot falls [s]; infinity if it does not
     peak_error: float  #: largest distance from the reference [m]
     peak_power: float  #: mechanical, of all motors [W]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceMargins:
-    """What a reference takes."""
+    """How much of the robot's limits a reference uses."""
 
-    jumps: tuple[tuple[float, float], ...]  #: when [s] and by how much [m or rad]; what jumps has no demand
-    uses: tuple[Use, ...]  #: of the path followed exactly; none where it jumps
+    jumps: tuple[
+        tuple[float, float], ...
+    ]  #: when [s] and by how much [m or rad]; a path with jumps has no demand
+    uses: tuple[Use, ...] = field(
+        metadata=key("followed_exactly")
+    )  #: of the path followed exactly; empty if it jumps
     peak_power: float | None  #: of the path followed exactly, mechanical [W]
-    supply_voltage: float  #: [V]
-    closed: Followed
+    supply_voltage: float = field(metadata=left_out)  #: [V]
+    closed: Followed = field(metadata=key("closed_loop"))
 
-    @property
+    @reported
     def can_be_followed(self) -> bool:
-        """Whether every limit holds and the robot does not fall."""
+        """Whether no limit is exceeded and the robot does not fall."""
         return self.closed.ended == np.inf and all(
             use.share <= 1.0 for use in (*self.uses, *self.closed.uses)
         )
@@ -151,7 +156,9 @@ def _followed(
     error = np.hypot(*(states[:, :2] - asked[going, :2]).T)
     return Followed(
         uses=_uses(model, controller, t, states, torques, grip),
-        at_limit=float(np.mean(np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9))),
+        share_at_torque_limit=float(
+            np.mean(np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9))
+        ),
         ended=float(run.ended[0]),
         peak_error=float(error.max()),
         peak_power=float((torques * speeds).sum(axis=1).max()),
@@ -227,7 +234,7 @@ def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
     if closed.ended == np.inf:
         said.append(
             f"With this controller its largest distance from the reference is {closed.peak_error:.3f} m, and "
-            f"its torques are at their limit {closed.at_limit:.1%} of the time."
+            f"its torques are at their limit {closed.share_at_torque_limit:.1%} of the time."
         )
     if margins.jumps:
         t, size = margins.jumps[0]
@@ -253,21 +260,7 @@ def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
 
 def margin_results(margins: ReferenceMargins) -> dict[str, object]:
     """Return what results.json holds."""
-    closed = margins.closed
-    return {
-        "can_be_followed": margins.can_be_followed,
-        "reasons": _reasons(margins),
-        "jumps": [list(jump) for jump in margins.jumps],
-        "followed_exactly": [_use_results(use) for use in margins.uses],
-        "peak_power": margins.peak_power,
-        "closed_loop": {
-            "uses": [_use_results(use) for use in closed.uses],
-            "share_at_torque_limit": closed.at_limit,
-            "ended": None if closed.ended == np.inf else closed.ended,
-            "peak_error": closed.peak_error,
-            "peak_power": closed.peak_power,
-        },
-    }
+    return {"reasons": _reasons(margins), **to_results(margins)}
 
 
 def _reasons(margins: ReferenceMargins) -> list[str]:
@@ -282,7 +275,7 @@ def _reasons(margins: ReferenceMargins) -> list[str]:
     if closed.ended < np.inf:
         reasons.append(
             f"in closed loop it falls at t = {closed.ended:.2f} s, after its torques were at their limit "
-            f"{closed.at_limit:.0%} of the time"
+            f"{closed.share_at_torque_limit:.0%} of the time"
         )
     return reasons
 
@@ -325,7 +318,3 @@ def _row(use: Use) -> list[str]:
     name += f" ({unit})" if unit else ""
     shown = ["lifted", f"{limit:.3g}", "-"] if value > _NOTHING_HELPS else []
     return [name, *(shown or [f"{value:.3g}", f"{limit:.3g}", f"{use.share:.0%}"]), f"{use.t:.2f}"]
-
-
-def _use_results(use: Use) -> dict[str, object]:
-    return {**asdict(use), "share": use.share}

@@ -83,7 +83,7 @@ class CheckedSwing:
     found: SwingInertia
     findings: tuple[Finding, ...]
 
-    def to_dict(self) -> dict[str, object]:
+    def results(self) -> dict[str, object]:
         """Return what results.json holds."""
         stated: dict[str, object] = {
             "findings": finding_results(self.findings),
@@ -158,7 +158,7 @@ class CheckedReference:
         """Return the largest use of each limit."""
         return margin_rows(self.margins)
 
-    def to_dict(self) -> dict[str, object]:
+    def results(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {"name": self.name, **margin_results(self.margins)}
 
@@ -187,7 +187,7 @@ class CheckedRobot:
     swing: CheckedSwing | None
     following: CheckedReference | None
 
-    def to_dict(self) -> dict[str, object]:
+    def results(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
             "robot": self.robot.name,
@@ -195,19 +195,19 @@ class CheckedRobot:
                 one.name: value for one in PARAMETERS if (value := value_of(self.robot, one)) != ()
             },
             "derived": {one.name: one.value for one in self.derived},
-            "matrices": {name: matrix.tolist() for name, matrix in self.matrices.items()},
+            "matrices": self.matrices,
             "mistaken_matrices": {
                 name: MISTAKEN_MATRICES[name] for name in self.matrices if name in MISTAKEN_MATRICES
             },
             "linearization": self.linearization,
-            "poles": [[float(pole.real), float(pole.imag)] for pole in self.poles],
+            "poles": self.poles,
             "unstable_pole": float(self.poles[0].real),
-            "standard_deviations": dict(self.robot.standard_deviations),
-            "unstable_pole_uncertainty": self.spread.to_dict() if self.spread else None,
+            "standard_deviations": self.robot.standard_deviations,
+            "unstable_pole_uncertainty": self.spread,
             "findings": finding_results(self.findings),
-            "prediction": self.band.to_dict() if self.band else None,
-            "swing": self.swing.to_dict() if self.swing else None,
-            "reference": self.following.to_dict() if self.following else None,
+            "prediction": self.band,
+            "swing": self.swing.results() if self.swing else None,
+            "reference": self.following.results() if self.following else None,
         }
 
 
@@ -277,4 +277,4 @@ def state_order(wheel_count: int) -> str:
 
 
 def _matrices(linear: LinearModel) -> dict[str, object]:
-    return {"A": linear.A.tolist(), "B": linear.B.tolist()}
+    return {"A": linear.A, "B": linear.B}

@@ -9,7 +9,7 @@ candidate runs on the same perturbed robots, so that candidates differ by what t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.progress import Progress, part_of
+from ballbot.results import key, left_out
 from ballbot.robot import Robot
 from ballbot.workflows.perturbed_robots import (
     CostUnits,
@@ -81,46 +82,23 @@ class ComparedDesign:
     worst_error: float  #: mean of the largest tenth of the settled errors of those that stood [m]
     worst_roughness: float  #: the same of the torque's change [N m]
     falls: int
-    costs: NDArray[np.float64]  #: (fresh robots,) J of each
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "state_weights": list(self.state_weights),
-            "torque_weight": self.torque_weight,
-            "gain": self.gain.tolist(),
-            "worst_tenth": self.worst_tenth,
-            "mean": self.mean,
-            "worst_error": self.worst_error,
-            "worst_roughness": self.worst_roughness,
-            "falls": self.falls,
-        }
+    costs: NDArray[np.float64] = field(metadata=left_out)  #: (fresh robots,) J of each
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobustDesign:
     """What `robust_design` returns."""
 
-    design: LqrDesign
-    controller: Controller
+    design: LqrDesign = field(metadata=left_out)
+    controller: Controller = field(metadata=left_out)
     state_weights: tuple[float, ...]
     torque_weight: float
     units: CostUnits  #: what J is counted in
     history: tuple[float, ...]  #: best worst tenth after each generation, on the robots of the search
-    rivals: dict[str, ComparedDesign]  #: "robust", "nominal" and "plain", on fresh robots
-    fresh: int  #: how many those are
-    spread: PerturbationRanges
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "state_weights": list(self.state_weights),
-            "torque_weight": self.torque_weight,
-            "units": {"error": self.units.error, "roughness": self.units.roughness},
-            "history": list(self.history),
-            "fresh_robots": self.fresh,
-            "on_fresh_robots": {name: one.to_dict() for name, one in self.rivals.items()},
-        }
+    #: "robust", "nominal" and "plain", on robots that the search did not use
+    compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
+    fresh: int = field(metadata=key("fresh_robots"))  #: number of these robots
+    spread: PerturbationRanges = field(metadata=key("perturbed"))
 
 
 def robust_design(
@@ -186,12 +164,12 @@ def robust_design(
         run=replace(run, progress=report),
     )
     weights = weights_of(found.best)
-    rivals = {
+    designs = {
         "robust": (weights, NOMINAL_TORQUE_WEIGHT),
         "nominal": (NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT),
         "plain": ((1.0,) * 10, 1.0),
     }
-    compared = _compare(robot, rivals, controller_of, units, spread, effort.fresh, run.seed, threads)
+    compared = _compare(robot, designs, controller_of, units, spread, effort.fresh, run.seed, threads)
     run.progress(Progress(stage="comparison", done=1, total=1, note="compared"))
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
@@ -200,7 +178,7 @@ def robust_design(
         torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
         history=found.history,
-        rivals=compared,
+        compared=compared,
         fresh=effort.fresh,
         spread=spread,
     )
@@ -216,7 +194,7 @@ def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
 
 def _compare(
     robot: Robot,
-    rivals: dict[str, tuple[tuple[float, ...], float]],
+    designs: dict[str, tuple[tuple[float, ...], float]],
     controller_of: Callable[[tuple[float, ...], float], Controller],
     units: CostUnits,
     spread: PerturbationRanges,
@@ -225,12 +203,12 @@ def _compare(
     threads: int | None,
 ) -> dict[str, ComparedDesign]:
     fresh = draw_perturbed(robot, count, spread=spread, seed=seed + 1_000_003)
-    controllers = [controller_of(*weights) for weights in rivals.values()]
+    controllers = [controller_of(*weights) for weights in designs.values()]
     marks = measure_runs(robot, controllers, fresh, step=TEST_STEP, threads=threads)
     costs = units.costs(marks)
     return {
         name: _compared_design(weights, controller, marks, costs, place)
-        for place, ((name, weights), controller) in enumerate(zip(rivals.items(), controllers, strict=True))
+        for place, ((name, weights), controller) in enumerate(zip(designs.items(), controllers, strict=True))
     }
 
 

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from ballbot.results import reported
 from ballbot.workflows.comparison import median_with_interval
 
 #: runs that a verdict on the twin or on a model with friction is taken over
@@ -81,13 +82,13 @@ class Check:
             runs=len(values),
         )
 
-    @property
+    @reported
     def agrees(self) -> bool:
         """Whether the number is within the criterion; one that is not a number is not."""
         lower, upper = self.interval or (self.value, self.value)
         return self.lowest <= lower and upper <= self.highest
 
-    @property
+    @reported
     def undecided(self) -> bool:
         """Whether only part of the interval is within the criterion."""
         lower, upper = self.interval or (self.value, self.value)

@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 
 from ballbot.files import write_text
 from ballbot.progress import Progress, ProgressCallback
-from ballbot.report.page import Provenance, as_json, figure_markup, render
+from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import drawn
 from ballbot.report.tables import with_symbols
+from ballbot.results import as_json, to_results
 from ballbot.robot import Friction
 from ballbot.thesis.published.printed import markdown_table
 from ballbot.thesis.reproduce import figures, figures_5
@@ -162,7 +163,7 @@ def write_reproduction(
         # a file of its own is as wide as an attribute says; a style counts within a page only
         own = re.sub(r' style="width:(\d+pt)"', r' width="\1"', svg, count=1)
         write_text(folder / "figures" / f"{item.key}.svg", own)
-    results = reproduction_results(made) | {"provenance": provenance.to_dict()}
+    results = reproduction_results(made) | {"provenance": to_results(provenance)}
     write_text(folder / "results.json", as_json(results))
     write_text(folder / "reproduce.md", reproduction_markdown(made))
     index = folder / "index.html"
@@ -205,7 +206,7 @@ def _item_results(item: Item) -> dict[str, object]:
         "thesis": item.thesis,
         "ours": item.ours,
         "verdict": item.verdict,
-        "checks": [_check_results(check) for check in item.checks],
+        "checks": item.checks,
         "table": None if item.table is None else [item.table.headings, *item.table.rows],
         "figure": f"figures/{item.key}.svg" if item.key in DRAWINGS else None,
     }
@@ -218,9 +219,5 @@ def _mistake_results(mistake: Mistake) -> dict[str, object]:
         "thesis": mistake.thesis,
         "right": mistake.right,
         "proven": mistake.proven,
-        "shown_by": [_check_results(check) for check in mistake.shown_by],
+        "shown_by": mistake.shown_by,
     }
-
-
-def _check_results(check: Check) -> dict[str, object]:
-    return {**asdict(check), "agrees": check.agrees, "undecided": check.undecided}

@@ -1,0 +1,101 @@
+"""The one way from values to results.json: dataclasses by their fields, arrays as lists, what is not finite as null.
+
+A dataclass is written with its fields' names. A field can have another key or be left out, and a property can be
+written too:
+
+    @dataclass(frozen=True, kw_only=True)
+    class Use:
+        value: float
+        limit: float
+        samples: NDArray[np.float64] = field(metadata=left_out)
+        at_limit: float = field(metadata=key("share_at_limit"))
+
+        @reported
+        def share(self) -> float: ...
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import Field, fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from ballbot.printable import json_escaped
+
+_KEY = "results.json"
+
+#: metadata of a field that is not written
+left_out: Mapping[str, str] = MappingProxyType({_KEY: ""})
+
+
+def key(name: str) -> Mapping[str, str]:
+    """Return the metadata of a field that is written under another name."""
+    return {_KEY: name}
+
+
+class reported(property):  # noqa: N801 (a decorator, named as `property` is)
+    """A property that is written beside the fields."""
+
+
+class Dataclass(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+def to_results(value: Dataclass) -> dict[str, object]:
+    """Return a dataclass as results.json holds it.
+
+    Parameters
+    ----------
+    value : dataclass
+        Its fields may be dataclasses, mappings, sequences, arrays, paths, enums and complex numbers
+        ([real, imaginary]).
+    """
+    written = {
+        name: plain(getattr(value, one.name))
+        for one in fields(value)
+        if (name := one.metadata.get(_KEY, one.name))
+    }
+    properties = {
+        name: one
+        for base in reversed(type(value).__mro__)
+        for name, one in vars(base).items()
+        if isinstance(one, reported)
+    }
+    return written | {name: plain(getattr(value, name)) for name in properties}
+
+
+def plain(value: object) -> object:
+    """Return a value as JSON can hold it: plain containers, NaN and infinities as None."""
+    match value:
+        case np.ndarray():
+            return plain(value.tolist())
+        case np.generic():
+            return plain(value.item())
+        case Mapping():
+            return {str(name): plain(one) for name, one in value.items()}
+        case Path():
+            return str(value)
+        case Enum():
+            return plain(value.value)
+        case complex():
+            return [plain(value.real), plain(value.imag)]
+        case float() if not np.isfinite(value):
+            return None
+    if is_dataclass(value) and not isinstance(value, type):
+        return to_results(value)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(one) for one in value]
+    return value
+
+
+def as_json(results: Mapping[str, object]) -> str:
+    """Return results as JSON text."""
+    return json_escaped(json.dumps(plain(results), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"

@@ -1,0 +1,69 @@
+"""From values to results.json: dataclasses by their fields, other keys, properties, and what JSON does not have."""
+
+import json
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from ballbot.results import as_json, key, left_out, reported, to_results
+
+
+class Colour(Enum):
+    RED = "red"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    size: float
+
+    @reported
+    def half(self) -> float:
+        return 0.5 * self.size
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whole(Part):
+    """A dataclass with every kind of field."""
+
+    parts: dict[str, Part]
+    samples: np.ndarray = field(metadata=left_out)
+    at_limit: float = field(metadata=key("share_at_limit"))
+    poles: np.ndarray
+    file: Path = Path("a.csv")
+    colour: Colour = Colour.RED
+
+    @property
+    def count(self) -> int:
+        return len(self.parts)
+
+
+WHOLE = Whole(
+    size=2.0,
+    parts={"left": Part(size=math.nan)},
+    samples=np.zeros(1000),
+    at_limit=math.inf,
+    poles=np.array([1.0 + 2.0j]),
+)
+
+
+def test_fields_keys_and_reported_properties_are_written_and_others_left_out():
+    assert to_results(WHOLE) == {
+        "size": 2.0,
+        "parts": {"left": {"size": None, "half": None}},
+        "share_at_limit": None,
+        "poles": [[1.0, 2.0]],
+        "file": "a.csv",
+        "colour": "red",
+        "half": 1.0,
+    }
+
+
+def test_json_holds_dataclasses_anywhere():
+    assert json.loads(as_json({"parts": (Part(size=1.0),), "n": np.int64(3), "ok": np.bool_(True)})) == {
+        "parts": [{"size": 1.0, "half": 0.5}],
+        "n": 3,
+        "ok": True,
+    }
