@@ -215,7 +215,7 @@ def test_report_shows_the_predicted_performance(small: Study):
     page = study_report(replace(small, prediction=prediction), made)
     assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
     assert "--prediction results.json LOG" in page
-    assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction.to_dict()
+    assert study_results(replace(small, prediction=prediction), made)["prediction"] == prediction
 
 
 def test_report_is_self_contained(folder: Path):
