@@ -68,8 +68,8 @@ def campaign() -> Section:
         )
     return Section(
         title="Compensation of identified friction on the twin",
-        before=f"{RUN:g} s of a 0.5 m square on the nominal twin, {len(SEEDS)} seeds, the same gain throughout; the"
-        " friction compensated is identified from two logs of the twin without compensation. Errors of the true"
+        before=f"{RUN:g} s of a 0.5 m square on the nominal twin, {len(SEEDS)} seeds, the same gain throughout; the "
+        f"compensated friction is identified from two logs of the twin without compensation. Errors of the true"
         " position at least 6 s after each corner [m].",
         columns=[
             "compensation",

@@ -121,7 +121,7 @@ def campaign() -> Section:
     )
     by_name = {name: [outcome(one) for one in found.of(name)] for name in TASKS}
     return Section(
-        title="Control that stands still and goes where it is told: the targets",
+        title="The precise controller: accuracy over hundreds of seeds",
         before="The precise controller on the nominal twin, friction identified from two of its logs, on-board sensors "
         "only (Kalman filter), 200 Hz. Errors of the true position once settled (6 s after the start and every jump) "
         "[mm]. The cycle of a hold is its strongest periodic motion faster than 0.5 Hz, its amplitude [mm].",

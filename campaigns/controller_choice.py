@@ -173,7 +173,7 @@ def choice() -> Section:
             ]
         )
     return Section(
-        title="The controller that `study` hands out",
+        title="The controller chosen by `study`",
         before="The precise controller and the nominal gain without compensation on the nominal twin, "
         f"{len(SEEDS)} seeds, friction identified from two of its logs, on-board sensors only. Peak error of the true "
         "position once settled [mm]: median over the seeds with its 95 % interval, and the ratio seed by seed.",
@@ -253,7 +253,7 @@ def friction_share() -> Section:
                 ]
             )
     return Section(
-        title="Where compensating the identified friction still pays",
+        title="Where compensation of the identified friction helps",
         before=f"Without and with full compensation on the nominal twin, the same {len(FEWER_SEEDS)} seeds: median "
         "error [mm] with its 95 % interval, the ratio of the two seed by seed, roughness (median RMS change of the "
         "torques from sample to sample, N m) and falls.",

@@ -125,11 +125,12 @@ def section(found: Sequence[Outcome], development: Sequence[Outcome]) -> Section
     return Section(
         title="A study's prediction of its controller on robots with unknown faults",
         before=f"One study of the nominal twin predicts the precise controller's square (32 s) from 20 perturbed"
-        f" plants; {len(found)} twins with faults that the study did not know ({len(KINDS)} kinds, mild to severe, half"
+        f" plants; {len(found)} twins with faults that the study did not contain ({len(KINDS)} kinds, mild to severe, "
+        f"half"
         " of them with a second, mild fault) run it once each. The model discrepancy and the usual sizes of symptoms"
-        f" were chosen on {len(development)} other faulty twins and {len(HEALTHY)} without faults. The interval of a"
-        " share of all quantities takes them for independent, which those of one run are not. Errors are those of the"
-        " logged state, as the robot itself has them.",
+        f" were chosen on {len(development)} other faulty twins and {len(HEALTHY)} without faults. The interval of "
+        f"the fraction of all quantities treats them as independent, which those of one run are not. Errors are those "
+        f"of the logged state, as measured by the robot itself.",
         columns=[
             "quantity",
             "inside its 95 % interval",

@@ -225,7 +225,7 @@ def _terminal(event: Callable[..., float]) -> Callable[..., float]:
 STEPS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4)
 SAMPLE_TIME = 0.04  # [s], a whole number of every step
 
-#: the nominal scenario's (design.md section 11)
+#: the nominal scenario's
 FRICTION = nominal_robot().friction
 
 
@@ -322,9 +322,9 @@ def campaign() -> Section:
         before="Error of the engine (RK4 with known signs, the convex step where a sign may change) against an "
         "event-driven reference (DOP853 at 1e-12 from event to event, `campaigns/convergence.py`): largest of the "
         "ten states at the end of 0.16 s, 0.32 s and 0.4 s, root mean square over 20 motions of the nominal scenario "
-        "each. In brackets, how often a motion's wheels start to slide the other way, stick or break away.",
+        "each. In brackets, how often a wheel reverses, sticks or breaks away in a motion.",
         columns=columns,
         rows=rows,
-        after="Where no sign changes the method has RK4's order four. A step in which a wheel turns about or sticks "
-        "takes the friction of its end for the whole step, which errs by h, and so does the motion.",
+        after="If no sign changes, the method has RK4's order four. A step in which a wheel reverses or sticks uses "
+        "the friction at its end for the whole step, which causes an error of order h, also in the motion.",
     )

@@ -432,10 +432,11 @@ def campaign() -> Section:
     worst = max(one.ours for results in table.values() for one in results)
     return Section(
         title=f"The convex step's minimiser on {total:,} random problems",
-        before="Distance of the velocities found to the reference's, over that of the friction-free ones, "
+        before="Distance between the computed velocities and the reference's, relative to the norm of the "
+        "friction-free ones, "
         f"sqrt(nu^T M nu); the target is {TARGET:g}. The reference is Clarabel {clarabel.__version__}'s answer, "
-        "refined and certified (`campaigns/convex_step.py`): it proves how far it is from the minimiser at "
-        "most. Three and four wheels, with and without a ball that pivots, a quarter each; attitudes, inertias (a "
+        "refined and certified (`campaigns/convex_step.py`): it proves an upper bound of its own distance from the "
+        "minimiser. Three and four wheels, with and without a pivoting ball, a quarter each; attitudes, inertias (a "
         "tenth to ten times the thesis's robot's) and the guess of the signs are random.",
         columns=["problems", "number", "worst", "median", "reference proven to", "Clarabel alone, median"],
         rows=[_row(kind, results) for kind, results in table.items()],

@@ -195,13 +195,13 @@ def campaign() -> Section:
     false = {label: f"{given[label]} of {len(bare)}" for label in given}
     return Section(
         title="Coverage of identification's intervals",
-        before=f"{len(everything)} logs of {DURATION:g} s of the exact model around a square, balanced by what noisy "
-        f"sensors say (attitude {ATTITUDE_NOISE:g} rad, gyro {GYRO_NOISE:g} rad/s, wheel speeds {WHEEL_NOISE:g} rad/s, "
-        "white, on-board state), each identified from a start far from the truth. By chance alone, right 95 % "
-        f"intervals hold the truth in {least:.0f} to {most:.0f} of {len(everything)}.",
+        before=f"{len(everything)} logs of {DURATION:g} s of the exact model around a square, balanced with noisy "
+        f"sensors (attitude {ATTITUDE_NOISE:g} rad, gyro {GYRO_NOISE:g} rad/s, wheel speeds {WHEEL_NOISE:g} rad/s, "
+        "white, on-board state), each identified from a start far from the truth. Correct 95 % intervals contain the "
+        f"truth in {least:.0f} to {most:.0f} of {len(everything)}.",
         columns=["", "truth", "bias / deviation", "deviation / half width x 1.96", "truth held", "from"],
         rows=rows,
-        after=f"Without break-away friction v_s and delta act on nothing; they were given a number in {false['v_s']} "
+        after=f"Without breakaway friction v_s and delta have no effect; they got a number in {false['v_s']} "
         f"and {false['delta']} repeats.",
     )
 

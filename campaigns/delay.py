@@ -1,4 +1,4 @@
-"""The LQR for the true delay: what late torques cost, and what predicting over them wins back.
+"""Compare controllers with and without prediction on twins with delayed torques.
 
 .venv/bin/python -m campaigns.evidence delay
 
@@ -118,13 +118,13 @@ def campaign() -> Section:
                     lean = largest_lean(known, controller, delay)
                     rows.append(_row(name, belief, delay, scores, lean))
     return Section(
-        title="The LQR for the true delay",
-        before=f"The nominal twin with torques that come late, friction identified from two of its logs, on-board "
+        title="Delayed torques",
+        before=f"The nominal twin with delayed torques, friction identified from two of its logs, on-board "
         f"sensors only (Kalman filter), {len(SEEDS)} seeds of 32 s of a 0.5 m square: RMS error of the true position "
-        "once settled and its peak [mm], torque above 10 Hz [N m], means. `prediction` feeds back the state in which "
-        "the torque will act (`ballbot.control.parts.prediction`); the others take the delay for a sample less or "
-        "more. Lean: the largest at rest from which the exact model with the friction known comes back, "
-        "torques as late.",
+        "once settled and its peak [mm], torque above 10 Hz [N m], means. `prediction` feeds back the predicted state "
+        "at which the torque acts (`ballbot.control.parts.prediction`); the last two rows of each delay assume a "
+        "sample less or more. Lean: the largest at rest from which the exact model with known friction recovers with "
+        "the same delay.",
         columns=[
             "controller, delay",
             "RMS",

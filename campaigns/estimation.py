@@ -168,7 +168,8 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
     ]
     return Section(
         title="The on-board state: the thesis's way and a Kalman filter on the same runs",
-        before=f"{duration:g} s on the nominal twin, {count} seeds, steered by the thesis's way; means over the seeds "
+        before=f"{duration:g} s on the nominal twin, {count} seeds, controlled with the thesis's way; means over the "
+        f"seeds "
         "of RMS errors against the truth. Position drift is the RMS change of the position's error within a minute; "
         "the last column is the drift over the thesis's, the worst of the seeds. The target is a third at most, "
         "and less than 0.3 degrees of lean. A fix has 1 cm and 1.1 degrees.",
@@ -215,11 +216,12 @@ def _why(robot: Robot) -> str:
     gain = np.abs(design_gain(robot).gain)
     moved = np.radians(gain[:, 3].max() / gain[:, 0].max())
     return (
-        f"A lean that is wrong by a degree moves the spot where the robot rests by {moved:.2f} m (the gain's lean over "
-        "its position). The nominal AHRS's lean is right but for white noise, so that the thesis's way has nothing to "
-        "lose by believing it. The filter is ready for a slow lean error of "
-        f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees and takes a part of the rolling friction for one; "
-        f"told that the lean is right (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) it stays "
-        "nearer than the thesis's way. An AHRS whose lean does err slowly shows what that readiness is for. The torque "
-        "noise of the thesis's way is not all loss: it dithers the dry friction."
+        f"A lean error of one degree moves the equilibrium by {moved:.2f} m (the ratio of the gain's entries for lean "
+        "and position). The nominal AHRS's lean has only white noise, so that the thesis's way loses "
+        "nothing by using it directly. The filter models a slow lean error of "
+        f"{np.degrees(FilterNoise.of(robot).lean_error):.1f} degrees and attributes a part of the rolling friction to "
+        f"it; with a smaller one (`FilterNoise(lean_error=...)`, {np.degrees(SURE_LEAN):.2f} degrees) its errors "
+        "are below those of the thesis's way. The biased AHRS, whose lean has a slow error, shows the benefit of the "
+        "filter's model. The torque noise of the thesis's way has one advantage: it acts as a dither on the dry "
+        "friction."
     )

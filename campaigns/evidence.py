@@ -63,15 +63,16 @@ CAMPAIGNS = {
 
 _HEAD = """# Evidence
 
-What the tests sample, at length. `make evidence` writes this page; the command under a section writes that one alone.
-Sections on logs that are not shipped (the test robot's, the EMPS benchmark) are made if BALLBOT_DATA names the folder
-that has them, and stay as they are if not.
+The results of long campaigns, of which the tests run samples. `make evidence` writes this page; the command under a
+section writes that section alone. The section on the EMPS benchmark needs its public record (see
+[one axis](../axis.md)): it is written if BALLBOT_DATA names the folder with `emps/DATA_EMPS.mat`, and stays as it is
+if not.
 
 """
 
 
 def main(names: Sequence[str]) -> None:
-    """Run the campaigns of those names, or all, and write their sections."""
+    """Run the campaigns of these names, or all, and write their sections."""
     unknown = sorted(set(names) - set(CAMPAIGNS))
     if unknown:
         raise SystemExit(f"There is no campaign {unknown[0]!r}; there are {', '.join(CAMPAIGNS)}.")
@@ -81,7 +82,7 @@ def main(names: Sequence[str]) -> None:
         try:
             section = getattr(import_module(module), function or "campaign")().markdown()
         except DataMissingError as missing:
-            print(f"{name} is left as it is: {missing}.")
+            print(f"{name} is not written: {missing}.")
             continue
         sections = written_sections()  # another run may have written meanwhile
         sections[name] = f"{section}\n{_origin(name, perf_counter() - started)}\n"

@@ -245,13 +245,14 @@ def campaign() -> Section:
         jumps = "; ".join(f"{name} {_settled(one)}" for name, one in zip(_PLAIN, plain, strict=True))
     times = 1e3 * np.concatenate([one.times for one in found])
     return Section(
-        title="Feedback when much is asked for: a bound on the lean, a predictive controller, a notch",
+        title="Large disturbances and resonances: lean limit, predictive controller, notch",
         before="The precise controller's weights as a plain LQR on the model with perfect sensors, its motors' highest"
-        " speed and wheels that always hold: alone, with `LeanLimit` as it is made, and with a predictive correction"
-        " (`campaigns/predictive.py`). Then the precise controller on the nominal twin, the true friction compensated."
-        " The least of two directions of the lean at rest and of the blow that are survived; the step to [1 -1 pi] all"
-        f" at once: until it stays within {1e3 * ARRIVED:.0f} mm, by seed on the twin, and how far past it goes.",
-        columns=["where", "lean (°)", "blow (N s)", "step (s)", "past (mm)"],
+        " speed and wheels that always hold: alone, with `LeanLimit` at its defaults, and with a predictive"
+        " correction (`campaigns/predictive.py`). Then the precise controller on the nominal twin, the true friction"
+        " compensated. The smallest over two directions of the lean at rest and of the impulse from which the robot"
+        f" recovers; the unshaped step to [1 -1 pi]: time until it stays within {1e3 * ARRIVED:.0f} mm, by seed on the"
+        " twin, and overshoot.",
+        columns=["where", "lean (°)", "impulse (N s)", "step (s)", "overshoot (mm)"],
         rows=rows,
         after=f"A predictive update whose limits bind took {np.median(times):.1f} ms in the median and"
         f" {np.quantile(times, 0.99):.1f} ms in one of a hundred, on a machine that was busy. The same step on the"
@@ -340,7 +341,7 @@ def notch_table() -> str:
         )
     return (
         "\n".join(lines)
-        + f"\n\nThe notch stands where the one-step residuals of x_dot peak. The least singular value of"
+        + f"\n\nThe notch is at the peak of the one-step residuals of x_dot. The smallest singular value of"
         f" I + L of the linear loop without resonance is {least_singular_value(None):.2f} without a notch, "
         f"{'; '.join(lags)}."
     )

@@ -179,8 +179,8 @@ class Fuzzed:
             before=(
                 f"{total:,} inputs, each a whole one with one to four changes (seed {self.seed}): numbers, "
                 "words, lines, separators, encodings, bytes. Each is accepted or refused in one sentence, within 10 s "
-                "and 2 GB. Of what is accepted, all values are finite (NaN marks a missing cell of a log) and within "
-                "the documented ranges, and what is written is read back the same. A failure is anything else: a "
+                "and 2 GB. In accepted inputs, all values are finite (NaN marks a missing cell of a log) and within "
+                "the documented ranges, and a written copy is read back the same. A failure is anything else: a "
                 "traceback, a warning, an end of the process. `python -m campaigns.fuzz robot 812` shows one input."
             ),
             columns=("loader", "inputs", "accepted", "refused", "failures", "slowest (s)"),

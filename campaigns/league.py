@@ -67,8 +67,8 @@ def section(league: League) -> Section:
         before=f"The courses of `ballbot compare --scenarios league` on the nominal twin, {len(league.seeds)} seeds, "
         "the nominal gain without compensation and with full and partial compensation of the friction identified from "
         "two of the twin's own logs, and the precise controller; on-board state only, the Kalman filter's for precise "
-        "and where it says so. Means over the seeds, and half the width of their 95 % "
-        "intervals (Student's); what they mean stands in [compare](../compare.md).",
+        "and where the name says `@kalman`. Means over the seeds, and half the width of their 95 % "
+        "intervals (Student's); [compare](../compare.md) defines the numbers.",
         columns=["course", "controller", *(f"{one.heading} ({one.unit})" for one in metrics), "falls"],
         rows=rows,
         after=_overall(league),

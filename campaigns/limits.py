@@ -1,7 +1,7 @@
-"""How far the robot can go: tilts and impulses, on the model and on the twin, and what a million runs cost.
+"""Find the largest tilts and impulses from which the robot recovers, on the model and the twin, and the cost of a map.
 
-Model and twin have the same friction here, so that they differ in what the model leaves out: wheels that slip and lift,
-play, rollers, sensors.
+Model and twin have the same friction here, so that they differ only in what the model leaves out: slipping and lifting
+wheels, play, rollers, sensors.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def campaign() -> Section:
     ]
     compared = [limit.agrees for one in cases for limit in one.twin]
     return Section(
-        title="How far the robot can go",
+        title="The largest tilts and impulses from which the robot recovers",
         before="The smallest over four directions of the largest tilt at rest, and of the largest impulse at the height"
         " of the centre of mass, from which the nominal gain recovers: on the model if no wheel may slip (grip 1), on"
         " the nominal twin, and on the model with wheels that never slip. A push on the twin lasts 20 ms.",

@@ -1,4 +1,10 @@
-"""One axis on the public EMPS record: the published numbers, and what other methods make of the same record."""
+"""Identify one axis on the public EMPS record and compare the results with the published ones.
+
+.venv/bin/python -m campaigns.evidence one_axis
+
+The record DATA_EMPS.mat is the training record of A. Janot, M. Gautier, M. Brunot, Data set and reference models of
+EMPS, 2019. It is not part of Ballbot: put it into the folder emps of a folder that BALLBOT_DATA names.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +12,9 @@ from ballbot.findings import texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord, identify_axis
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.section import Section, data_folder
+from campaigns.section import DataMissingError, Section, data_folder
 
-#: Janot, Gautier and Brunot, Data set and reference models of EMPS, 2019: values and standard deviations
+#: published values and standard deviations
 PUBLISHED = {
     "mass": (95.1089, 0.1085),
     "viscous": (203.5034, 1.1460),
@@ -18,7 +24,16 @@ PUBLISHED = {
 
 
 def emps_record() -> AxisRecord:
-    """Return the benchmark's training record, emps/DATA_EMPS.mat in `data_folder`."""
+    """Return the benchmark's training record, emps/DATA_EMPS.mat in `data_folder`.
+
+    Raises
+    ------
+    DataMissingError
+        If the file is not there.
+    """
+    path = data_folder() / "emps" / "DATA_EMPS.mat"
+    if not path.exists():
+        raise DataMissingError(f"it needs the public EMPS record as {path}; see docs/axis.md")
     columns = AxisColumns(
         position="qm",
         force="vir",
@@ -28,7 +43,7 @@ def emps_record() -> AxisRecord:
         velocity_gain="kv",
         limit="10",
     )
-    return read_axis_record(data_folder() / "emps" / "DATA_EMPS.mat", columns)
+    return read_axis_record(path, columns)
 
 
 def campaign() -> Section:
@@ -53,7 +68,8 @@ def campaign() -> Section:
     return Section(
         title="One axis: the EMPS benchmark",
         before="24.84 s at 1 kHz of an electro-mechanical positioning system, its position and its motor's voltage. In "
-        "the first two rows errors take rows for independent, as published; below they are clustered in time. Open "
+        "the first two rows the standard errors treat samples as independent, as published; below they are clustered "
+        "in time. Open "
         "loop: RMS position error over the whole record [mm]; closed loop: relative force error [%].",
         columns=["law and method", "M [kg]", "b [N s/m]", "c [N]", "offset [N]", "open loop", "closed loop"],
         rows=rows,

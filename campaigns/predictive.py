@@ -44,7 +44,7 @@ class Predictive:
         Its gain is the design's. Its torque limit is kept by the correction and then by clipping.
     design : LqrDesign
     torque_weight : float
-        R of the design.
+        R of the LQR.
     """
 
     def __init__(self, law: Controller, design: LqrDesign, *, torque_weight: float) -> None:

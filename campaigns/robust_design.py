@@ -48,11 +48,12 @@ def campaign() -> Section:
     picture = write_picture("robust_design", lambda: robust_figure(found))
     weights = ", ".join(f"{weight:.3g}" for weight in found.state_weights)
     return Section(
-        title="Weights sought over perturbed robots",
+        title="Weights optimised over perturbed robots",
         before=f"`ballbot design --robust --compensation full`: {EFFORT.robots} perturbed robots (mass, height and"
-        f" friction 20 %, up to 2 samples late, floor up to 1°) judge every candidate, {len(found.history)} generations"
-        f" of {EFFORT.population} ({took:.0f} s); compared on {EFFORT.fresh} fresh robots, and on twins that are not"
-        f" the robot described: peak position error on a 0.5 m square at least {SETTLE:g} s after each corner, mean of"
+        f" friction 20 %, up to 2 samples late, floor up to 1°) evaluate every candidate, {len(found.history)} "
+        f"generations"
+        f" of {EFFORT.population} ({took:.0f} s); compared on {EFFORT.fresh} fresh robots, and on twins that differ "
+        f"from the robot file: peak position error on a 0.5 m square at least {SETTLE:g} s after each corner, mean of"
         f" {len(SEEDS)} seeds (torque's change from sample to sample in brackets). Friction identified from the twin's"
         " logs.",
         columns=["", "weights found", "nominal weights", "plain LQR (Q = I, R = I)"],
@@ -61,7 +62,7 @@ def campaign() -> Section:
             *(_on_twin(robot, controllers, case, state) for state in ESTIMATORS for case in TWINS),
         ],
         after=f"Found: Q = diag({weights}), R = {found.torque_weight:g} I.\n\n"
-        f"![The search, and costs on fresh robots]({picture})",
+        f"![The search, and costs on new robots]({picture})",
     )
 
 

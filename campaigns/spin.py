@@ -156,11 +156,11 @@ def campaign() -> Section:
     return Section(
         title="The ball's velocity from video",
         before="Rendered videos of a minute, 60 frames a second, 240 x 180 pixels with a ball of 76 pixels radius "
-        "unless said; the ball wanders about all three axes by sums of sines up to 1 Hz. Nothing is given but the "
-        "kind of seam: circle, colour and the camera's distance are found. The error is the rms length of the "
-        "velocity's error in % of the peak, asked to be under 2 on the plain video and under 5 on the hard ones; "
-        "beside it what the standard errors claim, and the share of components within two of them. The last column "
-        "counts one core's time, finding and calibrating included.",
+        "unless stated; the ball turns about all three axes by sums of sines up to 1 Hz. Only the kind of seam is "
+        "given: circle, colour and the camera's distance are found. The error is the RMS length of the velocity error "
+        "in % of the peak, with targets of 2 on the plain video and 5 on the hard ones; the next columns are the "
+        "error expected from the standard errors, and the fraction of components within two of them. The last column "
+        "counts one core's time, including finding the ball and calibrating.",
         columns=(
             "video",
             "peak [rad/s]",
@@ -172,7 +172,7 @@ def campaign() -> Section:
             "frames/s, one core",
         ),
         rows=rows,
-        after="A share below 95 % within two standard errors says that these are too small, above that they are too "
-        "large: they are meant for errors that change as the ball turns (light, blur, the view), which differ from "
-        "video to video.",
+        after="A share below 95 % within two standard errors means that these are too small, above that they are too "
+        "large: they are for errors that change as the ball turns (light, blur, the view), which differ from video to "
+        "video.",
     )

@@ -92,15 +92,15 @@ def campaign() -> Section:
     rows = [[engine.name, *(_at_rim(mujoco_creep(engine, u)) for u in torques)] for engine in ENGINES]
     rows.append(["ballbot", *(_at_rim(our_creep(u)) for u in torques)])
     return Section(
-        title="One wheel under a torque below break-away",
+        title="One wheel below its breakaway torque",
         before="Creep at the wheel's rim in micrometres a second, 1 s to 2 s after the torque begins, steps of 1 ms; "
         f"break-away at c + s = {BREAK_AWAY} N m, inertia {inertia():.3g} kg m^2. MuJoCo {mujoco.__version__}, "
         "frictionloss on a hinge.",
         columns=["share of the break-away torque", *(f"{share:g}" for share in SHARES)],
         rows=rows,
-        after="MuJoCo's friction is a constraint with compliance, so that a wheel at rest turns in proportion to the "
-        "torque on it, and stiffer settings make it slower. Its no-slip solver, off by default, takes out all but "
-        "rounding. Ours is zero to the bit.",
+        after="MuJoCo's friction is a constraint with compliance, so that a wheel at rest creeps in proportion to its "
+        "torque; stiffer settings reduce the creep. Its no-slip solver, off by default, removes all but rounding "
+        "errors. In Ballbot the creep is exactly zero.",
     )
 
 

@@ -98,7 +98,7 @@ def campaign() -> Section:
     picture = write_picture("twin_convergence", lambda: _figure(series["both"]))
     moved = np.ptp(exact, axis=0)
     return Section(
-        title="The twin becomes the exact model",
+        title="Convergence of the twin to the exact model",
         before="MuJoCo's robot without driveline and rolling friction, pivoting prevented, single-point wheels, "
         "against the exact model (RK4): 0.3 s open loop from a moving start under torques of 0.5 N m; largest error "
         f"of any sample. The motion: {moved[0]:.3f} m, {moved[2]:.3f} rad, {moved[4]:.3f} rad of heading. First with "

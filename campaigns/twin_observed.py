@@ -322,9 +322,9 @@ def campaign() -> Section:
     }
     _draw(logs, ripples, kicks, spectra)
     return Section(
-        title="What the thesis saw, on the twin",
-        before=f"The nominal twin under the nominal gain; 64 s and {len(SEEDS)} seeds unless said otherwise; what is "
-        "compensated is the true friction. Position errors are of the true position once settled (6 s after a start or "
+        title="What the thesis observed, on the twin",
+        before=f"The nominal twin under the nominal gain; 64 s and {len(SEEDS)} seeds unless stated otherwise; the "
+        f"true friction is compensated. Position errors are of the true position once settled (6 s after a start or "
         "a corner, 13 s after the ramp to [1 -1 pi]). The figures are in [the twin](../twin.md).",
         columns=["observation", "twin"],
         rows=[
@@ -334,11 +334,11 @@ def campaign() -> Section:
             *_impulse_rows(kicks),
             *_resonance_rows(spectra),
         ],
-        after="The thesis: errors of the order of 1 m without and 0.2 m with compensation (chapter 5; the twin strays "
-        "less, in about the same ratio), bumps from the gaps between rollers (3.2), 16 degrees in 3 minutes and a "
-        "position that wanders with it (Appendix IV), impulses from 1 degree of play (chapter 6), a resonance in the "
-        "residuals (4.2). The resonance is set at 40 Hz: sampled feedback of the motors' speed pulls it down; play, "
-        "which is slack at first, pulls it further.",
+        after="The thesis: errors of the order of 1 m without and 0.2 m with compensation (chapter 5; the twin's are "
+        "smaller, in about the same ratio), bumps from the gaps between rollers (3.2), 16 degrees in 3 minutes and a "
+        "position that drifts with it (Appendix IV), impulses from 1 degree of play (chapter 6), a resonance in the "
+        "residuals (4.2). The resonance is set at 40 Hz: sampled feedback of the motors' speed lowers it; play, which "
+        "is slack at first, lowers it further.",
     )
 
 

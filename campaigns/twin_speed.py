@@ -54,8 +54,8 @@ def campaign() -> Section:
         rows.append([name, f"{found[0]:.1f}", f"{found[1]:.1f}", f"{100 * found[2]:.0f} %"])
     return Section(
         title="The twin's speed",
-        before=f"{DURATION:g} s in closed loop (LQR, on-board state, log) on one core, times real time; beside it "
-        "MuJoCo's `mj_step` alone of the same model in the same run, and what all else adds to that. Median of "
+        before=f"{DURATION:g} s in closed loop (LQR, on-board state, log) on one core, as a multiple of real time; "
+        f"MuJoCo's `mj_step` alone with the same model in the same run, and the overhead of everything else. Median of "
         f"{ROUNDS} rounds.",
         columns=["scenario", "whole loop", "MuJoCo alone", "overhead"],
         rows=rows,

@@ -1,9 +1,10 @@
-"""The documents say what the code does: their examples run."""
+"""The documents agree with the code: their examples run, their links and the files they name exist."""
 
 import re
 import subprocess
 import sys
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -18,12 +19,47 @@ def fenced(document: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
 
 
-def test_the_mapping_in_the_documents_is_one(tmp_path):
+DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+
+
+def anchors(document: Path) -> set[str]:
+    """Return the anchors of a document's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", document.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_of_a_document_lead_somewhere(document):
+    for target in re.findall(r"\]\(([^)\s]+)\)", document.read_text(encoding="utf-8")):
+        if target.startswith(("http://", "https://")):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (document.parent / name).resolve() if name else document
+        assert file.exists(), f"{document.name}: {target}"
+        assert not anchor or anchor in anchors(file), f"{document.name}: {target}"
+
+
+def test_files_that_the_architecture_names_exist():
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    source = ROOT / "src" / "ballbot"
+    named = []  # each with the folders that it may be in
+    for line in text.splitlines():
+        row = re.match(r"\| `(\w+)` \|.*\| ([^|]+) \|$", line)
+        if row and (source / row[1]).is_dir():  # of the table of packages: what to read first
+            named += [(name, [source / row[1]]) for name in re.findall(r"`([\w/.]+)`", row[2])]
+        else:
+            named += [(name, [source, ROOT]) for name in re.findall(r"`(\w+/[\w/.]*)`", line)]
+    missing = [name for name, places in named if not any((place / name).exists() for place in places)]
+    assert named
+    assert not missing
+
+
+def test_the_mapping_in_the_documents_is_valid(tmp_path):
     (example,) = fenced("docs/logs.md", "toml")
     path = tmp_path / "mapping.toml"
     path.write_text(example, encoding="utf-8")
-    told, mapping = tomllib.loads(example), read_mapping(path)
-    assert mapping.columns["t"].column == told["columns"]["t"]["from"]
+    written, mapping = tomllib.loads(example), read_mapping(path)
+    assert mapping.columns["t"].column == written["columns"]["t"]["from"]
     assert mapping.columns["t"].factor == 1e-3  # "ms"
     assert {"wheel1", "wheel2", "wheel3"} <= set(mapping.columns)
 
