@@ -114,7 +114,7 @@ def test_check_prints_and_writes_derived_quantities(
         "0.2700   0.2700   0.2700",
     ):
         assert row in printed
-    assert "unstable pole: 5.20" in printed  # design.md section 10
+    assert "unstable pole: 5.20" in printed
     assert "27.59" in printed
     assert "side (x right, z up)" in printed
     results = json.loads((tmp_path / "results.json").read_text())

@@ -21,7 +21,7 @@ states = arrays(np.float64, 10, elements=st.floats(-1.2, 1.2))
 
 
 def reading_of(state: NDArray[np.float64]) -> Reading:
-    """Perfect wheel speeds and gyro of a state: A (z - w) and w, straight from design.md section 5."""
+    """Perfect wheel speeds and gyro of a state: A (z - w) and w, straight from docs/mechanics.md."""
     gyro = body_rates_matrix(*state[2:5]) @ state[7:10]
     omega = np.array([-state[6], state[5], 0.0]) / ALTEN.ball.radius
     speeds = transforms(ALTEN).T_owb @ (rotation(*state[2:5]).T @ omega - gyro)

@@ -76,7 +76,7 @@ def test_wheel_speed_limit_is_that_of_appendix_i() -> None:
 
 
 def test_reflected_inertia_is_twice_the_wheels() -> None:
-    # design.md section 10, item 7
+    # n^2 (j_m + j_g), about twice j_w
     reflected = reflected_rotor_inertia(gear_ratio=27.6, motor_inertia=2.42e-6, gear_inertia=1.6e-7)
     assert reflected == pytest.approx(1.97e-3, abs=0.005e-3)
     # Kugle prints its rotor's share: (13/3)^2 (1.21e-4 + 1.2e-6), of .00319464 with a wheel of .0009

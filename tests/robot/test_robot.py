@@ -72,7 +72,7 @@ def test_every_preset_loads() -> None:
 
 
 def test_inertia_about_either_point_differs_by_steiner(alten: Robot) -> None:
-    ml2 = 17.076 * 0.393**2  # 2.637, design.md section 10 item 5
+    ml2 = 17.076 * 0.393**2  # 2.637
     steiner = alten.body.inertia_about_ball_center() - alten.body.inertia_about_center_of_mass()
     assert steiner == pytest.approx(np.diag([ml2, ml2, 0.0]), abs=1e-14)
     central = alten.body.inertia_about_center_of_mass()

@@ -49,7 +49,7 @@ class WheelPlace:
 
 
 def wheel_places(robot: Robot) -> list[WheelPlace]:
-    """Return each wheel's place (design.md section 5, Geometry)."""
+    """Return each wheel's place (docs/mechanics.md)."""
     places = []
     for azimuth in robot.wheels.azimuths:
         turn = Rotation.from_euler("ZY", [azimuth, robot.wheels.tilt])

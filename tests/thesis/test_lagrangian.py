@@ -44,7 +44,7 @@ def assert_same(actual: NDArray, expected: NDArray) -> None:
     np.testing.assert_allclose(actual, expected, rtol=0, atol=TOLERANCE * np.abs(expected).max())
 
 
-# --- the closed form of design.md section 5, written plainly --------------------------------------
+# --- the closed form of docs/mechanics.md, written plainly --------------------------------------
 
 
 class ClosedForm(NamedTuple):

