@@ -3,7 +3,7 @@
 .venv/bin/python -m campaigns.evidence identified_errors identified_friction drivelines validation
 
 The logs are recorded on the nominal twin with its own sensors, balanced by a gain that knows no friction, as a user's
-are. `ballbot record nominal --reference square --duration 64 --seed 1 --out square` makes the first of them. The ratios
+are. `ballbot record nominal --reference square --duration 32 --seed 1 --out square` makes the first of them. The ratios
 beside them are those of the thesis's Tables 4.1 (closed loop) and 4.2 (open loop).
 """
 
@@ -78,7 +78,7 @@ BALANCING = {
     "figure_eight": ("figure_eight", 4, SOFT),
     "square_stiff": ("square", 5, STIFF),
 }
-DURATION = 64.0  #: of each log [s]
+DURATION = 32.0  #: of each log [s]
 FITTED = ("square", "hold")
 OTHERS = ("change_pose", "square_stiff")
 NOT_FITTED = ("figure_eight", "change_pose", "square_stiff")
