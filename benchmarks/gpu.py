@@ -1,6 +1,6 @@
 """The engine on a GPU: RK4 with known signs, and the stick-slip method on a balancing robot's states.
 
-.venv/bin/python -m benchmarks.gpu          where a CUDA device and numba-cuda are
+.venv/bin/python -m benchmarks.gpu          needs a CUDA device and numba-cuda
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 from numba import cuda
 
-from ballbot.mechanics.engine.run import cuda as engine
+from ballbot.mechanics.engine import cuda as engine
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.model import Model
 from benchmarks.workloads import balancing, nominal_robot, smooth

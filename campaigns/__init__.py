@@ -1,1 +1,1 @@
-"""Long campaigns (`make evidence`): what the tests sample, at length; the page is docs/generated/evidence.md."""
+"""Long campaigns (`make evidence`), of which the tests run samples; the page is docs/generated/evidence.md."""

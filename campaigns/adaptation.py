@@ -1,4 +1,4 @@
-"""Floor adaptation: what it is worth where the floor is another, and whether it ever harms.
+"""Measure the effect of floor adaptation if the floor changes, and on every course of the league.
 
 .venv/bin/python -m campaigns.evidence adaptation
 
@@ -212,7 +212,7 @@ def ratio(values: Sequence[float], others: Sequence[float]) -> str:
     """Return the geometric mean of values over others, seed by seed, with its 95 % interval from three on."""
     found = Paired.of(values, others).ratio
     if len(values) < 3:
-        return f"{found.mean:.2f}"  # an interval of two tells nothing
+        return f"{found.mean:.2f}"  # an interval of two is useless
     return f"{found.mean:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 

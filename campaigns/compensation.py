@@ -1,6 +1,6 @@
-"""Identified friction compensation on the twin: what the main job is for, over many seeds.
+"""Compensate identified friction on the twin: the main job, over many seeds.
 
-Logs are recorded on the nominal twin without compensation; the friction identified from them alone is compensated
+Logs are recorded on the nominal twin without compensation. The friction identified from them is compensated
 on the same twin, 32 s of a 0.5 m square, with the same gain, on-board sensors and other seeds.
 """
 

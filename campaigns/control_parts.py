@@ -1,4 +1,4 @@
-"""What each part of the precise controller is worth: the same robot and seeds, one thing changed.
+"""Measure the effect of each part of the precise controller: the same robot and seeds, one change at a time.
 
 .venv/bin/python -m campaigns.evidence control_parts
 

@@ -1,4 +1,4 @@
-"""The precise controller against its targets, over hundreds of seeds of the twin.
+"""Measure the accuracy of the precise controller over hundreds of seeds of the twin.
 
 .venv/bin/python -m campaigns.evidence control_targets
 
@@ -33,7 +33,7 @@ OFF = 0.2  # by how much mass, height and friction are off
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What a robot is asked to do, over many seeds."""
+    """A course, over many seeds."""
 
     reference: Reference
     duration: float  #: [s]

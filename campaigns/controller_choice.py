@@ -1,10 +1,9 @@
-"""What `study` hands out: its targets, where the gain comes from, and where identified friction still pays.
+"""The controller that `study` chooses: its accuracy, the effect of its parts, and where compensation helps.
 
 .venv/bin/python -m campaigns.evidence choice ablation friction_share
 
-The friction is identified from two logs of the nominal twin, as the demo does; the controllers are the study's
-candidates (`ballbot.workflows.controller_choice.candidates`), and they run on the nominal twin itself, whose friction
-no identification has seen, with seeds of their own.
+The friction is identified from two logs of the nominal twin, as in the demo. The controllers are the study's
+candidates (`ballbot.workflows.controller_choice.candidates`), run on the nominal twin with other seeds.
 """
 
 from __future__ import annotations

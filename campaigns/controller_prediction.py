@@ -1,12 +1,12 @@
-"""Whether a study's prediction of its controller holds on robots with faults that the study did not know.
+"""Test a study's prediction of its controller on robots with faults that the study did not contain.
 
 .venv/bin/python -m campaigns.evidence prediction
 .venv/bin/python -m campaigns.controller_prediction        the constants, from the development set
 
 The study is of the nominal twin. Each faulty twin (`campaigns.faulty_twins`) runs the square once with the precise
-controller, whose log is judged, and once without compensation, which says what is true of the verdict. The constants
-of `ballbot.workflows.controller_prediction` and `controller_causes` are those of the development set, whose seeds
-are others. Logs are kept in build/controller_prediction: a campaign that was ended goes on.
+controller, whose log is evaluated, and once without compensation, for the true verdict. The constants of
+`ballbot.workflows.controller_prediction` and `controller_causes` come from the development set, which has other
+seeds. Logs are kept in build/controller_prediction: an interrupted campaign continues.
 """
 
 from __future__ import annotations

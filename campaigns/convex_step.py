@@ -163,7 +163,7 @@ _NEWTON_STEPS = 30
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference:
-    """What Clarabel found, and what was made of it."""
+    """Clarabel's solution and its refinement."""
 
     conic: NDArray[np.float64]  #: (m,) Clarabel's velocities
     nu: NDArray[np.float64]  #: (m,) refined

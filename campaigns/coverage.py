@@ -1,9 +1,9 @@
-"""Whether 95 % intervals hold the truth 95 % of the time: logs with noise simulated and identified, 200 times.
+"""Count how often 95 % intervals contain the truth: 200 noisy logs, simulated and identified.
 
 .venv/bin/python -m campaigns.evidence coverage
 
-Done repeats are kept in build/coverage.json, each as soon as it is there, and are not done again: a campaign that
-was ended goes on. Delete the file after a change of what is measured.
+Finished repeats are kept in build/coverage.json and are not repeated: an interrupted campaign continues. Delete the
+file after a change of the measurement.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ BEGIN = np.array([0.03] * 3 + [0.08] * 3 + [0.03] * 3 + [1.0, 1.5, 0.004])
 
 @dataclass(frozen=True, kw_only=True)
 class Repeat:
-    """What one log told."""
+    """The result of one log."""
 
     estimates: Mapping[str, float | None]  #: by label; None where the parameter was given no number
     intervals: Mapping[str, Interval]  #: of those that have one

@@ -1,4 +1,4 @@
-"""The Kalman filter beside the thesis's on-board state: the same runs of the twin, the same readings.
+"""Compare the Kalman filter with the thesis's on-board state on the same runs and readings of the twin.
 
 .venv/bin/python -m campaigns.evidence estimation
 """
@@ -42,7 +42,7 @@ BIASED = SensorFaults(gyro_bias=0.0015, gyro_bias_walk=1e-5, lean_error=np.radia
 
 @dataclass
 class Listener:
-    """An estimator that hears every reading of a run, or all but the fix, and what it made of them."""
+    """An estimator that gets every reading of a run, or all but the fix, and its states."""
 
     estimator: Estimator
     hears_fixes: bool = False

@@ -1,4 +1,4 @@
-"""The property tests with other examples: what `make test` repeats with the same ones, drawn at random here.
+"""Run the property tests with random examples; `make test` repeats the same ones.
 
 .venv/bin/python -m campaigns.evidence exploration
 """

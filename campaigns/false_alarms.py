@@ -276,7 +276,7 @@ def _row(name: str, found: Sequence[Outcome]) -> list[str]:
 
 
 def _followed(seeds: Sequence[int]) -> Iterator[Outcome]:
-    """Yield the outcomes of seeds; every tenth is told on standard error."""
+    """Yield the outcomes of seeds; report every tenth on standard error."""
     stopped = 0
     for done, one in enumerate(outcomes(seeds, kept=KEPT, processes=os.cpu_count() or 1), start=1):
         stopped += bool(one.errors)

@@ -1,4 +1,4 @@
-"""What could be fed back besides: a bound on the lean asked for, a predictive controller, a notch.
+"""Compare additions to the feedback: a lean limit, a predictive controller, a notch.
 
 .venv/bin/python -m campaigns.evidence feedback_options
 """
@@ -56,7 +56,7 @@ BOUND = LeanLimit()
 #: a step has arrived within this [m] for good
 ARRIVED = 0.05
 _PLAIN = ("alone", "bound", "predictive")
-_HARDEST = 60.0  # blow tried [N s]
+_HARDEST = 60.0  # impulse tried [N s]
 _BLOW = 0.02  # how long one is on the twin [s]
 
 
@@ -92,7 +92,7 @@ def stiff() -> LqrDesign:
     )
 
 
-def made(name: str, limit: float, robot: Robot = ROBOT) -> Controller | Predictive:
+def controller_named(name: str, limit: float, robot: Robot = ROBOT) -> Controller | Predictive:
     """Return the stiff gain alone, with the bound, or with the predictive correction; friction, if any, compensated."""
     design, parts = stiff(), Parts(lean_limit=BOUND) if name == "bound" else Parts()
     compensation = "full" if max(robot.friction.coulomb) > 0.0 else "none"
@@ -102,41 +102,41 @@ def made(name: str, limit: float, robot: Robot = ROBOT) -> Controller | Predicti
 
 @dataclass(frozen=True, kw_only=True)
 class Reached:
-    """How far a controller went."""
+    """The limits and the steps of a controller."""
 
-    lean: float  #: the least of both directions [rad]
-    blow: float  #: [N s]
-    settled: tuple[float, ...]  #: how long each run of the step took to arrive [s]; NaN where it fell
-    past: float = math.nan  #: how far it went past the place, at most [m]
-    times: tuple[float, ...] = ()  #: that programs took [s]
+    lean: float  #: the smaller of both directions [rad]
+    impulse: float  #: [N s]
+    settled: tuple[float, ...]  #: settling time of each run of the step [s]; NaN if it fell
+    past: float = math.nan  #: overshoot [m]
+    times: tuple[float, ...] = ()  #: of the quadratic programs [s]
 
 
-def edge(stands: Callable[[float], bool], most: float, halvings: int) -> float:
-    """Return the size up to which it stands, by halving."""
+def largest(recovers: Callable[[float], bool], most: float, halvings: int) -> float:
+    """Return the largest size from which the robot recovers, by bisection."""
     low, high = 0.0, most
     for _ in range(halvings):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if stands(middle) else (low, middle)
+        low, high = (middle, high) if recovers(middle) else (low, middle)
     return low
 
 
 def on_model(job: tuple[str, float]) -> Reached:
-    """Return how far it goes on the model with perfect sensors and wheels that always hold."""
+    """Return the results on the model with perfect sensors and wheels that never slip."""
     name, limit = job
-    controller, plant, model = made(name, limit), WithSpeedLimit(ROBOT), Model(ROBOT)
+    controller, plant, model = controller_named(name, limit), WithSpeedLimit(ROBOT), Model(ROBOT)
 
-    def stands(start: NDArray[np.float64]) -> bool:
+    def recovers(start: NDArray[np.float64]) -> bool:
         return simulate(plant, controller, hold(), duration=5.0, initial_state=start).ended is None
 
     height = ROBOT.body.center_of_mass
-    lean = min(edge(lambda s, d=d: stands(leaning_state(d, s)), LARGEST_LEAN, 9) for d in DIRECTIONS)
-    blow = min(
-        edge(lambda s, d=d: stands(pushed_state(model, d, s, height)), _HARDEST, 9) for d in DIRECTIONS
+    lean = min(largest(lambda s, d=d: recovers(leaning_state(d, s)), LARGEST_LEAN, 9) for d in DIRECTIONS)
+    impulse = min(
+        largest(lambda s, d=d: recovers(pushed_state(model, d, s, height)), _HARDEST, 9) for d in DIRECTIONS
     )
     log = simulate(plant, controller, change_pose(at=0.0, ramp=0.0), duration=10.0)
     settled, past = arrived(log, begins=0.0)
     times = tuple(controller.times) if isinstance(controller, Predictive) else ()
-    return Reached(lean=lean, blow=blow, settled=(settled,), past=past, times=times)
+    return Reached(lean=lean, impulse=impulse, settled=(settled,), past=past, times=times)
 
 
 def on_twin(job: tuple[float, bool]) -> Reached:
@@ -162,7 +162,7 @@ def steps(controller: Feedback) -> tuple[float, ...]:
 
 def steps_on_twin(name: str) -> tuple[float, ...]:
     """Return the steps of the stiff gain at 2 N m, friction compensated and nothing else."""
-    return steps(made(name, 2.0, ROBOT.replace(friction=NOMINAL.friction)))
+    return steps(controller_named(name, 2.0, ROBOT.replace(friction=NOMINAL.friction)))
 
 
 def _twin_edges(controller: Feedback, settled: tuple[float, ...]) -> Reached:
@@ -176,9 +176,9 @@ def _twin_edges(controller: Feedback, settled: tuple[float, ...]) -> Reached:
         push = Push(time=0.5, duration=_BLOW, force=force, height=ROBOT.body.center_of_mass)
         return _run(replace(lenient, pushes=(push,)), controller, hold(), 3.5, 1).ended is None
 
-    lean = min(edge(lambda s, d=d: leans(s, d), 0.5, 5) for d in DIRECTIONS)
-    blow = min(edge(lambda s, d=d: struck(s, d), 40.0, 5) for d in DIRECTIONS)
-    return Reached(lean=lean, blow=blow, settled=settled)
+    lean = min(largest(lambda s, d=d: leans(s, d), 0.5, 5) for d in DIRECTIONS)
+    impulse = min(largest(lambda s, d=d: struck(s, d), 40.0, 5) for d in DIRECTIONS)
+    return Reached(lean=lean, impulse=impulse, settled=settled)
 
 
 def _run(
@@ -203,7 +203,7 @@ def arrived(log: Log, *, begins: float) -> tuple[float, float]:
 
 
 def bound_of_any(limit: float) -> tuple[float, float]:
-    """Return the least lean [rad] and blow [N s] from which no torques bring the linearised model back."""
+    """Return the least lean [rad] and impulse [N s] from which no torques bring the linearised model back."""
     model = Model(ROBOT)
     linear = model.linearize()
     values, vectors = np.linalg.eig(linear.A.T)
@@ -236,9 +236,15 @@ def campaign() -> Section:
             for (name, limit), one in zip(models, found, strict=True)
         ]
         for limit in LIMITS:
-            lean, blow = bound_of_any(limit)
+            lean, impulse = bound_of_any(limit)
             rows.append(
-                [f"no torques of {limit:g} N m do more", f"{math.degrees(lean):.1f}", f"{blow:.1f}", "", ""]
+                [
+                    f"no torques of {limit:g} N m do more",
+                    f"{math.degrees(lean):.1f}",
+                    f"{impulse:.1f}",
+                    "",
+                    "",
+                ]
             )
         for (limit, bound), one in zip(twins, on_twins, strict=True):
             rows.append(_row(f"twin, precise{', bound' if bound else ''}, {limit:.2g} N m", one))
@@ -262,7 +268,7 @@ def campaign() -> Section:
 
 def _row(name: str, one: Reached) -> list[str]:
     past = "" if math.isnan(one.past) else f"{1e3 * one.past:.0f}"
-    return [name, f"{math.degrees(one.lean):.1f}", f"{one.blow:.1f}", _settled(one.settled), past]
+    return [name, f"{math.degrees(one.lean):.1f}", f"{one.impulse:.1f}", _settled(one.settled), past]
 
 
 def _settled(times: tuple[float, ...]) -> str:

@@ -216,7 +216,7 @@ def campaign(counts: dict[str, int] | None = None) -> Fuzzed:
 
 
 def _source() -> str:
-    """Return what tells this code from another."""
+    """Return a hash of this code."""
     root = Path(__file__).parents[1]
     files = [*sorted((root / "src").rglob("*.py")), *sorted(Path(__file__).parent.glob("fuzz*.py"))]
     return digest(*(path.read_bytes() for path in files)).hex()

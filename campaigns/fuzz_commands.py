@@ -1,6 +1,6 @@
-"""Command lines that are fuzzed: each whole one with words changed, lost, doubled or added, run in this process.
+"""Command lines to fuzz: complete ones with words changed, removed, doubled or added, run in this process.
 
-The work that takes minutes is not done: what would do it ends the command, whose input has been accepted by then.
+Computations that take minutes are replaced by the end of the command, which counts as accepted.
 """
 
 from __future__ import annotations

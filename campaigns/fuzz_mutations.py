@@ -1,7 +1,7 @@
 """Small damage to the content of a file or to a command line, the same for the same random numbers.
 
-What files suffer from: a number of the wrong size, unit or kind, a word in another's place, lines lost, twice or out of
-order, an end too early, bytes that are not text.
+The mutations: a number of the wrong size, unit or kind, a replaced word, lines missing, doubled or out of order, a
+truncated file, bytes that are not text.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from random import Random
 
-#: what stands in a number's place
+#: replacements of a number
 NUMBERS = (
     *(
         "0",
@@ -56,7 +56,7 @@ NUMBERS = (
         "1,5",
     ),
 )
-#: what stands in a word's place, or between
+#: replacements of a word, or insertions
 WORDS = (
     *(
         "",
@@ -112,7 +112,7 @@ def mutated(content: bytes, random: Random) -> bytes:
 
 
 def mutated_arguments(arguments: Sequence[str], values: Sequence[str], random: Random) -> list[str]:
-    """Return a command line with one to three of its words changed, lost, doubled or added."""
+    """Return a command line with one to three of its words changed, removed, doubled or added."""
     changed = list(arguments)
     for _ in range(random.randint(1, 3)):
         place = random.randrange(len(changed) + 1)

@@ -1,4 +1,4 @@
-"""The loaders that are fuzzed: whole inputs of each, and what must hold of everything that a loader accepts."""
+"""The loaders to fuzz: valid inputs of each, and the properties of every accepted input."""
 
 from __future__ import annotations
 

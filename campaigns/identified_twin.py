@@ -1,10 +1,10 @@
-"""Friction identified from the twin's logs: what it explains of other logs, and what each kind of log tells.
+"""Identify friction from the twin's logs by all stages, and validate it on other logs.
 
 .venv/bin/python -m campaigns.evidence identified_errors identified_friction drivelines validation
 
-The logs are recorded on the nominal twin with its own sensors, balanced by a gain that knows no friction, as a user's
-are. `ballbot record nominal --reference square --duration 32 --seed 1 --out square` makes the first of them. The ratios
-beside them are those of the thesis's Tables 4.1 (closed loop) and 4.2 (open loop).
+The logs are recorded on the nominal twin with its own sensors, balanced by a gain without compensation.
+`ballbot record nominal --reference square --duration 32 --seed 1 --out square` makes the first of them. The ratios for
+comparison are those of the thesis's Tables 4.1 (closed loop) and 4.2 (open loop).
 """
 
 from __future__ import annotations

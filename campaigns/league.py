@@ -1,4 +1,4 @@
-"""The league: every controller on every course of the nominal twin, with friction that its own logs told.
+"""The league: every controller on every course of the nominal twin, with friction identified from its own logs.
 
 .venv/bin/python -m campaigns.evidence league
 """

@@ -33,7 +33,7 @@ CASES: tuple[tuple[Compensation, float], ...] = (
 )
 #: directions tried on the twin, of 36
 ON_TWIN = (0, 9, 18, 27)
-#: outcomes held against runs that are not cut short
+#: outcomes compared with runs that are not cut short
 CHECKED = 20_000
 
 
@@ -120,6 +120,7 @@ def _cost(one: Case) -> str:
     whole = one.loop.recovers(starts[some], cut_short=False)
     return (
         f"A blind map of {len(starts)} runs took {took:.0f} s ({used:.0f} s of processor time, {os.cpu_count()} cores),"
-        f" the map refined along its edge {region.runs} runs; they differ in {differing} points. Of {CHECKED} of the"
+        f" the map refined along its boundary {region.runs} runs; they differ in {differing} points. Of {CHECKED} of "
+        f"the"
         f" runs, {int((whole != blind[some]).sum())} end otherwise when they are not cut short."
     )

@@ -1,4 +1,4 @@
-"""A model-predictive controller to hold the law's bound against: the law, and the least correction that keeps limits.
+"""A model-predictive controller for comparison: the LQR, and the smallest correction that keeps its limits.
 
 An LQR's cost from now on under u = K e + c is e' P e + sum of c[k]' (R + G' P G) c[k], P the Riccati equation's: a
 constant and what corrections cost (J. Rossiter, B. Kouvaritakis and M. Rice, Automatica 34 (1998) 65-73). The program

@@ -1,4 +1,4 @@
-"""The thesis remade from nothing, held against docs/generated/reproduce.md line by line."""
+"""Reproduce the thesis again and compare the result with docs/generated/reproduce.md line by line."""
 
 from __future__ import annotations
 

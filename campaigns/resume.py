@@ -1,4 +1,4 @@
-"""Killed with kill -9 and resumed: whether an identification ends in the same bytes as one that never stopped.
+"""Kill an identification with kill -9, resume it, and compare its files with those of one that was not killed.
 
 .venv/bin/python -m campaigns.evidence resume
 """

@@ -1,4 +1,4 @@
-"""Weights sought over perturbed robots: what they gain on robots that the search had not seen, and on the twin."""
+"""Optimise weights over perturbed robots, and test them on other robots and on the twin."""
 
 from __future__ import annotations
 

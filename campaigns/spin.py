@@ -1,4 +1,4 @@
-"""The ball's velocity from video, on rendered videos of a minute whose ball turns in a known way.
+"""Measure the ball's velocity from rendered videos of a minute with a known rotation.
 
 .venv/bin/python -m campaigns.evidence spin
 """

@@ -1,4 +1,4 @@
-"""One wheel held by dry friction under a torque below break-away: MuJoCo's frictionloss creeps, ours is at rest.
+"""One wheel held by dry friction below its breakaway torque: MuJoCo's frictionloss creeps, Ballbot's does not.
 
     .venv/bin/python -m campaigns.evidence one_wheel
 

@@ -69,7 +69,7 @@ def campaign() -> Section:
         f"minutes, {len(runs)} seeds: {falls} falls.",
         columns=columns,
         rows=rows,
-        after="The robot holds the heading that its AHRS tells, and turns away with it: by the drift alone, "
+        after="The robot holds the heading of its AHRS and turns with its drift, which alone causes "
         f"{np.degrees(Robot.load('alten').sensors.heading_drift) * DURATION:.0f} degrees. Its frame turns as a whole, "
         "so the lean that it feeds back stays right about its wheels, and on one spot its own place, too.",
     )

@@ -1,4 +1,4 @@
-"""The twin without what the exact model leaves out, against the exact model: open loop, as contacts get stiffer.
+"""Compare the twin without its imperfections with the exact model in open loop, as contacts become stiffer.
 
 .venv/bin/python -m campaigns.evidence twin_convergence
 """

@@ -1,4 +1,4 @@
-"""How fast the nominal twin runs on one core, and what of that is not MuJoCo's.
+"""Measure the speed of the twin on one core, and the part of it that is not MuJoCo's.
 
 OMP_NUM_THREADS=1 .venv/bin/python -m campaigns.evidence twin_speed
 """

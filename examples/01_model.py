@@ -1,4 +1,4 @@
-"""A robot's equations of motion: how fast it falls, what holds it, and what the thesis's equations say instead.
+"""Use a robot's equations of motion: how fast it falls, when friction holds it, and what the thesis's equations give.
 
 python examples/01_model.py
 """
@@ -23,10 +23,10 @@ while state[2] < np.radians(30):
     state, seconds = exact.advance(state, np.zeros(3), 0.005), seconds + 0.005
 print(f"falls from 1 to 30 degrees in {seconds:.2f} s")
 
-# With friction it may rest: sixty seconds at a lean that friction can hold change not a bit.
+# With friction it may rest: friction holds a small lean for sixty seconds without changing one bit of the state.
 friction = replace(robot.friction, coulomb=(0.1, 0.1, 0.1), rolling=0.007)
 sticky = ballbot.Model(robot.replace(friction=friction))
 start = np.zeros(10)
 start[2] = np.radians(0.1)
 rests = bool((sticky.advance(start, np.zeros(3), 60.0) == start).all())
-print(f"0.1 degrees of lean held for a minute to the bit: {rests}")
+print(f"friction holds 0.1 degrees of lean for a minute, to the bit: {rests}")

@@ -1,4 +1,4 @@
-"""A controller on the exact model: what friction does to it, and what compensating the friction gives back.
+"""Simulate a controller on the exact model: the effect of friction, and of compensating it.
 
 python examples/02_closed_loop.py
 """

@@ -1,8 +1,8 @@
-"""From logs to a controller, in Python: what `ballbot study` does, a stage at a time.
+"""Identify and validate a robot from logs in Python: the first stages of `ballbot study`.
 
     python examples/03_study.py demo/square/log.csv demo/figure_eight/log.csv
 
-`make demo` records these logs on the twin.
+`make demo` records these logs on the twin. It takes about two minutes on two cores.
 """
 
 import sys

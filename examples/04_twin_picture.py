@@ -1,9 +1,9 @@
-"""What a study's controller does on the twin, as a picture: the one in the README.
+"""Draw the controller that a study chose on the twin: the picture in the README.
 
     make demo
     python examples/04_twin_picture.py demo docs/images/square_on_twin.svg
 
-The folder is a study's, with the robot as identified from recorded logs and the controller that was chosen.
+The folder is that of a study, with the identified robot and the chosen controller. The script takes half a minute.
 """
 
 import sys

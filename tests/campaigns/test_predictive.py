@@ -1,4 +1,4 @@
-"""The predictive controller that the bound on the lean is held against (campaigns/predictive.py)."""
+"""The predictive controller that the lean limit is compared with (campaigns/predictive.py)."""
 
 import numpy as np
 import pytest
@@ -52,5 +52,5 @@ def test_correction_beyond_the_limits_equals_the_quadratic_program(monkeypatch):
 
 
 def test_correction_scales_at_most_with_the_torque_limit():
-    lean, blow = bound_of_any(2.0)
-    assert bound_of_any(6.0) == pytest.approx((3.0 * lean, 3.0 * blow))
+    lean, impulse = bound_of_any(2.0)
+    assert bound_of_any(6.0) == pytest.approx((3.0 * lean, 3.0 * impulse))
