@@ -193,9 +193,9 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
         "# Timings",
         "",
         f"`make bench` writes this page. {processor()}, {os.cpu_count()} cores, Python {platform.python_version()},"
-        f" NumPy {np.__version__}; float64, one core unless said, 1 ms steps, the true exponential and power.",
+        f" NumPy {np.__version__}; float64, one core unless stated, 1 ms steps, the true exponential and power.",
         "",
-        "| | measured | asked |",
+        "| | measured | target |",
         "|---|---:|---:|",
         *(f"| {name} | {value} | {asked} |" for name, value, asked in rows),
         "",
@@ -216,7 +216,7 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
 
 
 def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -> list[str]:
-    """Return the words on a step's operations and what this machine could do at most."""
+    """Return the paragraph on a step's operations and this machine's limit."""
     compared = counts["fcmp"] + counts["select"]
     fused, alone = 2 * peak / arithmetic / 1e6, peak / arithmetic / 1e6
     size = ROWS * LANES * 8 // 1024
@@ -227,7 +227,7 @@ def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -
         f"so that the first alone allow {fused:.0f} million steps a second if all were fused, and {alone:.0f} if none;",
         f"measured: {batched / 1e6:.1f}. What a block of {LANES} robots needs is {size} KiB at most and stays in the",
         "first cache, so that memory does not limit it; the rest is divisions, comparisons and waiting, since a step",
-        "is a long chain of operations that need each other's results.",
+        "is a long chain of dependent operations.",
     ]
 
 
