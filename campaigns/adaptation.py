@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, precise_controller
-from ballbot.control.references import Reference, circle, square
+from ballbot.control.references import Reference, square
 from ballbot.estimation import named_estimator
 from ballbot.processes import worker_pool
 from ballbot.simulation.plant import Measurement
@@ -37,7 +37,7 @@ COURSE_SEEDS = tuple(range(600, 601))
 AT = 12.0  # when the floor changes [s]
 LATE = 20.0  # so long after it the error left is measured [s]
 DURATION = 64.0  # [s]; from AT + LATE on a whole round counts
-REFERENCES: Mapping[str, Reference] = {"square": square(side=0.5, period=32.0), "circle": circle(period=32.0)}
+REFERENCES: Mapping[str, Reference] = {"square": square(side=0.5, period=32.0)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -108,7 +108,7 @@ PARTS: Mapping[str, Part] = {
     "precise, no feed-forward": Part(make=partial(precise, feed_forward=None)),
     "precise, dither of half the breakaway torque": Part(make=partial(dithered, share=0.5)),
     "precise, dither of the breakaway torque": Part(make=partial(dithered, share=1.0)),
-    "precise, no bound on the lean": Part(make=partial(precise, lean_limit=None)),
+    "precise, no lean limit": Part(make=partial(precise, lean_limit=None)),
     "precise, thesis's state": Part(make=precise_controller, estimator="onboard"),
     "precise, no observer": Part(make=partial(precise, disturbance_observer=None)),
     "precise, no observer, no compensation": Part(
