@@ -12,8 +12,7 @@ pytest.importorskip("mujoco")
 
 from campaigns.adaptation import SAME, Job, Run, change_jobs, change_rows, ratio
 from campaigns.adaptation import run as run_over_a_change
-from campaigns.control_parts import interval
-from campaigns.control_targets import ALTEN, another, compared_run, outcome
+from campaigns.precise_controller import ALTEN, another, interval, outcome, task_run
 
 #: a friction that somebody has found: a fifth too large
 KNOWN = alten(scaled_friction(FRICTION, 1.2))
@@ -22,7 +21,7 @@ KNOWN = alten(scaled_friction(FRICTION, 1.2))
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["square", "square, robot 20 % off"])
 def test_the_precise_controller_keeps_to_the_square_on_the_twin(name):
-    found = outcome(compared_run(KNOWN, name, 300).result())
+    found = outcome(task_run(KNOWN, name, 300).result())
     assert not found.fell
     assert found.peak < 0.03
     assert found.heading < 0.05
