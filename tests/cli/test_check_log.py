@@ -60,7 +60,7 @@ def test_a_column_without_any_value_is_still_valid_json(tmp_path):
 @pytest.mark.parametrize(
     ("log", "mapping", "sentence"),
     [
-        ("t,x\n0,1\n0,2\n", None, "Time stands still at row 2"),
+        ("t,x\n0,1\n0,2\n", None, "Time does not increase at row 2"),
         ("t,x\n0,one\n", None, "is not a number"),
         ("t,x\n", None, "has a header and no rows"),
         ("t,x\n0,1\n1,2\n", '[columns]\nt = { fromm = "t" }\n', "did you mean 'from'?"),

@@ -23,7 +23,7 @@ from ballbot.identification.geometry_fits import (
 from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import axles, body_rates_matrix, transforms
-from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import MotionCapture
 
 ALTEN = Robot.load("alten")
 COUNT = 2.0 * math.pi / (2000 * 27.6)  # an encoder's step at the wheel [rad]
@@ -74,7 +74,7 @@ def balancing_run(
     columns = {"t": t} | {f"wheel{i + 1}": angles[:, i] for i in range(3)}
     log = Log(columns | {f"gyro_{axis}": gyro[:, i] for i, axis in enumerate("xyz")})
     truth = Log({"t": t} | {name: states[:, i] for i, name in enumerate(STATE_NAMES)})
-    return log, MotionCapture.drawn(seed).film(truth, ball_radius=robot.ball.radius)
+    return log, MotionCapture.drawn(seed).record(truth, ball_radius=robot.ball.radius)
 
 
 def other(**change: object) -> Robot:

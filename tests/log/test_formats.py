@@ -59,8 +59,8 @@ def test_every_value_comes_back_to_the_bit(tmp_path, suffix, log):
         ("t;x\n0;1\n", "line 1: the header is not separated by commas"),
         ("x,y\n0,1\n", "needs the column t"),
         ("t,x\n0,1\n,2\n", "The time t is missing or not finite at row 2"),
-        ("t,x\n0,1\n0,2\n", "Time stands still at row 2"),
-        ("t,x\n1,1\n0,2\n", "Time runs backwards at row 2"),
+        ("t,x\n0,1\n0,2\n", "Time does not increase at row 2"),
+        ("t,x\n1,1\n0,2\n", "Time decreases at row 2"),
     ],
 )
 def test_a_bad_csv_ends_in_a_sentence(tmp_path, text, sentence):

@@ -64,8 +64,8 @@ def test_between_without_rows_is_refused_with_the_logs_range():
         ({"t": [0.0, 1.0], "x": [1.0]}, r"column x has the shape \(1,\)"),
         ({"t": [0.0, 1.0], "x": ["a", "b"]}, "column x does not contain numbers"),
         ({"t": [0.0, float("nan")]}, "missing or not finite at row 2"),
-        ({"t": [0.0, 1.0, 0.5]}, "runs backwards at row 3: t = 0.5 s after 1 s"),
-        ({"t": [0.0, 1.0, 1.0]}, "stands still at row 3"),
+        ({"t": [0.0, 1.0, 0.5]}, "decreases at row 3: t = 0.5 s after 1 s"),
+        ({"t": [0.0, 1.0, 1.0]}, "does not increase at row 3"),
     ],
 )
 def test_invalid_logs_are_refused(columns, sentence):

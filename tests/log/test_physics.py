@@ -75,9 +75,9 @@ def test_short_or_still_log_is_no_error():
 
 @pytest.mark.parametrize("reading", READINGS, ids=[str(k) for k in range(len(READINGS))])
 def test_every_reading_has_its_own_sentence(reading):
-    words = [one.words(("theta", "phi")) for one in READINGS]
-    assert len(set(words)) == len(READINGS)
-    assert (reading.words(("theta", "phi")) == "") == (reading == AS_LOGGED)
+    faults = [one.fault(("theta", "phi")) for one in READINGS]
+    assert len(set(faults)) == len(READINGS)
+    assert (reading.fault(("theta", "phi")) == "") == (reading == AS_LOGGED)
 
 
 @pytest.mark.parametrize("name", ["square_soft", "hold_soft", "thesis_step_soft", "square_stiff"])

@@ -22,7 +22,7 @@ from ballbot.simulation.sensors import (
     FixSource,
     SensorFaults,
 )
-from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import MotionCapture
 
 ALTEN = Robot.load("alten")
 QUIET = replace(ALTEN.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
@@ -176,7 +176,7 @@ def test_cameras_lose_the_robot_for_their_share_of_the_time() -> None:
     whole = MotionCapture.drawn(5)
     losing = replace(whole, gap_rate=0.5, gap_duration=0.4)
     truth = standing(600.0)
-    one, two = whole.film(truth, ball_radius=0.11), losing.film(truth, ball_radius=0.11)
+    one, two = whole.record(truth, ball_radius=0.11), losing.record(truth, ball_radius=0.11)
     lost = np.isnan(two["x"])
     # gaps of 0.4 s in the mean, 300 of them, at times of their own: a share of 1 - exp(-0.2) is covered
     assert lost.mean() == pytest.approx(1 - np.exp(-0.2), abs=0.05)

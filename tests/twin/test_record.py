@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.cli.context import parse_seeds
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
-from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import MotionCapture
 
 
 def test_cameras_can_be_brought_back_to_the_world() -> None:
@@ -21,7 +21,7 @@ def test_cameras_can_be_brought_back_to_the_world() -> None:
     columns |= {"t": t, "x": 0.3 * np.sin(t), "y": 0.2 * np.cos(2 * t), "psi": 0.9 * t}
     columns |= {"theta": 0.1 * np.sin(3 * t), "phi": 0.05 * np.cos(t)}
     cameras = MotionCapture.drawn(7)
-    film = cameras.film(Log(columns), ball_radius=0.11)
+    film = cameras.record(Log(columns), ball_radius=0.11)
     assert len(film) == 1201  # 10 s at 120 Hz
     t_back = (film.t - cameras.clock_offset) / (1 + cameras.clock_rate)
     np.testing.assert_allclose(t_back, np.arange(1201) / 120, atol=1e-9)
@@ -36,7 +36,7 @@ def test_cameras_can_be_brought_back_to_the_world() -> None:
     assert np.std(off) == pytest.approx(1e-3, rel=0.1)
     steps = np.diff(np.column_stack([film[name] for name in ("qw", "qx", "qy", "qz")]), axis=0)
     assert np.abs(steps).max() < 0.05  # no jump of sign
-    assert (cameras.film(Log(columns), ball_radius=0.11)["x"] == film["x"]).all()
+    assert (cameras.record(Log(columns), ball_radius=0.11)["x"] == film["x"]).all()
     assert MotionCapture.drawn(8) != cameras
 
 
@@ -326,6 +326,6 @@ def test_record_refuses_in_one_sentence(
 
 def test_motion_capture_needs_a_pose() -> None:
     with pytest.raises(InputError, match="theta"):
-        MotionCapture.drawn(1).film(
+        MotionCapture.drawn(1).record(
             Log({"t": np.arange(3.0), "x": np.zeros(3), "y": np.zeros(3)}), ball_radius=0.1
         )

@@ -12,7 +12,7 @@ from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.log import Log
-from ballbot.twin.motion_capture import MotionCapture
+from ballbot.twin.recording import MotionCapture
 from ballbot.validation.alignment import align, alignment_findings
 from ballbot.validation.alignment.clock import Clock
 from ballbot.validation.alignment.motion import cube_rotations
@@ -245,7 +245,7 @@ def test_turning_about_one_axis_leaves_the_marker_frame_undetermined():
 def test_the_twins_motion_capture_is_undone(seed):
     setup = MotionCapture.drawn(seed)
     log, _ = record(Setup(seed=seed))
-    film = replace(setup, gap_rate=0.1).film(log, ball_radius=0.11)
+    film = replace(setup, gap_rate=0.1).record(log, ball_radius=0.11)
     found = align(log, film)
     w, *xyz = setup.rotation_wxyz
     assert abs(found.motion.clock.offset - setup.clock_offset) < ONE_MILLISECOND

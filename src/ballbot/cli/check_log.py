@@ -97,7 +97,7 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
     least = min((one.misfit for one in placements), default=1.0)
     rows = [
         (
-            one.words,
+            one.description,
             f"{math.degrees(one.phase):.1f}",
             f"{one.gain:.2f}",
             f"{100.0 * one.unexplained:.1f}",

@@ -47,7 +47,7 @@ for _i in range(1, MAX_WHEELS + 1):
     _UNITS |= {f"u{_i}": "N m", f"wheel{_i}": "rad", f"wheel{_i}_dot": "rad/s"}
 _UNITS |= {f"{TRUE_PREFIX}{name}": _UNITS[name] for name in STATE_NAMES}
 
-#: no cell is larger in any unit; what is, and an infinity, is a value that is missing
+#: largest value of a cell in any unit; a larger one, and an infinity, is a missing value
 LARGEST_CELL = 1e30
 
 #: every name that Ballbot gives a meaning
@@ -55,23 +55,23 @@ KNOWN_NAMES = tuple(_UNITS)
 
 
 def unit_of(name: str) -> str | None:
-    """Return the SI unit of a column by its name, or None where the name is not one of Ballbot's."""
+    """Return the SI unit of a column by its name, or None if the name is not one of Ballbot's."""
     return _UNITS.get(name)
 
 
 def mark_missing(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values with NaN for those that no sensor gives: infinite, or beyond `LARGEST_CELL`."""
-    none = ~(np.abs(values) <= LARGEST_CELL)
-    return np.where(none, np.nan, values) if none.any() else values
+    """Return values with NaN in place of those that are infinite or beyond `LARGEST_CELL`."""
+    missing = ~(np.abs(values) <= LARGEST_CELL)
+    return np.where(missing, np.nan, values) if missing.any() else values
 
 
 def check_column_names(names: Iterable[str], *, source: str) -> None:
-    """Do nothing if all names can be printed.
+    """Check that all names can be printed.
 
     Raises
     ------
     InputError
-        If one holds a control character or another mark that no text shows.
+        If one contains a control character or another one that cannot be printed.
     """
     for place, name in enumerate(names, start=1):
         if not name.isprintable():
@@ -97,12 +97,12 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
 
 
 def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
-    """Return those of `names` that are prefix, number, suffix with the numbers 1, 2, 3 .. without a hole.
+    """Return those of `names` that are prefix, number, suffix with the numbers 1, 2, 3 .. without a gap.
 
     Raises
     ------
     InputError
-        Where there is none, so that the first of them is missing.
+        If the first of them is missing.
     """
     present = set(names)
     found = []
@@ -135,12 +135,12 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
     given : str
         The file's unit; for angles and rates also "counts" and "counts/s" of an encoder.
     counts_per_turn : float, optional
-        Encoder counts in one turn of what the column describes (of the wheel, gear included).
+        Encoder counts in one turn of the wheel, gear included.
 
     Raises
     ------
     InputError
-        Where the unit is not one of that kind, or counts come without `counts_per_turn`.
+        If the unit is not one of that kind, or counts come without `counts_per_turn`.
     """
     units = FACTORS[unit]
     if given in units:

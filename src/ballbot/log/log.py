@@ -1,12 +1,12 @@
-"""`Log`: the one time series that every experiment, simulated or real, is.
+"""`Log`: the time series of an experiment, simulated or real.
 
 A log is a table of equally long columns of float64, named and in the units of `ballbot.log.columns`, in rows
-of strictly increasing time. Row k holds what was measured at t_k and the torques held from t_k to t_(k+1).
+of strictly increasing time. Row k has the measurements at t_k and the torques held from t_k to t_(k+1).
 
-NaN marks a value that is missing, as one is that is infinite or beyond all measure (`LARGEST_CELL`). Reading keeps it,
-and `log[name]` gives the column as it is; whatever computes asks through `require`, `states`, `torques`,
-`wheel_speeds` or `reference`, and these refuse NaN with a sentence, so that it cannot travel on unseen. `summarize`
-gives the range, gaps and rate of change of each column.
+NaN marks a missing value; an infinite one, or one beyond `LARGEST_CELL`, is missing too. Reading keeps it, and
+`log[name]` gives the column with it. Computations use `require`, `states`, `torques`, `wheel_speeds` or `reference`,
+which refuse NaN with a message, so that it cannot spread unnoticed. `summarize` gives the range, missing values and
+rate of change of each column.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, mark_missing, numbered
 if TYPE_CHECKING:
     from ballbot.log.mapping import LogMapping
 
-#: no log is longer [s], and no rows are closer together
+#: longest log and shortest interval between rows [s]
 LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
-#: in what a time is that was taken for seconds, by the interval that rows at 1 to 1000 Hz then seem to have [s]
+#: units that may be mistaken for seconds, with the least interval of rows at 1 to 1000 Hz in that unit [s]
 _CLOCKS = (("nanoseconds", 1e6), ("microseconds", 1e3), ("milliseconds", 1.0))
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
@@ -43,12 +43,12 @@ class Log:
     columns : mapping of str to (N,) array
         The columns by name, `t` [s] among them; copied, and read-only afterwards.
     ended : str, optional
-        Why a simulated run stopped before its time ("fallen: ..."); not kept in files, nor where rows are cut.
+        Why a simulated run stopped early ("fallen: ..."); not kept in files, nor if rows are cut.
 
     Raises
     ------
     InputError
-        Where `t` is missing or does not strictly increase, a column is not one of numbers, or lengths differ.
+        If `t` is missing or does not strictly increase, a column is not one of numbers, or lengths differ.
     """
 
     columns: Mapping[str, NDArray[np.float64]]
@@ -74,13 +74,13 @@ class Log:
             A file of one of the `ballbot.log.formats` (CSV, Parquet, MATLAB) with Ballbot's column names; with a
             mapping, with any names, and tables of text in any layout.
         mapping : str, Path or LogMapping, optional
-            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or what was read
-            from it.
+            How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or its
+            content.
 
         Raises
         ------
         InputError
-            Where the file or the mapping cannot be read or does not make a log. Cells without a value become
+            If the file or the mapping cannot be read or does not make a log. Cells without a value become
             NaN.
         """
         from ballbot.log import formats
@@ -97,12 +97,12 @@ class Log:
             raise InputError(f"{path}: {error}") from None
 
     def write(self, path: str | Path) -> None:
-        """Write the log to `path`, as CSV or Parquet by its suffix; every value reads back to the same bits.
+        """Write the log to `path`, in the format of its suffix; every value reads back to the same bits.
 
         Raises
         ------
         InputError
-            Where the suffix is another or the file cannot be written.
+            If no format with that suffix is written, or the file cannot be written.
         """
         from ballbot.log import formats
 
@@ -156,12 +156,12 @@ class Log:
 
     @property
     def wheel_angles(self) -> NDArray[np.float64]:
-        """The wheel angles wheel1 .. (N, n) [rad], what the encoders see; NaN refused."""
+        """The wheel angles wheel1 .. (N, n) [rad] of the encoders; NaN refused."""
         return self._table(numbered_names(self.names, prefix="wheel"))
 
     @property
     def wheel_speeds(self) -> NDArray[np.float64]:
-        """The wheel speeds wheel1_dot .. (N, n) [rad/s], what the encoders see; NaN refused."""
+        """The wheel speeds wheel1_dot .. (N, n) [rad/s] of the encoders; NaN refused."""
         return self._table(numbered_names(self.names, prefix="wheel", suffix="_dot"))
 
     @property
@@ -174,12 +174,12 @@ class Log:
         return reference
 
     def require(self, *names: str) -> None:
-        """Do nothing where every one of `names` is a column and finite throughout.
+        """Check that every one of `names` is a column and finite throughout.
 
         Raises
         ------
         InputError
-            Naming the columns that are missing, else the first column with a NaN or an infinity, and where.
+            If one is missing or has a NaN or an infinity; the message names the columns, or the first row.
         """
         missing = [name for name in names if name not in self.columns]
         if missing:
@@ -190,7 +190,7 @@ class Log:
                 raise InputError(
                     f"The log's column {name} has {bad.size} of {len(self)} values missing "
                     f"or not finite, the first at row {bad[0] + 1} (t = {self.t[bad[0]]:g} "
-                    "s); fill them, or use a part of the log without them."
+                    "s). Fill them, or use a part of the log without them."
                 )
 
     def between(self, start: float, end: float) -> Log:
@@ -199,7 +199,7 @@ class Log:
         Raises
         ------
         InputError
-            Where there is none.
+            If there is no such row.
         """
         kept = (self.t >= start) & (self.t < end)
         if not kept.any():
@@ -210,7 +210,7 @@ class Log:
         return Log({name: values[kept] for name, values in self.columns.items()})
 
     def select(self, rows: slice) -> Log:
-        """Return the rows that a slice with a positive step picks; InputError where there is none."""
+        """Return the rows of a slice with a positive step; InputError if there are none."""
         return Log({name: values[rows] for name, values in self.columns.items()})
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
@@ -219,14 +219,14 @@ class Log:
         return Log({**self.columns, **added}, self.ended)
 
     def truth(self) -> Log:
-        """Return the log of a simulated run with what was true in place of what the sensors said.
+        """Return the log of a simulated run with the true states in place of the measured ones.
 
         The columns true_x .. true_psi_dot become x .. psi_dot; all else stays.
 
         Raises
         ------
         InputError
-            Where the log carries no truth.
+            If the log has no true states.
         """
         true_names = [TRUE_PREFIX + name for name in STATE_NAMES]
         missing = [name for name in true_names if name not in self.columns]
@@ -238,7 +238,7 @@ class Log:
         return Log(kept | {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}, self.ended)
 
     def without_truth(self) -> Log:
-        """Return the log without its true_* columns: what a real robot would have given."""
+        """Return the log without its true_* columns, as of a real robot."""
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
         return Log(kept, self.ended)
 
@@ -275,17 +275,17 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
 
 
 def _check_time(t: NDArray[np.float64]) -> None:
-    lost = np.flatnonzero(~np.isfinite(t))
-    if lost.size:
+    unknown = np.flatnonzero(~np.isfinite(t))
+    if unknown.size:
         raise InputError(
-            f"The time t is missing or not finite at row {lost[0] + 1}; every row needs its time."
+            f"The time t is missing or not finite at row {unknown[0] + 1}; every row needs its time."
         )
     wrong = np.flatnonzero(np.diff(t) <= 0.0)
     if wrong.size:
         k = int(wrong[0]) + 1
-        what = "stands still" if t[k] == t[k - 1] else "runs backwards"
+        change = "does not increase" if t[k] == t[k - 1] else "decreases"
         raise InputError(
-            f"Time {what} at row {k + 1}: t = {t[k]:.9g} s after "
+            f"Time {change} at row {k + 1}: t = {t[k]:.9g} s after "
             f"{t[k - 1]:.9g} s. Sort the rows or split the log."
         )
     close = np.flatnonzero(np.diff(t) < SHORTEST)
@@ -301,7 +301,7 @@ def _check_time(t: NDArray[np.float64]) -> None:
 
 
 def _why_long(t: NDArray[np.float64]) -> str:
-    """Return the rest of the sentence on a log that is too long: one stray time, or a wrong unit."""
+    """Return the rest of the sentence on a log that is too long: one wrong time, or a wrong unit."""
     intervals = np.diff(t)
     k = int(np.argmax(intervals))
     usual = float(np.median(intervals))
@@ -310,7 +310,7 @@ def _why_long(t: NDArray[np.float64]) -> str:
             f": t jumps from {t[k]:.9g} to {t[k + 1]:.9g} s at row {k + 2}. "
             "Correct that time, or remove the rows on one side of it."
         )
-    units = [word for word, least in _CLOCKS if usual >= least]
+    units = [unit for unit, least in _CLOCKS if usual >= least]
     perhaps = f" and is perhaps in {units[0]}" if units else ""
     return (
         f", with rows every {format_duration(usual)}: t is in seconds{perhaps}. "
@@ -332,10 +332,10 @@ class ColumnSummary:
 
     name: str
     unit: str | None  #: None for a name that is not Ballbot's
-    least: float | None  #: of the finite values; None where there is none
+    least: float | None  #: of the finite values; None if there are none
     greatest: float | None
     missing: int  #: cells that are NaN or infinite
-    change_rate: float  #: how often the value changes [1/s]: of a slow sensor, its own rate
+    change_rate: float  #: changes of the value per second; for a slow sensor its own rate
 
 
 def summarize(log: Log) -> tuple[ColumnSummary, ...]:

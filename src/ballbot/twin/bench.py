@@ -1,4 +1,4 @@
-"""The twin on the bench: the robot held, its motors driven by torques that are given beforehand.
+"""The twin on the bench: the robot is clamped, its motors follow given torques.
 
 On the stand the wheels are in the air (thesis 3.1, Figure 3.1). Upside down the ball lies on the wheels (3.2, 3.3
 and Appendix V) and a camera gives its angular velocity in the body's frame.
@@ -32,7 +32,7 @@ CAMERA_NOISE = 0.03
 
 @dataclass(frozen=True, kw_only=True)
 class BenchRun:
-    """What was logged, and the same columns as they were."""
+    """The log of a run, and the same columns with the true values."""
 
     log: Log  #: t, u*, wheel*, wheel*_dot, and upside down ball_omega_x, _y, _z
     truth: Log
@@ -47,20 +47,20 @@ def run_bench(
     seed: int = 0,
     progress: ProgressCallback = ignore_progress,
 ) -> BenchRun:
-    """Drive the motors of a robot that is held.
+    """Drive the motors of a clamped robot.
 
     Parameters
     ----------
     robot : Robot
     scenario : Scenario
-        Its pushes, bumps, timing and IMU have no part in this.
+        Its pushes, bumps, timing and IMU have no effect here.
     torques : array (N, n)
-        Commanded at each sample [N m]; noise and limits come upon them.
+        Commanded at each sample [N m], before noise and limits.
     bench : {"stand", "upside_down"}
     seed : int
-        Of wheels, play and noise.
+        Random seed of wheels, play and noise. The same seed gives the same result.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1, from time to time.
+        Called with the progress of the run.
 
     Raises
     ------
@@ -71,13 +71,13 @@ def run_bench(
     if torques.ndim != 2 or torques.shape[1] != count or not len(torques) or not np.isfinite(torques).all():
         raise InputError(f"The torques must be rows of {count} finite numbers, not of shape {torques.shape}.")
     engine = Engine(twin_mjcf(robot, scenario, mounting=bench))
-    held = _Held(robot, scenario, engine, bench, seed)
+    clamped = _ClampedRobot(robot, scenario, engine, bench, seed)
     measured, true = [], []
     for k, torque in enumerate(torques):
-        before, truth = held.read()
+        before, truth = clamped.read()
         measured.append(before)
         true.append(truth)
-        held.advance(torque)
+        clamped.advance(torque)
         if k % 200 == 0:
             progress(Progress(stage="simulating", done=k, total=len(torques)))
     t = scenario.sensors.sample_time * np.arange(len(torques), dtype=np.float64)
@@ -90,8 +90,8 @@ def run_bench(
     return BenchRun(log=logs[0], truth=logs[1])
 
 
-class _Held:
-    """A held robot between two samples."""
+class _ClampedRobot:
+    """A clamped robot between two samples."""
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine, bench: Bench, seed: int) -> None:
         self._engine = engine
@@ -112,12 +112,12 @@ class _Held:
             self._spin = engine.qvel[velocity + 3 : velocity + 6]
 
     def read(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return a row as the sensors have it, and as it is."""
+        """Return a row as the sensors measure it, and the true one."""
         angles = self._shafts.angles()
         row = np.concatenate(self._encoders.read(angles))
         truth = np.concatenate((angles - self._start, self._driveline.speeds))
         if self._with_ball:
-            omega = rotated(self._orientation, self._spin)  # the engine has it in the ball's own frame
+            omega = rotated(self._orientation, self._spin)  # the engine gives it in the ball's frame
             truth = np.concatenate((truth, omega))
             row = np.concatenate((row, omega + CAMERA_NOISE * self._random.standard_normal(3)))
         return row, truth
@@ -133,7 +133,7 @@ class _Held:
 
 
 def sweep_torques(robot: Robot, scenario: Scenario, *, duration: float) -> NDArray[np.float64]:
-    """Return the thesis's driveline sweep (N, n): 1 N m, a sine of 62.83 s, alike at every wheel (3.1)."""
+    """Return the thesis's driveline sweep (N, n): a sine of 1 N m and 62.83 s, equal at every wheel (3.1)."""
     t = _times(scenario, duration)
     return np.repeat(np.sin(2 * np.pi * t / 62.83)[:, None], robot.wheel_count, axis=1)
 

@@ -6,14 +6,13 @@ Each wheel's friction acts on the motor's speed w relative to the body, the spee
     tau(w) = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)
 
 The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo solves as a constraint
-that really holds at rest; its size follows the speed and is set before each step. It may differ forward and backward,
-and follow the force between wheel and ball. LuGre's and Dahl's bristles, Armstrong's spring at rest and the smoothed
-law have a force that is known from their own state and the speed; the engine is given that force (`Bristles`).
+that sticks exactly at rest; its size depends on the speed and is set before each step. It may differ forward and
+backward, and depend on the force between wheel and ball. The force of LuGre's and Dahl's bristles, of Armstrong's
+spring at rest and of the smoothed law follows from their state and the speed; `Bristles` applies it to the engine.
 
 Shafts give the angles that encoders see. Wheels with rollers simply turn. A wheel that touches the ball in a single
-point has one roller, which must stay under the ball: before each step such a wheel is turned back to where its roller
-touches, and the angle that it had turned is kept. Its speeds, the roller's among them, go on; the error of a step
-shrinks with the step.
+point has one roller, which must stay under the ball: before each step such a wheel is turned back until its roller
+touches, and the angle is added up. All speeds stay; the error of a step shrinks with the step.
 """
 
 from __future__ import annotations
@@ -54,11 +53,11 @@ class Bristles:
         self.reset()
 
     def reset(self) -> None:
-        """Let every law be as after a long rest."""
+        """Set every law to its state after a long rest."""
         self._states = [law.initial_state(self._step) for law in self._laws]
 
     def prepare_step(self) -> None:
-        """Set the friction of the physics step to come, and let the laws' states follow the speed."""
+        """Set the friction of the next physics step, and update the laws' states with the speed."""
         forces = np.empty(len(self._laws))
         for i, (law, speed) in enumerate(zip(self._laws, self._speeds.tolist(), strict=True)):
             self._states[i] = advance(law, self._states[i], speed=speed, step=self._step)
@@ -77,7 +76,7 @@ class Motors:
     Parameters
     ----------
     robot : Robot
-        Torque limit, and what follows from the supply.
+        Torque limit, supply and drive.
     scenario : Scenario
     engine : Engine
         Has a motor "wheel 1" to "wheel n".
@@ -90,7 +89,7 @@ class Motors:
         self._limited = False
         loop = scenario.current_loop
         self._lags = loop is not None
-        #: part of the way to the command that a driver's torque goes in a step
+        #: fraction of the difference to the command by which a driver's torque changes in a step
         self._fraction = 1.0 if loop is None else -math.expm1(-2 * math.pi * loop.bandwidth * engine.timestep)
         self._battery = Battery(robot, scenario.supply) if scenario.supply else None
         self._top = wheel_speed_limit(
@@ -98,24 +97,24 @@ class Motors:
             speed_constant=robot.drive.speed_constant,
             gear_ratio=robot.drive.gear_ratio,
         )
-        #: speed above which a step must look at the supply; always where there is a lag or a battery
+        #: speed above which the supply limits a step; below zero, always, with a lag or a battery
         plain = loop is None and scenario.supply is None
         self.knee = (1.0 - _FALLING_PART) * self._top if plain else -1.0
 
     def reset(self) -> None:
-        """Let no torque act, and none be on its way."""
+        """Set all torques to zero, also those that a lag delays."""
         self._command = np.zeros_like(self._command)
         self._torques[:] = 0.0
         self._limited = False
 
     def command(self, torques: NDArray[np.float64]) -> None:
-        """Take the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
+        """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
         self._command = np.minimum(np.maximum(torques, -self._limit), self._limit)
         if self.knee > 0.0:
             self._torques[:] = self._command
 
     def prepare_step(self, speeds: NDArray[np.float64], *, fast: bool) -> None:
-        """Set the torques for the physics step to come.
+        """Set the torques for the next physics step.
 
         Parameters
         ----------
@@ -143,7 +142,7 @@ class Motors:
 
 
 class Battery:
-    """What a battery with an inner resistance lets through the motors' windings; see `ballbot.twin.faults.Supply`."""
+    """A battery with an internal resistance and the motors' windings; see `ballbot.twin.faults.Supply`."""
 
     def __init__(self, robot: Robot, supply: Supply) -> None:
         drive = robot.drive
@@ -155,14 +154,14 @@ class Battery:
         self.voltage = self._full  #: [V] at the last step
 
     def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the torques (n,) [N m] that can flow of those asked, at motor speeds (n,) [rad/s]."""
+        """Return the requested torques (n,) [N m] within the limits at motor speeds (n,) [rad/s]."""
         current = torques / self._ampere
         power = float(torques @ speeds + self._winding * (current @ current))
-        # a loaded battery gives V = V_0 - R_i P / V_0; it takes back what braking motors give
+        # a loaded battery has V = V_0 - R_i P / V_0; braking motors charge it
         self.voltage = max(self._full - self._inner * power / self._full, 0.0)
         most = self._ampere * self.voltage / self._winding
-        lost = self._ampere * self._back / self._winding * speeds
-        return np.clip(torques, -most - lost, most - lost)
+        back_emf = self._ampere * self._back / self._winding * speeds
+        return np.clip(torques, -most - back_emf, most - back_emf)
 
 
 class Shafts:
@@ -173,7 +172,7 @@ class Shafts:
     robot : Robot
     scenario : Scenario
     engine : Engine
-        Has a hinge "wheel 1" to "wheel n", and "play 1" to "play n" where the scenario has play or a spring.
+        Has a hinge "wheel 1" to "wheel n", and "play 1" to "play n" if the scenario has play or a spring.
     """
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
@@ -187,7 +186,7 @@ class Shafts:
         self._turned = np.zeros(count)
 
     def reset(self, random: np.random.Generator) -> None:
-        """Put every wheel at any angle, and the motor anywhere within its play."""
+        """Set each wheel to a random angle, and the motor to a random place within its play."""
         count = len(self._hinges)
         self._hinges[:] = random.uniform(0.0, 2 * np.pi, count)
         if self._backlash > 0 and self._play is not None:
@@ -205,14 +204,14 @@ class Shafts:
         return self.angles() if self._play is None else self.angles() + self._play
 
     def turn_back(self) -> None:
-        """Put the single roller of every wheel where it touches the ball."""
+        """Turn every wheel so that its single roller touches the ball."""
         turn = self._hinges if self._play is None else self._hinges + self._play
         turn = turn.copy()
         self._turned += turn
         self._hinges -= turn
 
 
-# Speed below which a wheel may turn either way, and its torque says which way it would leave
+# Speed below which a wheel may turn either way; the sign of its torque is then the direction in which it would start
 _AT_REST = 1e-3  # [rad/s]
 
 
@@ -241,7 +240,7 @@ class Driveline:
     robot : Robot
         Torque limit, and the supply's speed limit.
     scenario : Scenario
-        The friction that is true.
+        Has the true friction.
     engine : Engine
         Has a hinge and a motor "wheel 1" to "wheel n".
     """
@@ -268,17 +267,17 @@ class Driveline:
             self._scalings.append(Load(robot, scenario.load_dependence.fraction, engine))
 
     def reset(self) -> None:
-        """Let no torque act, and friction be as after a long rest."""
+        """Set all torques to zero, and friction to its value after a long rest."""
         self._motors.reset()
         if self._bristles:
             self._bristles.reset()
 
     def command(self, torques: NDArray[np.float64]) -> None:
-        """Take the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
+        """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
         self._motors.command(torques)
 
     def prepare_step(self) -> None:
-        """Set torques and dry friction for the physics step to come, from the speeds at its start."""
+        """Set torques and dry friction for the next physics step, from the speeds at its start."""
         fastest = _stribeck_sizes(self.speeds, *self._curve, self._dry_friction)
         self._motors.prepare_step(self.speeds, fast=fastest > self._motors.knee)
         for scaling in self._scalings:
@@ -304,7 +303,7 @@ class DirectedTerms:
 
 
 class Asymmetry:
-    """Dry friction that is larger forward than backward, or the other way."""
+    """Dry friction that differs between forward and backward."""
 
     def __init__(self, asymmetry: float, speeds: NDArray[np.float64], torques: NDArray[np.float64]) -> None:
         self._asymmetry = asymmetry
@@ -318,7 +317,7 @@ class Asymmetry:
 
 
 class Load:
-    """Dry friction that follows the force between a wheel and the ball, as it was in the last step."""
+    """Dry friction that depends on the force between a wheel and the ball in the last step."""
 
     def __init__(self, robot: Robot, fraction: float, engine: Engine) -> None:
         self._fraction = fraction

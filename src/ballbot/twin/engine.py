@@ -1,6 +1,6 @@
-"""MuJoCo, as far as the twin uses it, and the way from the robot's ten states to its coordinates and back.
+"""MuJoCo behind a typed interface, and the conversion between the robot's ten states and MuJoCo's coordinates.
 
-This is the one module that imports MuJoCo. Its bindings carry no types; behind `Engine` the rest of the twin has them.
+This is the only module that imports MuJoCo, whose bindings have no types.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from ballbot.mechanics.geometry import body_rates_matrix, rotation
 
 
 class Engine:
-    """A compiled MJCF document and its state, as arrays that stay where they are.
+    """A compiled MJCF document and its state, as arrays.
 
-    The arrays are views into MuJoCo's own memory: what is written into them takes effect, and what is read
-    from them changes with `step`.
+    The arrays are views into MuJoCo's memory: values written into them take effect, and `step` changes them.
 
     Raises
     ------
@@ -48,11 +47,11 @@ class Engine:
         self.damping: NDArray[np.float64] = self.model.dof_damping
         #: torques of the motors [N m]
         self.torques: NDArray[np.float64] = self.data.ctrl
-        #: generalised forces that come upon all others
+        #: generalised forces in addition to all others
         self.applied: NDArray[np.float64] = self.data.qfrc_applied
 
     def reset(self) -> None:
-        """Put everything where the document says, at rest, and forget the solver's last solution."""
+        """Set the state of the document, at rest, without the solver's last solution."""
         self._mujoco.mj_resetData(self.model, self.data)  # pyright: ignore[reportAttributeAccessIssue]
 
     def step(self) -> None:
@@ -83,7 +82,7 @@ class Engine:
         return sums.astype(np.float64)
 
     def geoms_below(self, prefix: str) -> list[int]:
-        """Return the geoms whose name begins so."""
+        """Return the geoms whose names begin with a prefix."""
         names = (self.model.geom(i).name for i in range(self.model.ngeom))
         return [i for i, name in enumerate(names) if name.startswith(prefix)]
 
@@ -96,23 +95,23 @@ class Engine:
         return self.data.xfrc_applied[self.model.body(body).id]
 
     def center_of_mass(self, body: str) -> NDArray[np.float64]:
-        """Return a view (3,) of where a body's own centre of mass was at the last step's start [m]."""
+        """Return a view (3,) of the position of a body's centre of mass at the last step's start [m]."""
         return self.data.xipos[self.model.body(body).id]
 
     def first_position(self, joint: str) -> int:
-        """Return where a joint's first coordinate lies in `qpos`."""
+        """Return the index of a joint's first coordinate in `qpos`."""
         return int(self.model.joint(joint).qposadr[0])
 
     def first_velocity(self, joint: str) -> int:
-        """Return where a joint's first coordinate lies in `qvel`."""
+        """Return the index of a joint's first coordinate in `qvel`."""
         return int(self.model.joint(joint).dofadr[0])
 
     def positions(self, kind: str, count: int) -> slice:
-        """Return where the hinges "kind 1" to "kind count" lie in `qpos`, one for each wheel."""
+        """Return the indices of the hinges "kind 1" to "kind count" in `qpos`, one for each wheel."""
         return _evenly_spaced(self.first_position(f"{kind} 1"), self.first_position(f"{kind} 2"), count)
 
     def velocities(self, kind: str, count: int) -> slice:
-        """Return where the hinges "kind 1" to "kind count" lie in `qvel`, one for each wheel."""
+        """Return the indices of the hinges "kind 1" to "kind count" in `qvel`, one for each wheel."""
         return _evenly_spaced(self.first_velocity(f"{kind} 1"), self.first_velocity(f"{kind} 2"), count)
 
 
@@ -129,7 +128,7 @@ def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDA
     quaternion_wxyz : array (4,)
         Unit quaternion, body to world.
     near_psi : float
-        The heading's turns are chosen so that psi lies within half a turn of this [rad].
+        A heading [rad]; psi is within half a turn of it.
     """
     w, x, y, z = quaternion_wxyz.tolist()
     theta = math.atan2(2 * (w * x - y * z), 1 - 2 * (x * x + y * y))
@@ -166,7 +165,7 @@ def encoder_speeds(
 
 
 def rotated(quaternion_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a vector (3,) of a body's frame in the frame that the body's unit quaternion leads to."""
+    """Return a vector (3,), given in a body's frame, in the frame that the body's unit quaternion refers to."""
     w, axis = float(quaternion_wxyz[0]), quaternion_wxyz[1:]
     twice = 2.0 * np.cross(axis, vector)
     return vector + w * twice + np.cross(axis, twice)

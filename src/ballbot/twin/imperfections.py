@@ -1,10 +1,10 @@
-"""What of a twin's scenario the equations of motion can have: its sensors, delay, play, torque noise and floor.
+"""A twin's scenario on the equations of motion: its sensors, delay, play, torque noise and floor.
 
     plant = SensedPlant(Model(robot), imperfections_of(scenario), known=robot)
 
-Left out without a word, because the equations have their own or none at all: rollers and how wheels touch the ball,
-its grip and its softness by `contact_time`, `timestep`, and friction, which is the model's (`true_model` makes the
-model with the scenario's). A fault that the equations cannot have is refused.
+Not used, because the equations have their own or none: rollers and wheel contact, grip, `contact_time`, `timestep`,
+and friction, which is the model's (`true_model` returns the model with the scenario's friction). A fault that the
+equations cannot have is refused.
 """
 
 from __future__ import annotations
@@ -65,6 +65,6 @@ def imperfections_of(scenario: Scenario) -> Imperfections:
 def true_model(robot: Robot, scenario: Scenario) -> Model:
     """Return the model of a twin: the robot with the scenario's friction of drivelines and rolling.
 
-    The ball does not pivot, as on the twin it hardly does. Faults of the scenario besides are not in the model.
+    The ball does not pivot; on the twin it pivots little. Other faults of the scenario are not in the model.
     """
     return Model(robot.replace(friction=scenario.friction))

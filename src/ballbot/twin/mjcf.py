@@ -9,7 +9,7 @@
           `- roller i.k    hinge, turns freely
 
 The ball meets the floor through a contact pair of its own, with pivoting and rolling friction, and the rollers through
-ordinary contacts with sliding friction only: rollers that inherited the floor's pivoting friction would hold the
+ordinary contacts with sliding friction only: rollers with the floor's pivoting friction would fix the
 ball's heading and the robot would fall.
 
 Wheels. The rotor's reflected inertia j_r is the armature of "wheel i"; the wheel follows the rotor through "play i", a
@@ -87,7 +87,7 @@ def add_soft_contacts(root: ET.Element, scenario: Scenario, hard: str) -> None:
     scenario : Scenario
         Has softness.
     hard : str
-        The same document without softness: from it MuJoCo tells the bodies' inverse weights.
+        The same document without softness, from which MuJoCo computes the bodies' inverse weights.
 
     Raises
     ------
@@ -263,7 +263,7 @@ def _roller(
 Mounting = Literal["floor", "stand", "upside_down"]
 
 # MuJoCo's impedance d: dry friction gives way like a damper below a speed that grows with (1 - d)/d. Its
-# default of 0.9 to 0.95 lets a slowly rolling ball coast on as if in oil; this lets it stop.
+# default of 0.9 to 0.95 lets a slowly rolling ball coast on as if in oil; with this it stops.
 _HARD = "0.999 0.999 0.001"
 
 _ALUMINIUM = 2700.0  # [kg/m^3]
@@ -341,10 +341,10 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
         cone="elliptic",
         impratio="10",
         # twice as fast as "dense" here; MuJoCo 4.0.0 factors some sparse Hessians wrongly (its issue 3767,
-        # mended in 4.0.1), which tests/twin/test_physics.py shows not to touch this robot
+        # fixed in 4.0.1); tests/twin/test_physics.py shows that this robot is not affected
         jacobian="sparse",
     )
-    # without "autoreset" off, a state that is no longer finite becomes the upright one, without a word; the
+    # without "autoreset" off, MuJoCo silently replaces a state that is not finite by the upright one; the
     # midphase sorts the geoms within a body, of which every body here has one, and takes a sixth of the step
     ET.SubElement(option, "flag", autoreset="disable", midphase="disable")
     default = ET.SubElement(root, "default")

@@ -2,12 +2,12 @@
 
 The robot file gives the body with its locked wheels as one (m_r, l, J_0) and a wheel only by its radius and
 its inertia about the axle j_w. The twin's parts are chosen so that, with all joints locked, mass, centre of
-mass and J_0 are again the robot's, and each wheel has j_w about its axle. What the file leaves open is set
-here: a wheel weighs what a uniform disc of its radius and inertia would, and its rollers hold two fifths of
-j_w. A wheel that touches in a single point has one roller there, all but without mass, and j_w in its hub.
+mass and J_0 are again the robot's, and each wheel has j_w about its axle. Two values that the file does not give are
+set here: a wheel has the mass of a uniform disc of its radius and inertia, and its rollers have two fifths of j_w. A
+wheel that touches in a single point has one roller there, almost without mass, and j_w in its hub.
 
-Some published bodies are too light for such wheels, or have an inertia without them (`rob311`). Then the wheels weigh
-a half, a quarter ... of the disc, with j_w kept, until what remains is a body.
+Some published bodies are too light for such wheels, or have an inertia without them (`rob311`). Their wheels have a
+half, a quarter ... of the disc's mass, with the same j_w, until the rest is a physical body.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ballbot.errors import InputError
 from ballbot.mechanics.geometry import axles, contact_directions, rolling_directions
 from ballbot.robot import Robot, Rollers
 
-_ROLLER_SHARE = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
-_POINT_SHARE = 1e-3  # sideways its spin then weighs some 0.1 g
+_ROLLER_FRACTION = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
+_POINT_FRACTION = 1e-3  # sideways its spin then weighs some 0.1 g
 _LIGHTEST = 1.0 / 64.0  # of the disc's mass
 
 
@@ -63,14 +63,14 @@ class WheelParts:
 class WheelSplit(Protocol):
     """Splits a wheel into hub and rollers."""
 
-    def __call__(self, robot: Robot, rollers: Rollers, *, mass_share: float) -> WheelParts:
-        """Return the parts of a wheel that weighs that share of a disc."""
+    def __call__(self, robot: Robot, rollers: Rollers, *, mass_fraction: float) -> WheelParts:
+        """Return the parts of a wheel that has that fraction of a disc's mass."""
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class BodyParts:
-    """What remains of the body once the wheels are taken off it."""
+    """The body without its wheels."""
 
     mass: float  #: [kg]
     center_of_mass: NDArray[np.float64]  #: (3,) from the ball's centre, body frame [m]
@@ -81,14 +81,14 @@ def wheel_frames(robot: Robot) -> NDArray[np.float64]:
     """Return R_body_wheel (n, 3, 3): columns are the wheel frames' axes in the body frame.
 
     x points from the wheel to the contact (-n_i), y along the rolling direction t_i, z along the hinge. The
-    hinge axis is -a_i: where a wheel turns by +1 about it, the ball turns about +a_i, as gears do.
+    hinge axis is -a_i: if a wheel turns by +1 about it, the ball turns about +a_i, as gears do.
     """
     n = contact_directions(robot.wheels)
     return np.stack((-n, rolling_directions(robot.wheels), -axles(robot.wheels)), axis=-1)
 
 
 def split_robot(robot: Robot, rollers: Rollers, *, wheel_of: WheelSplit) -> tuple[WheelParts, BodyParts]:
-    """Split the robot's body into one wheel, all being alike, and what remains without the wheels.
+    """Split the robot's body into one wheel, all being alike, and the body without wheels.
 
     Parameters
     ----------
@@ -100,30 +100,30 @@ def split_robot(robot: Robot, rollers: Rollers, *, wheel_of: WheelSplit) -> tupl
     Raises
     ------
     InputError
-        If nothing physical remains, however light the wheels.
+        If the rest is not physical, however light the wheels.
     """
-    share, refusal = 1.0, InputError()
-    while share >= _LIGHTEST:
-        wheel = wheel_of(robot, rollers, mass_share=share)
+    fraction, refusal = 1.0, InputError()
+    while fraction >= _LIGHTEST:
+        wheel = wheel_of(robot, rollers, mass_fraction=fraction)
         try:
             return wheel, body_parts(robot, wheel)
         except InputError as error:
-            refusal = error if share == 1.0 else refusal
-        share *= 0.5
+            refusal = error if fraction == 1.0 else refusal
+        fraction *= 0.5
     raise refusal
 
 
-def point_wheel_parts(robot: Robot, rollers: Rollers, *, mass_share: float = 1.0) -> WheelParts:
-    """Split a wheel that has a single roller, a sphere, where it touches the ball."""
+def point_wheel_parts(robot: Robot, rollers: Rollers, *, mass_fraction: float = 1.0) -> WheelParts:
+    """Split a wheel that has a single roller, a sphere, at its contact with the ball."""
     single = replace(rollers, rows=1, per_row=1)
-    parts = wheel_parts(robot, single, roller_share=_POINT_SHARE, mass_share=mass_share)
+    parts = wheel_parts(robot, single, roller_fraction=_POINT_FRACTION, mass_fraction=mass_fraction)
     return replace(parts, roller_half_length=rollers.radius)
 
 
 def wheel_parts(
-    robot: Robot, rollers: Rollers, *, roller_share: float = _ROLLER_SHARE, mass_share: float = 1.0
+    robot: Robot, rollers: Rollers, *, roller_fraction: float = _ROLLER_FRACTION, mass_fraction: float = 1.0
 ) -> WheelParts:
-    """Split a wheel into hub and rollers, its mass a share of a disc's.
+    """Split a wheel of a fraction of a disc's mass into hub and rollers.
 
     The rollers are ellipsoids of half length sqrt(r_w r_roller): their middle then curves like the wheel's
     rim. A row lies `offset` off the wheel's middle plane, so it meets the ball below its own highest point,
@@ -135,9 +135,9 @@ def wheel_parts(
     count = rollers.rows * rollers.per_row
     across = (rollers.radius**2 + half_length**2) / 5  # inertia over mass, ellipsoid
     along = 2 * rollers.radius**2 / 5
-    in_rollers = mass_share * roller_share
+    in_rollers = mass_fraction * roller_fraction
     roller_mass = in_rollers * inertia / (count * (ring**2 + across))
-    hub_mass = mass_share * 2 * inertia / radius**2 - count * roller_mass
+    hub_mass = mass_fraction * 2 * inertia / radius**2 - count * roller_mass
     hub_axial = (1 - in_rollers) * inertia
 
     offset = (rollers.rows - 1) * rollers.row_spacing / 2
@@ -174,12 +174,12 @@ def check_rollers(rollers: Rollers, robot: Robot) -> None:
 
 
 def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
-    """Take the wheels off the robot's body.
+    """Return the robot's body without the wheels.
 
     Raises
     ------
     InputError
-        If nothing physical remains: the wheels are too heavy for the body.
+        If the rest is not physical: the wheels are too heavy for the body.
     """
     frames = wheel_frames(robot)
     centers = -wheel.center_distance * frames[:, :, 0]

@@ -1,11 +1,18 @@
-"""A recorded run of the twin: what a real robot would have logged, what was true, what cameras saw.
+"""A recorded run of the twin: its log, the true values, and motion capture.
 
-log                  what a real robot would have logged
-truth                the same rows as they were
-motion_capture       the cameras' view, in their own frame and time; not on the bench
+log                  the columns that a real robot logs
+truth                the same rows with the true values
+motion_capture       the ball's centre and the body's orientation, in the cameras' frame and time; not on the bench
 
-`twin_findings` says whether the twin can simulate a robot and the nominal controller balance it: what `ballbot record`
-would refuse.
+Motion capture has a frame, a clock and noise of its own, which follow from a seed:
+
+    t_camera = (1 + clock_rate) t + clock_offset
+    p_camera = R_camera_world p + origin
+    q_camera_body = q_camera_world q_world_body
+
+The columns are NaN while too few cameras see the robot. An alignment of log and cameras is tested against the setup.
+
+`twin_findings` checks whether the twin can simulate a robot and the nominal controller can balance it.
 """
 
 from __future__ import annotations
@@ -17,6 +24,8 @@ from importlib.util import find_spec
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
@@ -30,16 +39,123 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
 from ballbot.twin.mjcf import twin_mjcf
-from ballbot.twin.motion_capture import MotionCapture
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionCapture:
+    """A motion-capture system: its rate, frame, clock and noise."""
+
+    seed: int
+    rate: float  #: [Hz]
+    origin: tuple[float, float, float]  #: the world frame's origin in the cameras' frame [m]
+    rotation_wxyz: tuple[float, float, float, float]  #: unit quaternion, world to cameras
+    clock_offset: float  #: the cameras' time at the log's zero [s]
+    clock_rate: float  #: how much faster the cameras' clock runs [s/s]
+    position_noise: float  #: standard deviation of each coordinate [m]
+    orientation_noise: float  #: standard deviation about each axis [rad]
+    gap_rate: float = 0.0  #: gaps in which the cameras do not see the robot [1/s]
+    gap_duration: float = 0.3  #: mean duration of a gap [s]
+
+    def __post_init__(self) -> None:
+        for name, least in (("rate", "above 0 Hz"), ("gap_duration", "above 0 s")):
+            if not getattr(self, name) > 0:
+                raise InputError(
+                    f"{name} of the motion capture is {getattr(self, name)}; it must be {least}."
+                )
+        if not self.gap_rate >= 0:
+            raise InputError(f"gap_rate of the motion capture is {self.gap_rate}; it must be 0/s or more.")
+
+    @staticmethod
+    def drawn(seed: int) -> MotionCapture:
+        """Return a random setup: 120 Hz, any place and heading, nearly level."""
+        random = np.random.default_rng([seed, 120])  # not the stream of the twin with that seed
+        tilt_x, tilt_y = random.normal(0.0, 0.01, 2)  # frame's tilt: N(0, 0.01 rad) about each level axis
+        heading = random.uniform(-np.pi, np.pi)  # frame's heading: U(-pi, pi)
+        rotation = Rotation.from_euler("XYZ", [tilt_x, tilt_y, heading])
+        origin = random.uniform(-2.0, 2.0, 3)  # place: U(-2 m, 2 m) along each axis
+        return MotionCapture(
+            seed=seed,
+            rate=120.0,
+            origin=(float(origin[0]), float(origin[1]), float(origin[2])),
+            rotation_wxyz=_wxyz(rotation),
+            clock_offset=float(random.uniform(2.0, 6.0)),  # cameras started first: U(2 s, 6 s)
+            clock_rate=float(random.normal(0.0, 2e-5)),  # two quartz clocks: N(0, 20 ppm)
+            position_noise=2e-4,
+            orientation_noise=1e-3,
+        )
+
+    def record(self, truth: Log, *, ball_radius: float) -> Log:
+        """Return the motion capture of a run.
+
+        Parameters
+        ----------
+        truth : Log
+            With the true t, x, y, theta, phi, psi; interpolated linearly between samples.
+        ball_radius : float
+            Height of the ball's centre above the floor [m].
+
+        Returns
+        -------
+        Log
+            t [s]; x y z [m], the ball's centre; qw qx qy qz, body to cameras' frame, without jumps of sign. Except
+            for t, NaN while the robot is out of view.
+        """
+        truth.require("x", "y", "theta", "phi", "psi")
+        start, end = float(truth.t[0]), float(truth.t[-1])
+        t = start + np.arange(int((end - start) * self.rate) + 1) / self.rate
+        pose = {name: np.interp(t, truth.t, truth[name]) for name in ("x", "y", "theta", "phi", "psi")}
+        random = np.random.default_rng([self.seed, 121])
+        w, *xyz = self.rotation_wxyz
+        camera_world = Rotation.from_quat([*xyz, w])
+        centers = np.column_stack((pose["x"], pose["y"], np.full(len(t), ball_radius)))
+        centers = camera_world.apply(centers) + self.origin
+        centers += self.position_noise * random.standard_normal(centers.shape)
+        angles = np.column_stack((pose["theta"], pose["phi"], pose["psi"]))
+        wobble = Rotation.from_rotvec(self.orientation_noise * random.standard_normal(centers.shape))
+        quaternions = _continuous((camera_world * Rotation.from_euler("XYZ", angles) * wobble).as_quat())
+        columns = {"t": (1.0 + self.clock_rate) * t + self.clock_offset}
+        columns |= dict(zip("xyz", centers.T, strict=True))
+        columns |= {name: quaternions[:, i] for name, i in (("qw", 3), ("qx", 0), ("qy", 1), ("qz", 2))}
+        unseen = self._unseen(t)
+        return Log(
+            {
+                name: values if name == "t" else np.where(unseen, np.nan, values)
+                for name, values in columns.items()
+            }
+        )
+
+    def _unseen(self, t: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return at which times (N,) the robot is out of view."""
+        unseen = np.zeros(len(t), dtype=bool)
+        random = np.random.default_rng([self.seed, 122])
+        begin = t[0]
+        while self.gap_rate > 0 and begin <= t[-1]:
+            begin += random.exponential(1.0 / self.gap_rate)  # from one gap to the next: Exp(gap_rate)
+            unseen |= (t >= begin) & (
+                t < begin + random.exponential(self.gap_duration)
+            )  # Exp(1 / gap_duration)
+        return unseen
+
+
+def _wxyz(rotation: Rotation) -> tuple[float, float, float, float]:
+    x, y, z, w = rotation.as_quat().tolist()
+    return w, x, y, z
+
+
+def _continuous(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quaternions (N, 4) with the sign of each next to its predecessor's."""
+    turned = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0, -1.0, 1.0)
+    return quaternions * np.concatenate(([1.0], np.cumprod(turned)))[:, None]
+
 
 #: balancing along a reference; the thesis's two experiments with the robot held
 Experiment = Literal["balance", "driveline_sweep", "upside_down"]
 
 _BENCHES: dict[str, Bench] = {"driveline_sweep": "stand", "upside_down": "upside_down"}
 
-#: how long an experiment is where nobody says [s]; the sweep has two periods of 62.83 s
+#: default duration of each experiment [s]; the sweep has two periods of 62.83 s
 DURATIONS: dict[Experiment, float] = {"balance": 40.0, "driveline_sweep": 125.66, "upside_down": 60.0}
 
 
@@ -61,20 +177,20 @@ def record_balance(
     seed: int = 0,
     progress: ProgressCallback = ignore_progress,
 ) -> Recording:
-    """Run the twin in closed loop and film it.
+    """Run the twin in closed loop, with motion capture.
 
     Parameters
     ----------
     twin : Twin
     controller : Controller
     reference : function of time
-        f(t) -> (10,), where the robot is asked to be.
+        f(t) -> (10,)
     duration : float
         [s]
     seed : int
         Of the twin, its noise, and the cameras' frame, clock and noise.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1, from time to time.
+        Called with the progress of the run.
 
     Raises
     ------
@@ -82,8 +198,8 @@ def record_balance(
         If the duration is not at least a sample, or the controller's sample time is not one of the twin's.
     """
     run = simulate(twin, controller, reference, duration=duration, seed=seed, progress=progress)
-    film = MotionCapture.drawn(seed).film(run.truth(), ball_radius=twin.robot.ball.radius)
-    logs = {"log": run.without_truth(), "truth": run.truth(), "motion_capture": film}
+    mocap = MotionCapture.drawn(seed).record(run.truth(), ball_radius=twin.robot.ball.radius)
+    logs = {"log": run.without_truth(), "truth": run.truth(), "motion_capture": mocap}
     return Recording(logs=logs, results=results(run), ended=run.ended)
 
 
@@ -119,8 +235,8 @@ def results(log: Log) -> dict[str, object]:
     -------
     dict
         `ended`: why it stopped early, or None; `peak_position_error`, `rms_position_error` [m]: true position
-        from the reference; `estimation_errors`: of the on-board state, see `ballbot.estimation.interface`, the drift
-        None where the run is shorter than a minute, and all of it where it has a single row.
+        from the reference; `estimation_errors`: of the on-board state, see `ballbot.estimation.interface`; the drift
+        is None if the run is shorter than a minute, everything is None if it has a single row.
     """
     truth = log.truth()
     error = np.hypot(truth["x"] - log["ref_x"], truth["y"] - log["ref_y"])
@@ -140,9 +256,9 @@ def _estimation_errors(log: Log) -> dict[str, float | None] | None:
 
 
 def twin_findings(robot: Robot) -> tuple[Finding, ...]:
-    """Return what `ballbot record nominal` would refuse of a robot; empty if it records it."""
+    """Return why `ballbot record nominal` would refuse a robot; empty if it records it."""
     findings = []
-    refusal = _refusal(lambda: _made(robot))
+    refusal = _refusal(lambda: _built(robot))
     if refusal:
         text = f"The twin cannot simulate this robot, so `ballbot record` refuses it: {refusal}"
         findings.append(Finding(code="robot-twin", severity="warning", text=text))
@@ -161,7 +277,7 @@ def _refusal(attempt: Callable[[], object]) -> str:
     return ""
 
 
-def _made(robot: Robot) -> object:
+def _built(robot: Robot) -> object:
     scenario = Scenario.nominal(robot)
-    # without MuJoCo, the document is all that can be looked at
+    # without MuJoCo, only the document can be checked
     return Twin(robot, scenario) if find_spec("mujoco") else twin_mjcf(robot, scenario)

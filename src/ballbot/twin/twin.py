@@ -1,9 +1,9 @@
 """The twin: a MuJoCo robot with real rollers, measured by its own sensors.
 
-It is a plant like any other (`ballbot.simulation.plant`): torques in, measurements out. It adds what the exact model
-leaves out: wheels that touch in one of two rows of rollers, slip, soft contacts, gearbox play, and the other faults of
-its scenario; sensors that count, err and drift. Torques that act late and unsteady sampling (`TimingModel`), pushes on
-the body and bumps of the floor (`Disturbance`) are applied here, once a sample.
+It is a plant (`ballbot.simulation.plant`): torques in, measurements out. Beyond the exact model it has wheels that
+touch with one of two rows of rollers, slip, soft contacts, gearbox play and the other faults of its scenario, and
+sensors with quantisation, noise and drift. Delayed torques and sampling jitter (`TimingModel`), pushes on the body and
+bumps of the floor (`Disturbance`) are applied here, once a sample.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ballbot.twin.scenario import Scenario
 
 
 class TimingModel:
-    """Torques that come late, and sampling instants that wander about their grid.
+    """Delay of the torques, and jitter of the sampling instants.
 
     Instant k is at k T + e_k with e_k ~ U(-jitter, jitter) in whole physics steps and e_0 = 0; the mean rate stays.
 
@@ -52,7 +52,7 @@ class TimingModel:
         self._waiting = deque([np.zeros(wheel_count)] * timing.delay)
         self._largest = int(timing.jitter / timestep * (1 + 1e-9))
         self._steps = steps
-        self._late = 0  # steps by which the last instant came after its place
+        self._late = 0  # steps by which the last instant was later than its place
         self._random = random
 
     def acting(self, torques: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -74,7 +74,7 @@ _WAVES = 24
 
 
 class Disturbance(Protocol):
-    """Forces from outside."""
+    """External forces."""
 
     def prepare_sample(self, t: float) -> None:
         """Set the forces for the sample that begins at t [s]."""
@@ -82,7 +82,7 @@ class Disturbance(Protocol):
 
 
 def disturbances(robot: Robot, scenario: Scenario, engine: Engine) -> list[Disturbance]:
-    """Return those that a scenario has."""
+    """Return the disturbances of a scenario."""
     found: list[Disturbance] = []
     if scenario.pushes:
         found.append(Pushes(scenario.pushes, engine))
@@ -94,7 +94,7 @@ def disturbances(robot: Robot, scenario: Scenario, engine: Engine) -> list[Distu
 
 
 class Pushes:
-    """Forces on the body, each for its while."""
+    """Forces on the body, each during its interval."""
 
     def __init__(self, pushes: tuple[Push, ...], engine: Engine) -> None:
         self._pushes = pushes
@@ -104,7 +104,7 @@ class Pushes:
         self._pose = engine.qpos[body : body + 7]
 
     def prepare_sample(self, t: float) -> None:
-        """Set the sum of the pushes that last at t [s]; half a microsecond of rounding is forgiven."""
+        """Set the sum of the pushes that act at t [s], within half a microsecond of rounding."""
         self._wrench[:] = 0.0
         for push in self._pushes:
             if push.time - 5e-7 <= t < push.time + push.duration - 5e-7:
@@ -115,7 +115,7 @@ class Pushes:
 
 
 class Bumps:
-    """The force that the slope of an uneven floor makes, at the ball's centre."""
+    """The force of the slope of an uneven floor, at the ball's centre."""
 
     def __init__(self, roughness: Roughness, weight: float, engine: Engine) -> None:
         self._wrench = engine.external_force("ball")
@@ -125,12 +125,12 @@ class Bumps:
         self._floor = UnevenFloor(roughness)
 
     def prepare_sample(self, t: float) -> None:  # noqa: ARG002 (the interface's)
-        """Set the force for where the ball is."""
+        """Set the force at the ball's position."""
         self._wrench[:2] = -self._weight * self._floor.slope(self._place)
 
 
 class UnevenFloor:
-    """Height of a floor over the plane: a sum of waves that a seed draws."""
+    """Height of a floor over the plane: a sum of waves drawn from a seed."""
 
     def __init__(self, roughness: Roughness) -> None:
         random = np.random.default_rng([roughness.seed, 900])
@@ -158,22 +158,22 @@ def _up(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Twin:
-    """A robot to experiment on.
+    """A MuJoCo robot in a scenario, as a plant.
 
     Parameters
     ----------
     robot : Robot
-        The rigid body, the drive and the geometry; its friction is not looked at.
+        Gives the rigid body, the drive and the geometry; its friction is not used.
     scenario : Scenario, optional
-        Everything else that is true; `Scenario.nominal(robot)` where none is given.
+        All other true properties; `Scenario.nominal(robot)` if not given.
     estimator : Estimator, optional
-        Makes the measured state of what the sensors say; the thesis's `OnboardState` where none is given. It is
-        the twin's own from here on.
+        Estimates the state from the sensors' readings; the thesis's `OnboardState` if not given. The twin resets and
+        updates it.
 
     Raises
     ------
     InputError
-        If the two do not fit each other, or MuJoCo is not installed.
+        If the scenario does not fit the robot, or MuJoCo is not installed.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Twin:
         self._driveline = Driveline(robot, self.scenario, self.engine)
         self._shafts = Shafts(robot, self.scenario, self.engine)
         self._disturbances = disturbances(robot, self.scenario, self.engine)
-        self._clockwork: TimingModel | None = None
+        self._timing: TimingModel | None = None
         self._sensors = SensorSuite(
             robot,
             sensors,
@@ -204,17 +204,17 @@ class Twin:
         self._psi = 0.0
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Put the robot in a state, at t = 0, and return what its sensors say.
+        """Set the robot to a state at t = 0 and return the measurement.
 
-        The rollers' places on the ball, where in its play each gearbox rests and all noise follow from the
-        seed. Wheels start at the speeds that go with the state.
+        The wheels' angles, the position of each gearbox within its play and all noise follow from the seed. Wheels
+        start at the speeds of the state.
 
         Parameters
         ----------
         initial_state : array (10,) or None
             True state; None is upright at rest at the origin.
         seed : int
-            Equal seeds give equal runs, bit for bit.
+            Random seed. The same seed gives the same run, bit for bit.
 
         Raises
         ------
@@ -225,7 +225,7 @@ class Twin:
             np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The initial state")
         )
         self._random = np.random.default_rng(seed)
-        self._clockwork = self._wound_clockwork(seed)
+        self._timing = self._timing_model(seed)
         self.engine.reset()
         self._place(state)
         self._driveline.reset()
@@ -237,19 +237,19 @@ class Twin:
         return self._measure()
 
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold the torques for a duration and return what the sensors say at its end.
+        """Hold the torques for a duration and return the measurement at its end.
 
         Parameters
         ----------
         torques : array (n,)
-            Commanded torques at the wheels [N m]; noise, torque limit and supply limit come upon them.
+            Commanded torques at the wheels [N m], before noise, torque limit and supply limit.
         duration : float
             A whole number of the sensors' sample times [s]; the sensors are read at each.
 
         Raises
         ------
         InputError
-            If the torques are not n finite numbers, or the duration is no such number.
+            If the torques are not n finite numbers, or the duration is not a whole number of sample times.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")
@@ -261,7 +261,7 @@ class Twin:
         return self._measure()
 
     def _lay_out_views(self) -> None:
-        """Find the coordinates of ball, body and motors among MuJoCo's."""
+        """Find the coordinates of ball and body among MuJoCo's."""
         engine = self.engine
         ball, body = engine.first_position("ball"), engine.first_position("body")
         self._ball_position = engine.qpos[ball : ball + 3]
@@ -270,8 +270,8 @@ class Twin:
         self._ball_velocity = engine.qvel[ball : ball + 6]
         self._body_velocity = engine.qvel[body : body + 6]
 
-    def _wound_clockwork(self, seed: int) -> TimingModel | None:
-        """Return what delays and unsettles the samples of the run of that seed, or None."""
+    def _timing_model(self, seed: int) -> TimingModel | None:
+        """Return the delay and jitter of the run of that seed, or None."""
         if self.scenario.timing is None:
             return None
         return TimingModel(
@@ -283,7 +283,7 @@ class Twin:
         )
 
     def _place(self, state: NDArray[np.float64]) -> None:
-        """Write a state (10,) into the engine, wheels and play where chance puts them."""
+        """Write a state (10,) into the engine, with random wheel angles and play."""
         radius = self.robot.ball.radius
         x, y, theta, phi, psi = state[:5].tolist()
         normal = floor_normal(self.scenario)
@@ -299,11 +299,11 @@ class Twin:
         self._shafts.reset(self._random)
 
     def _advance(self, torques: NDArray[np.float64]) -> None:
-        """Advance by one sample with the torques (n,) held and their noise upon them."""
+        """Advance by one sample with the torques (n,) held and noise added."""
         noise = self.scenario.torque_noise * self._random.standard_normal(self.robot.wheel_count)
         steps = self._substeps
-        if self._clockwork:
-            torques, steps = self._clockwork.acting(torques), self._clockwork.next_steps()
+        if self._timing:
+            torques, steps = self._timing.acting(torques), self._timing.next_steps()
         for disturbance in self._disturbances:
             disturbance.prepare_sample(self._t)
         self._driveline.command(torques + noise)
@@ -315,7 +315,7 @@ class Twin:
             step()
         self._samples += 1
         on_grid = self._samples * self.scenario.sensors.sample_time
-        self._t = self._t + steps * self.scenario.timestep if self._clockwork else on_grid
+        self._t = self._t + steps * self.scenario.timestep if self._timing else on_grid
 
     def _measure(self) -> Measurement:
         """Read every sensor once."""

@@ -33,8 +33,7 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.twin.motion_capture import MotionCapture
-from ballbot.twin.recording import Experiment, Recording, record_balance, record_bench
+from ballbot.twin.recording import Experiment, MotionCapture, Recording, record_balance, record_bench
 from ballbot.twin.scenario import Scenario, scenario_text
 from ballbot.twin.twin import Twin
 

@@ -1,6 +1,6 @@
-"""Checks of a log: what is wrong with it, with what, and what it can be used for.
+"""Checks of a log: its faults, their likely causes, and the uses that it permits.
 
-run              all checks of one log or of a robot's logs; `checked_logs`, which an analysis calls before any work
+run              all checks of one log or of a robot's logs; `checked_logs`, which an analysis calls first
 time_and_rates   time, missing cells; positions and angles against their rates: units, signs, swapped columns
 values           spikes, dead and saturated columns, unknown names, falls, jumps, offsets
 repetition       values, rows or a whole log that froze or repeats

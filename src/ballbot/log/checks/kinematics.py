@@ -1,8 +1,8 @@
-"""Wheel columns against the states: order, sign and gain, and what other than wheels and gravity moved the robot.
+"""Wheel columns against the states: order, sign and gain; disturbances other than wheels and gravity.
 
 Wheel speed seen by an encoder = A (z - w), z = R^T Omega, Omega = (-y_dot, x_dot, 0)/r_b, w = B(Phi)
-Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (A foreign log,
-that has no states yet, is for `ballbot.log.mapping_inference`.)
+Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (For a foreign log, which has no states yet,
+see `ballbot.log.mapping_inference`.)
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from ballbot.log.columns import STATE_NAMES, wheel_angle_names, wheel_speed_name
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
-#: standard deviation of the wheel speed that the motion must make [rad/s] before it says anything
+#: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
 #: an order must correlate better than the columns' own by this much on average to be preferred
 CLEAR_MARGIN = 0.05
 CLEAR_CORRELATION = 0.9
 #: gains within these of one are right (slip, play and noise take a few percent)
 GAIN_RANGE = (0.9, 1.1)
-#: gains within this factor of each other have one cause, which is an error from the second factor on
+#: gains within the first factor of each other have one cause, which is an error beyond the second factor
 ALIKE, WRONG_GAIN = 1.12, 1.2
-#: a gain that no slip makes
+#: a gain that slip cannot explain
 IMPOSSIBLE_GAIN = 3.0
-#: rows that are judged as one, and the fewest such blocks
+#: rows of a block, and the fewest blocks
 BLOCK_ROWS, FEWEST_BLOCKS = 50, 10
-#: rows that are enough for it, taken evenly from the log
+#: rows that are used, at even intervals of the log
 ENOUGH_ROWS = 1500
-#: blocks with less squared wheel speed than this share of the mean are at rest
+#: blocks with less squared wheel speed than this fraction of the mean are at rest
 MOVING = 0.02
-#: another reading of columns must leave this many times less unexplained, this share at most, and be clearer by this
-#: many standard errors; readings within `AS_GOOD` of each other cannot be told apart
+#: another reading of columns must leave this many times less unexplained, at most this fraction, and be better by so
+#: many standard errors; readings within the factor `AS_GOOD` of each other are indistinguishable
 MUCH_MORE, UNEXPLAINED, CLEARLY_BETTER, AS_GOOD = 2.0, 0.3, 5.0, 1.1
 
 
@@ -75,7 +75,7 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     Returns
     -------
     WheelAgreement or None
-        None where the log lacks those columns or holds too little motion to tell.
+        None if the log lacks those columns or has too little motion.
     """
     names = wheel_speed_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names):
@@ -84,15 +84,18 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     logged = np.column_stack([log[name] for name in names])
     finite = np.isfinite(states).all(axis=1) & np.isfinite(logged).all(axis=1)
     states, logged = states[finite], logged[finite]
-    made = wheel_speeds_of_states(states, robot)
-    if len(made) < 2 or made.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
+    expected = wheel_speeds_of_states(states, robot)
+    if len(expected) < 2 or expected.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
         return None
     n = robot.wheel_count
-    correlation = np.corrcoef(logged, made, rowvar=False)[:n, n:]  # [logged, made]
+    correlation = np.corrcoef(logged, expected, rowvar=False)[:n, n:]  # [logged, expected]
     order = _best_order(correlation)
     wheels = range(n)
     signs = [1 if correlation[order[j], j] >= 0.0 else -1 for j in wheels]
-    gains = [signs[j] * float(logged[:, order[j]] @ made[:, j] / (made[:, j] @ made[:, j])) for j in wheels]
+    gains = [
+        signs[j] * float(logged[:, order[j]] @ expected[:, j] / (expected[:, j] @ expected[:, j]))
+        for j in wheels
+    ]
     return WheelAgreement(
         order=tuple(i + 1 for i in order),
         signs=tuple(signs),
@@ -103,9 +106,9 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Alternative:
-    """One way in which columns may be meant, and what of the wheels' speeds it leaves unexplained."""
+    """One reading of the columns, and the part of the wheels' speeds that it leaves unexplained."""
 
-    words: str  #: what is wrong with the columns, if this is right
+    fault: str  #: the fault of the columns under this reading
     columns: tuple[str, ...]
     left: NDArray[np.float64]  #: (B,) squared speed left unexplained, by blocks of `BLOCK_ROWS` rows
 
@@ -113,9 +116,9 @@ class _Alternative:
 def misread_axes(log: Log, robot: Robot) -> Finding | None:
     """Return the error of ball or heading columns that must be negated or exchanged to fit the wheels.
 
-    The wheels tell the ball's velocity and the heading's rate in the body's frame. x_dot, y_dot and psi are tried with
-    every exchange and sign; one that fits clearly better than the columns as they are is the right one, unless the
-    wheels' own order or signs would do as well.
+    The wheel speeds determine the ball's velocity and the heading's rate in the body frame. x_dot, y_dot and psi are
+    tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
+    another order or other signs of the wheels fit as well.
     """
     names = wheel_speed_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names):
@@ -130,7 +133,7 @@ def misread_axes(log: Log, robot: Robot) -> Finding | None:
     own = _left(states, logged, robot)
     found = min(_alternatives(states, logged, robot), key=lambda one: one.left.sum())
     moving = _by_blocks(np.sum(logged**2, axis=1))
-    moving = moving > MOVING * moving.mean()  # at rest, the states' noise is all there is
+    moving = moving > MOVING * moving.mean()  # at rest there is only the states' noise
     gained = ((own - found.left) / np.maximum(own + found.left, 1e-30))[moving]
     if len(gained) < FEWEST_BLOCKS:
         return None
@@ -139,7 +142,7 @@ def misread_axes(log: Log, robot: Robot) -> Finding | None:
     if own.sum() < MUCH_MORE * found.left.sum() or not clear or found.left.sum() > UNEXPLAINED * power:
         return None
     agreement = wheel_agreement(log, robot)
-    causes = [found.words]
+    causes = [found.fault]
     as_logged = tuple(range(1, robot.wheel_count + 1))
     if agreement and (agreement.order != as_logged or min(agreement.signs) < 0):
         ordered = logged[:, [i - 1 for i in agreement.order]] * np.array(agreement.signs)
@@ -173,22 +176,22 @@ def _alternatives(
         elif min(a, b) < 0.0:
             parts.append(f"{'x' if (a < 0.0) != swapped else 'y'} has the opposite sign")
         rates = "its rate" if parts[0].endswith("has the opposite sign") else "their rates"
-        words, columns = f"{' and '.join(parts)}, with {rates}", ("x", "y", "x_dot", "y_dot")
+        fault, columns = f"{' and '.join(parts)}, with {rates}", ("x", "y", "x_dot", "y_dot")
         left = _left(tried, logged, robot)
-        found.append(_Alternative(words=words, columns=columns, left=left))
+        found.append(_Alternative(fault=fault, columns=columns, left=left))
     tried = states.copy()
     tried[:, [4, 9]] *= -1.0
     left = _left(tried, logged, robot)
     columns = ("psi", "psi_dot")
-    words = "psi has the opposite sign, with its rate"
-    return [*found, _Alternative(words=words, columns=columns, left=left)]
+    fault = "psi has the opposite sign, with its rate"
+    return [*found, _Alternative(fault=fault, columns=columns, left=left)]
 
 
 def _left(states: NDArray[np.float64], logged: NDArray[np.float64], robot: Robot) -> NDArray[np.float64]:
-    """Return the squares of wheel speed that states leave unexplained, by blocks; a common gain is free."""
-    made = wheel_speeds_of_states(states, robot)
-    gain = max(float(np.sum(made * logged) / max(np.sum(made * made), 1e-30)), 0.0)
-    return _by_blocks(np.sum((logged - gain * made) ** 2, axis=1))
+    """Return the squared wheel speed that the states leave unexplained, by blocks; a common gain is fitted."""
+    expected = wheel_speeds_of_states(states, robot)
+    gain = max(float(np.sum(expected * logged) / max(np.sum(expected * expected), 1e-30)), 0.0)
+    return _by_blocks(np.sum((logged - gain * expected) ** 2, axis=1))
 
 
 def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -198,7 +201,7 @@ def _by_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
-    """Return what is wrong with the wheels' columns for this robot: order, sign, gain, or that nothing can be said."""
+    """Return findings on the wheels' columns for this robot: order, sign, gain, or that they cannot be checked."""
     columns = wheel_speed_names(robot.wheel_count)
     misread = misread_axes(log, robot)
     if misread:
@@ -229,7 +232,7 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
 
 
 def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
-    """Return the finding on gains that are not one: an error if no slip makes them."""
+    """Return the finding on gains that are not one: an error if slip cannot explain them."""
     listed = ", ".join(f"{gain:.4g}" for gain in gains)
     seen = f"The wheels turn {listed} times as fast as the states imply for this robot"
     columns = wheel_speed_names(len(gains))
@@ -251,7 +254,7 @@ def _gain_finding(gains: tuple[float, ...], robot: Robot) -> Finding:
 
 
 def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
-    """Return the mistake of unit that a gain common to all wheels is the size of."""
+    """Return the mistaken unit that explains a gain common to all wheels."""
     ratio = robot.drive.gear_ratio
     counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
     causes = {
@@ -266,7 +269,7 @@ def _unit_of_wheels(gain: float, robot: Robot) -> str | None:
 
 
 def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
-    """Return, for each wheel of the robot, which logged column fits; the columns' own order where none is clearer."""
+    """Return the logged column that fits each wheel of the robot; the columns' own order if none is clearly better."""
     n = len(correlation)
     size = np.abs(correlation)
     own = tuple(range(n))
@@ -277,15 +280,15 @@ def _best_order(correlation: NDArray[np.float64]) -> tuple[int, ...]:
     return best if scores[best] > scores[own] + CLEAR_MARGIN else own
 
 
-#: unmodelled torque over gravity's, over a quarter of a second, from which a closed-loop verdict is refused
+#: unmodelled torque over gravity's, averaged over a quarter of a second, above which closed loop is not validated
 LARGEST_DISTURBANCE = 1.0
 _ATTITUDE = ("theta", "phi", "psi")
 
 
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
-    """Return a warning where the torque that neither wheels nor gravity explain is more than gravity's.
+    """Return a warning if the torque that neither wheels nor gravity explain is more than gravity's.
 
-    It takes theta, phi, psi and the encoders' angles; see `ballbot.log.mapping_inference.placement`.
+    It uses theta, phi, psi and the encoders' angles; see `ballbot.log.mapping_inference.placement`.
     """
     from ballbot.log.mapping_inference.placement import lean_test
     from ballbot.log.signals import balancing_rows, even_rows, smooth
@@ -298,21 +301,21 @@ def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
     if known.sum() < 2:
         return []
     t, table = log.t[known], table[known]
-    # a lean about the world's axes, seen from the body
+    # the lean about the world's axes, in the body frame
     lean = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2])
     rows = even_rows(t)
     tilt = smooth(rows, t, np.column_stack([lean.real, lean.imag]))
     wheels = smooth(rows, t, table[:, 3:])
     heading = smooth(rows, t, table[:, 2:3])
     usable = balancing_rows(tilt.value, wheels.rate, None)
-    # rows that a gap was drawn over are not balancing
+    # rows interpolated across a gap are not balancing
     usable &= np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] < 0.05
     tested = lean_test(robot, tilt, wheels, heading, usable)
     return [] if tested is None else disturbance_findings(tested.disturbance)
 
 
 def disturbance_findings(disturbance: float) -> list[Finding]:
-    """Return the warning that a disturbance, in parts of gravity's, asks for; none where it is small."""
+    """Return the warning on a disturbance, relative to gravity; nothing if it is small."""
     if disturbance < LARGEST_DISTURBANCE:
         return []
     sentence = (

@@ -8,18 +8,18 @@ as complex numbers, x + j y:
     upward direction    g = (-sin phi + j sin theta) e^{-j psi}
     lean rate           w = (theta_dot + j phi_dot) e^{-j psi}
 
-g and w are kept in the parts that theta and phi (or their rates) contribute, so that a check can ask what the motion
-would be with these columns exchanged or negated.
+g and w are kept as the contributions of theta and phi (or their rates), so that a check can exchange or negate these
+columns.
 
 The law is that of the momentum about the floor's contact,
 
     d/dt (v + C w) = -Lambda g                    (`ballbot.mechanics.contact_momentum`)
 
-No torque and no driveline friction is in it: the robot accelerates towards its lean whatever the motors do. The law is
+It contains no torque and no driveline friction: the robot accelerates towards its lean whatever the motors do. It is
 evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then
 both terms get a free complex gain, whose size is a scale and whose angle is a turn about the vertical.
 
-How clear a comparison is comes from blocks of the log: neighbouring rows are not independent, blocks nearly are.
+The significance of a comparison comes from blocks of the log, which are nearly independent; neighbouring rows are not.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def block_sums(values: NDArray[np.float64], block: NDArray[np.intp]) -> NDArray[
 
 
 def clarity(advantage: NDArray[np.float64]) -> float:
-    """Return the mean over its standard error of what one explanation gains on another in each block (B,)."""
+    """Return the mean, over its standard error, of the advantage of one explanation over another by blocks (B,)."""
     spread = float(advantage.std(ddof=1)) if len(advantage) > 1 else 0.0
     mean = float(advantage.mean())
     if spread == 0.0:
@@ -64,17 +64,17 @@ def unexplained(columns: NDArray[Number], values: NDArray[Number]) -> NDArray[Nu
 
 #: standard deviation of the filter's weights [s]; encoder and gyro noise would hide the accelerations with less
 WIDTH = 0.12
-#: rows that are kept, one in this many: neighbours within the filter's width say the same
+#: every so many-th row is kept; neighbours within the filter's width are redundant
 EVERY = 4
-#: blocks by which the clarity of a result is judged [s]; longer than the filter's memory
+#: length of the blocks for the significance of a result [s]; longer than the filter's memory
 BLOCK = 1.0
-#: rows this near a gap, a missing value or a large lean are left out, in widths of the filter
+#: rows this near a gap, a missing value or a large lean are excluded, in widths of the filter
 AWAY = 2.5
 LONGEST_GAP = 0.05  #: [s]
 LARGEST_LEAN = 0.3  #: [rad]
 LONGEST_SAMPLE_TIME = 0.03  #: [s], beyond which the filter sees too few rows
 LEAST_BLOCKS = 4
-#: what of a log is looked at, from its start [s]
+#: part of a log that is used, from its start [s]
 LONGEST_LOG = 600.0
 
 COLUMNS = ("x_dot", "y_dot", "theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot")
@@ -95,7 +95,7 @@ class Motion:
     """Filtered motion at N rows that are usable."""
 
     t: NDArray[np.float64]  #: (N,) [s]
-    block: NDArray[np.intp]  #: (N,) number of the block that a row is in, from 0 without holes
+    block: NDArray[np.intp]  #: (N,) number of the row's block, from 0 without gaps
     velocity: Filtered  #: v [m/s]
     lean: tuple[Complex, Complex]  #: sin theta e^{-j psi}, sin phi e^{-j psi}
     lean_rate: tuple[Filtered, Filtered]  #: theta_dot e^{-j psi}, phi_dot e^{-j psi} [rad/s]
@@ -114,11 +114,11 @@ class Rows:
 
     even: NDArray[np.float64]  #: (M,) [s], at `INTERVAL`
     usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
-    known: NDArray[np.bool_]  #: rows of the log without a missing value in what is needed
+    known: NDArray[np.bool_]  #: rows of the log without a missing value in the needed columns
     width: float = WIDTH  #: standard deviation of the filter's weights [s]
 
     def filtered(self, log: Log, values: NDArray[np.float64], *, late: float = 0.0) -> Smooth:
-        """Return signals (len(log), c) filtered at the usable rows; `late` is when they hold after their row [s]."""
+        """Return signals (len(log), c) filtered at the usable rows; they are valid `late` [s] after their row."""
         found = smooth(self.even, log.t[self.known] + late, values[self.known], width=self.width)
         return Smooth(
             value=found.value[self.usable],
@@ -147,7 +147,7 @@ def usable_rows(log: Log, robot: Robot) -> Rows | None:
     even = np.arange(t[0], t[-1], INTERVAL)
     before = np.clip(np.searchsorted(t, even, side="right") - 1, 0, len(t) - 2)
     lean = np.hypot(log["theta"][known], log["phi"][known])
-    # a lean in degrees is another check's matter, and still a lean
+    # a lean in degrees has a finding of its own
     leaning = lean > (LARGEST_LEAN if np.median(lean) < LARGEST_LEAN else np.degrees(LARGEST_LEAN))
     bad = (np.diff(t)[before] > LONGEST_GAP) | leaning[before]
     reach = round(AWAY * WIDTH / INTERVAL)
@@ -193,7 +193,7 @@ def motion_of(log: Log, rows: Rows) -> Motion:
 
 
 def filter_reach() -> int:
-    """Return the rows on each side that the filter takes in."""
+    """Return the number of rows on each side that the filter uses."""
     return round(REACH * WIDTH / INTERVAL)
 
 
@@ -207,24 +207,24 @@ def as_complex(vectors: NDArray[np.float64]) -> Complex:
     return vectors[:, 0] + 1j * vectors[:, 1]
 
 
-#: another reading must leave this many times less unexplained, and be clearer by this many standard errors
+#: another reading must leave this many times less unexplained, and be better by so many standard errors
 CLEARLY_LESS, CLEARLY_BETTER = 1.8, 4.0
-#: readings within this of the best cannot be told apart
+#: readings within this factor of the best are indistinguishable
 AS_GOOD = 1.15
-#: share of the ball's acceleration that the best reading must explain before anything is concluded
+#: fraction of the ball's acceleration that the best reading must explain for a conclusion
 EXPLAINED = 0.5
 #: gains of gravity's term that are an error, beyond their standard error times `SURE`; correct logs have 0.9 to 1.1
 GAIN_RANGE = (0.87, 1.15)
 LARGEST_TURN = np.radians(12.0)
 SURE = 3.0
-#: relative standard error of gravity's gain from which nothing can be concluded
+#: relative standard error of gravity's gain above which nothing is concluded
 KNOWN = 0.15
-#: gains of gravity beyond these, or a turn that another reading of the columns would have taken away, are believed only
-#: if the law explains nearly all
+#: gains of gravity beyond these, or a turn that another reading of the columns would remove, are accepted only if the
+#: law explains nearly everything
 USUAL, BETWEEN, MOSTLY = (0.3, 3.0), np.radians(50.0), 0.85
-#: gain of the rates over gravity's on a correct log: the filter and a gyro's noise take from the rates' term
-RATE_SHARE = (0.55, 1.2)
-#: ball speed under which the direction of rolling friction is not known [m/s]
+#: gain of the rates over gravity's on a correct log: the filter and a gyro's noise reduce the rates' term
+RATE_RATIO = (0.55, 1.2)
+#: ball speed below which the direction of rolling friction is unknown [m/s]
 ROLLING = 0.005
 
 _LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
@@ -232,13 +232,13 @@ _LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
 
 @dataclass(frozen=True)
 class Reading:
-    """How two columns may be meant: the logged first and second, exchanged or not, with signs."""
+    """One reading of two columns: the logged first and second, exchanged or not, with signs."""
 
     swapped: bool = False
     signs: tuple[int, int] = (1, 1)  #: of the first and the second quantity, after the exchange
 
-    def words(self, names: tuple[str, str]) -> str:
-        """Return what is wrong with the columns of these names in words."""
+    def fault(self, names: tuple[str, str]) -> str:
+        """Return the fault of the columns of these names."""
         first, second = names
         parts = [f"{first} and {second} are swapped"] if self.swapped else []
         if self.signs == (-1, -1):
@@ -251,7 +251,7 @@ class Reading:
 
     @property
     def changes(self) -> int:
-        """Number of separate faults it takes."""
+        """Number of separate faults."""
         return self.swapped + (-1 in self.signs)
 
 
@@ -261,24 +261,24 @@ READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, T
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeanEvidence:
-    """What the law of the contact's momentum says of the lean columns of one log."""
+    """The lean columns of one log by the law of the momentum about the contact."""
 
     angles: tuple[Reading, ...]  #: of theta and phi, the best explanations, simplest first
     rates: tuple[Reading, ...]  #: of their rates, in the same order
-    clearness: float  #: of the best against the columns as logged, in standard errors
-    ratio: float  #: of what is left unexplained, as logged over best
-    explained: float  #: share of the ball's acceleration that the best reading with free gains explains
+    clearness: float  #: advantage of the best over the columns as logged, in standard errors
+    ratio: float  #: unexplained part, as logged over best
+    explained: float  #: fraction of the ball's acceleration that the best reading with fitted gains explains
     rate_gain: complex  #: of the term of the lean rates
     gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
     gravity_error: float  #: standard error of the latter
     reverse_gain: (
-        float  #: size of the latter if the lean is regressed on the acceleration; noise of the lean lowers
+        float  #: size of the latter if the lean is regressed on the acceleration: noise of the lean lowers
     )
     #: the gain itself and raises this one
 
     @property
     def conclusive(self) -> bool:
-        """Whether the log shows anything about the lean; wheels that slip or shake show accelerations of their own."""
+        """Whether the log is conclusive on the lean; slipping or shaking wheels have accelerations of their own."""
         size = abs(self.gravity_gain)
         usual = USUAL[0] < size < USUAL[1] and abs(np.angle(self.gravity_gain)) < BETWEEN
         enough = EXPLAINED if usual else MOSTLY
@@ -322,17 +322,17 @@ def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
 
 
 def lean_findings(found: LeanEvidence) -> list[Finding]:
-    """Return what is wrong with the lean columns: signs, exchange, scale, a turn of the IMU."""
+    """Return findings on the lean columns: signs, exchange, scale, a turn of the IMU."""
     if not found.conclusive:
         return []
     if found.misread:
         return [_misread(found.angles, found.rates)]
     size, turn = abs(found.gravity_gain), float(np.angle(found.gravity_gain))
     low, high = GAIN_RANGE
-    sure = SURE * found.gravity_error
-    if found.reverse_gain + sure < low or size - sure > high:
+    margin = SURE * found.gravity_error
+    if found.reverse_gain + margin < low or size - margin > high:
         return [_scaled(size, found.rate_gain)]
-    if abs(turn) - sure / size > LARGEST_TURN:
+    if abs(turn) - margin / size > LARGEST_TURN:
         degrees = np.degrees(turn)
         sentence = (
             f"The ball accelerates {abs(degrees):.0f} degrees to the "
@@ -362,10 +362,9 @@ def _terms(motion: Motion, robot: Robot) -> list[Complex]:
     # sin theta in theta's place is +j of g, in phi's place -1
     angles = [pull(place * lean) for lean in motion.lean for place in (1j, -1.0)]
     rolling = v.value / np.maximum(np.abs(v.value), ROLLING)
-    nuisance = np.column_stack(
-        [rolling, np.ones_like(rolling)]
-    )  # rolling friction, and a slope or a lean's zero
-    return [unexplained(nuisance, term) for term in (v.rate + turning * v.value, *rates, *angles)]
+    # rolling friction, and the constant of a slope or of a lean's zero
+    removed = np.column_stack([rolling, np.ones_like(rolling)])
+    return [unexplained(removed, term) for term in (v.rate + turning * v.value, *rates, *angles)]
 
 
 def _weights(angles: Reading, rates: Reading) -> NDArray[np.float64]:
@@ -391,7 +390,7 @@ class _Gains:
 
 
 def _gains(terms: Sequence[Complex], weights: NDArray[np.float64], block: NDArray[np.intp]) -> _Gains:
-    """Fit the gains of rates and gravity; the standard error is that of blocks, whose rows are not independent."""
+    """Fit the gains of rates and gravity; standard errors are clustered by blocks."""
     y = terms[0]
     rates, gravity = (
         -np.tensordot(weights[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9))
@@ -422,7 +421,7 @@ def _misread(angles: Sequence[Reading], rates: Sequence[Reading]) -> Finding:
         for c, a, r in zip(causes, angles, rates, strict=True)
         if a.changes + r.changes <= _fewest(angles, rates)
     ]
-    columns = tuple(name for name in (*_LEAN, *_RATES) if any(name in _words(c) for c in simplest))
+    columns = tuple(name for name in (*_LEAN, *_RATES) if any(name in _names_in(c) for c in simplest))
     sentence = (
         f"The lean does not fit the ball's acceleration: {', or '.join(simplest)}. With this correction "
         "the ball accelerates towards the lean, as under every balancing robot (the same mistake in "
@@ -438,18 +437,18 @@ def _fewest(angles: Sequence[Reading], rates: Sequence[Reading]) -> int:
 def _cause(angles: Reading, rates: Reading) -> str:
     if angles == rates:
         single = not angles.swapped and angles.signs != (-1, -1)
-        return f"{angles.words(_LEAN)}, with {'its rate' if single else 'their rates'}"
-    parts = [angles.words(_LEAN), rates.words(_RATES)]
+        return f"{angles.fault(_LEAN)}, with {'its rate' if single else 'their rates'}"
+    parts = [angles.fault(_LEAN), rates.fault(_RATES)]
     return " and ".join(part for part in parts if part)
 
 
-def _words(sentence: str) -> set[str]:
+def _names_in(sentence: str) -> set[str]:
     return set(sentence.replace(",", " ").split())
 
 
 def _scaled(size: float, rate_gain: complex) -> Finding:
     """Return the finding on a scale between lean and acceleration."""
-    share = abs(rate_gain) / size
+    ratio = abs(rate_gain) / size
     degrees = np.degrees(1.0)
     seen = f"The ball accelerates {size:.3g} times as much as the lean implies"
     of_lean = f"theta and phi are scaled by {1.0 / size:.3g}"
@@ -461,7 +460,7 @@ def _scaled(size: float, rate_gain: complex) -> Finding:
         cause = "theta and phi are in degrees, not in radians"
     elif 0.75 < size / degrees < 1.33:
         cause = "theta and phi were converted to radians twice"
-    elif RATE_SHARE[0] < share < RATE_SHARE[1]:
+    elif RATE_RATIO[0] < ratio < RATE_RATIO[1]:
         cause = f"{of_ball}, or {of_robot}, or {of_lean} with their rates"
     else:
         cause = f"{of_lean}, or t is stretched, or {of_robot}, or {of_ball}"

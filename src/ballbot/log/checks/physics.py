@@ -1,10 +1,10 @@
 """Whether logs agree with the robot's own equations: one log by itself, several logs with each other.
 
-`examine` runs the checks of one log in the order in which one rests on another: how late the torques are, the lean axes
-against the ball's acceleration, the torques against the torques that the motion needs. None takes friction or the
-controller. `different_robots` compares several logs: a log's own scales (torque over what the motion needs, ball
-acceleration over the lean's, wheel speed over the ball's) are those of its robot over the robot file's. They need not
-be one, but they must be the same in every log of a robot.
+`examine` runs the checks of one log in the order in which they depend on each other: the delay of the torques, the lean
+axes against the ball's acceleration, the torques against those that the motion needs. They use neither friction nor the
+controller. `different_robots` compares several logs: a log's scales (torque over the needed torque, ball acceleration
+over that of the lean, wheel speed over that of the ball) are those of its robot over the robot file's. They need not be
+one, but they must be the same in every log of a robot.
 """
 
 from __future__ import annotations
@@ -39,33 +39,33 @@ from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
-#: share of the rows at a torque's largest value from which it is clipped; a motor at its limit is there, too, but then
-#: the motion needs no more
+#: fraction of the rows at a torque's largest value above which it is clipped; a motor at its limit is there too, but
+#: then the motion needs no more
 CLIPPED = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhysicsOfLog:
-    """What one log says by itself; None where it says nothing or an earlier check failed."""
+    """Results of one log by itself; None if it is not conclusive or an earlier check failed."""
 
     findings: tuple[Finding, ...] = ()
     lean: LeanEvidence | None = None
     torque: TorqueEvidence | None = None
-    wheel_gain: float | None = None  #: wheel speeds over those that the states make, the wheels' mean
+    wheel_gain: float | None = None  #: wheel speeds over those of the states, mean of the wheels
 
 
 def examine(log: Log, robot: Robot) -> PhysicsOfLog:
-    """Return what is wrong with a log of balancing by the robot's own equations, and the scales that it shows.
+    """Check a log of balancing with the robot's equations, and return findings and the scales of the log.
 
-    The torques are held against a motion that the lean confirms: if the lean does not fit the ball's acceleration, or
-    shows nothing of it, nothing is said of the torques.
+    The torques are checked only against a motion that the lean confirms: not if the lean contradicts the ball's
+    acceleration or is not conclusive.
 
     Parameters
     ----------
     log : Log
-        If it lacks the states or the torques, the checks that need them are left out.
+        Checks whose columns it lacks are skipped.
     robot : Robot
-        Its rigid body and geometry; its friction is not used.
+        Gives the rigid body and the geometry; its friction is not used.
     """
     late = delay_findings(torque_delay(log, robot), names=torque_names(robot.wheel_count))
     rows = usable_rows(log, robot)
@@ -94,7 +94,7 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
 def _torque(
     log: Log, rows: Rows, motion: Motion, robot: Robot
 ) -> tuple[TorqueEvidence | None, list[Finding]]:
-    """Return what the torques say and what is wrong; their scale only if nothing else is."""
+    """Return the evidence of the torques and findings; on their scale only if there is no other."""
     driving = driving_of(log, rows, motion, robot)
     if driving is None:
         return None, []
@@ -110,14 +110,14 @@ def _torque(
 
 
 def _clipped(log: Log, names: tuple[str, ...]) -> Finding | None:
-    """Return the error of torques that are too small because they stand at their largest value for long."""
+    """Return the error of torques that are too small because they often are at their largest value."""
     peaks = {name: float(np.nanmax(np.abs(log[name]))) for name in names}
-    shares = {name: float(np.mean(np.abs(log[name]) == peak)) for name, peak in peaks.items()}
-    clipped = [name for name, share in shares.items() if share > CLIPPED]
+    fractions = {name: float(np.mean(np.abs(log[name]) == peak)) for name, peak in peaks.items()}
+    clipped = [name for name, fraction in fractions.items() if fraction > CLIPPED]
     if not clipped:
         return None
     values = ", ".join(
-        f"{name} at {peaks[name]:.3g} N m in {100 * shares[name]:.0f} % of the rows" for name in clipped
+        f"{name} at {peaks[name]:.3g} N m in {100 * fractions[name]:.0f} % of the rows" for name in clipped
     )
     sentence = (
         f"The torques were clipped in the recording: they are at their largest value ({values}) "
@@ -137,54 +137,54 @@ def _wheel_gain(log: Log, robot: Robot) -> float | None:
     return float(np.mean(found.gains))
 
 
-#: two scales are of different robots if they differ by more than this factor beside their uncertainty
+#: two scales are of different robots if they differ by more than this factor and by more than their uncertainty
 APART = 1.18
-#: an uncertainty beside that of the brackets and errors, relative
+#: relative uncertainty in addition to that of brackets and errors
 MARGIN = 0.03
 #: standard errors
 SURE = 3.0
 #: relative uncertainty of wheel gains [-]: play, slip and noise
 WHEEL_ERROR = 0.04
-#: widest bracket (of the two regressions) that is compared, and the part of its logarithm that is left uncertain on
-#: each side of its middle: a whole half if nothing is known of the noises' sizes
-WIDEST, TORQUE_SHARE, LEAN_SHARE = 1.6, 0.25, 0.3
-#: share of the torques that must be explained: with less, friction that follows the need is large
+#: widest bracket (of the two regressions) that is compared, and the fraction of its logarithm that is uncertain on each
+#: side of its middle; it would be a half if the sizes of the noises were unknown
+WIDEST, TORQUE_FRACTION, LEAN_FRACTION = 1.6, 0.25, 0.3
+#: least explained fraction of the torques; below it, friction that follows the need is large
 EXPLAINED = 0.85
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """A scale that one log shows, over the robot file's."""
+    """A scale of one log, relative to the robot file's."""
 
     middle: float
     systematic: float  #: relative, to each side
     error: float  #: standard error, relative
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """The scale with its uncertainty."""
         return f"{self.middle:.2f} +- {self.middle * (self.systematic + SURE * self.error):.2f}"
 
 
 def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
-    """Return an error for each scale in which logs differ more than one robot's can.
+    """Return an error for each scale in which logs differ more than logs of one robot can.
 
     Parameters
     ----------
-    examined : mapping of str to Examined
-        What each log said by itself, by the names that messages use.
+    examined : mapping of str to PhysicsOfLog
+        Results of each log by itself, by the names that messages use.
     """
     findings = []
-    for scale_of, what, cause in _SCALES:
+    for scale_of, quantity, cause in _SCALES:
         known = {name: scale for name, one in examined.items() if (scale := scale_of(one))}
-        finding = _compared(known, what, cause)
+        finding = _compared(known, quantity, cause)
         if finding:
             findings.append(finding)
     return findings
 
 
-def _compared(scales: Mapping[str, Scale], what: str, cause: str) -> Finding | None:
-    """Return the finding on the two logs that are clearest apart; None if none are."""
+def _compared(scales: Mapping[str, Scale], quantity: str, cause: str) -> Finding | None:
+    """Return the finding on the two logs that differ most clearly; None if none do."""
     apart = {
         pair: margin
         for pair in combinations(scales, 2)
@@ -197,22 +197,22 @@ def _compared(scales: Mapping[str, Scale], what: str, cause: str) -> Finding | N
     other = second if odd == first else first
     ratio = scales[odd].middle / scales[other].middle
     sentence = (
-        f"{odd} and {other} are of different robots: {what} is {ratio:.2f} times as large "
-        f"in {odd} (relative to the robot file it is {scales[odd].words} in {odd} and "
-        f"{scales[other].words} in {other}). {cause} Use logs of one robot in one condition."
+        f"{odd} and {other} are of different robots: {quantity} is {ratio:.2f} times as large "
+        f"in {odd} (relative to the robot file it is {scales[odd].text} in {odd} and "
+        f"{scales[other].text} in {other}). {cause} Use logs of one robot in one condition."
     )
     return Finding(code="robots", severity="error", text=sentence, where=Place(file=odd))
 
 
 def _margin(one: Scale, other: Scale) -> float:
-    """Return by how much the logarithms of two scales differ beyond what they may."""
+    """Return the excess of the difference of two scales' logarithms over its tolerance."""
     difference = abs(np.log(one.middle / other.middle))
     uncertain = one.systematic + other.systematic + SURE * np.hypot(one.error, other.error) + MARGIN
     return float(difference - max(uncertain, np.log(APART)))
 
 
 def _odd_one(scales: Mapping[str, Scale], first: str, second: str) -> str:
-    """Return the one of two logs that more others contradict; with a tie, the one that is farther from the file."""
+    """Return the one of two logs that differs from more others; with a tie, the one farther from the robot file."""
 
     def contradicted(name: str) -> tuple[int, float]:
         number = sum(_margin(scales[name], other) > 0.0 for other in scales.values())
@@ -221,12 +221,12 @@ def _odd_one(scales: Mapping[str, Scale], first: str, second: str) -> str:
     return max(first, second, key=contradicted)
 
 
-def _bracket(forward: float, reverse: float, error: float, *, share: float) -> Scale | None:
+def _bracket(forward: float, reverse: float, error: float, *, fraction: float) -> Scale | None:
     if not (forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward):
         return None
     return Scale(
         middle=float(np.sqrt(forward * reverse)),
-        systematic=share * abs(float(np.log(reverse / forward))),
+        systematic=fraction * abs(float(np.log(reverse / forward))),
         error=error / forward,
     )
 
@@ -234,14 +234,14 @@ def _bracket(forward: float, reverse: float, error: float, *, share: float) -> S
 def _torque_scale(one: PhysicsOfLog) -> Scale | None:
     if one.torque is None or one.torque.explained < EXPLAINED:
         return None
-    return _bracket(*one.torque.scale, one.torque.scale_error, share=TORQUE_SHARE)
+    return _bracket(*one.torque.scale, one.torque.scale_error, fraction=TORQUE_FRACTION)
 
 
 def _lean_scale(one: PhysicsOfLog) -> Scale | None:
     if one.lean is None or not one.lean.conclusive or one.lean.misread:
         return None
     return _bracket(
-        abs(one.lean.gravity_gain), one.lean.reverse_gain, one.lean.gravity_error, share=LEAN_SHARE
+        abs(one.lean.gravity_gain), one.lean.reverse_gain, one.lean.gravity_error, fraction=LEAN_FRACTION
     )
 
 

@@ -1,7 +1,7 @@
 """Values that a log repeats: a sensor or a whole log that froze, slow columns held at the log's rate, repeated rows.
 
-Sensors with noise never give one value twice to the last bit. A robot at rest, an encoder that stands still and a
-noiseless simulation may; so what is at rest, by its rates, is left alone.
+Sensors with noise never repeat a value to the last bit. A robot at rest, an encoder at rest and a noiseless simulation
+may, so that rows at rest, by their rates, give no finding.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from ballbot.findings import Finding, Place
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, torque_names
 from ballbot.log.log import Log
 
-#: columns of sensors with noise; an encoder that stands still may be right
+#: columns of sensors with noise; an encoder may rightly stay constant
 NOISY_PREFIXES = ("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_")
-#: a column that changes at this share of the rows is a live one, whose standing still is a fault
-LIVE_SHARE = 0.9
-#: shortest standstill of a live column that is reported [s] and rows
+#: a column that changes at this fraction of the rows is live: staying constant is a fault
+LIVE_FRACTION = 0.9
+#: shortest standstill of a live column that is reported [s], [rows]
 STUCK_TIME, STUCK_ROWS = 0.1, 10
-#: standstill while other columns move from which results are wrong [s]
+#: standstill, while other columns move, above which results are wrong [s]
 FROZEN_TIME = 0.4
 #: shortest standstill of a torque that is neither zero nor at its extreme [s]
 FROZEN_TORQUE_TIME = 1.0
-#: a state moves, and a rate is not that of a rest, from this share of its standard deviation
+#: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
 MOVING = 0.2
-#: a slower column is held at least so many rows, at least so often, and nearly always as long
-HELD_ROWS, HELD_TIMES, HELD_SHARE = 2, 20, 0.8
-#: delay by holding from which states are wrong [s]
+#: a slower column repeats a value for so many rows, at least so often, in this fraction of cases equally long
+HELD_ROWS, HELD_TIMES, HELD_FRACTION = 2, 20, 0.8
+#: delay by repeated values above which states are wrong [s]
 HELD_TIME = 0.04
-#: rows that come again, one after the other, from which they were copied
+#: fewest consecutive rows that are repeated if they were copied
 COPIED_ROWS = 10
 _GYRO = ("gyro_x", "gyro_y", "gyro_z")
 _TORQUES = torque_names(MAX_WHEELS)
@@ -44,7 +44,7 @@ class Standstill:
 
     start: int
     rows: int
-    changes: float  #: share of the other rows at which the column changes
+    changes: float  #: fraction of the other rows at which the column changes
 
 
 def standstill(values: NDArray[np.float64]) -> Standstill:
@@ -58,9 +58,9 @@ def standstill(values: NDArray[np.float64]) -> Standstill:
 
 
 def check_stuck(log: Log) -> list[Finding]:
-    """Return what stands still for a while though it changes at nearly all other rows, by column or all at once.
+    """Return findings on columns that stay constant for a while though they change at nearly all other rows.
 
-    It is an error where other columns show that the robot moved meanwhile, and a warning where it may have been at
+    The finding is an error if other columns show that the robot moved meanwhile, and a warning if it may have been at
     rest.
     """
     if len(log) < 2 * STUCK_ROWS:
@@ -68,7 +68,9 @@ def check_stuck(log: Log) -> list[Finding]:
     shortest = max(STUCK_ROWS, round(STUCK_TIME / log.sample_time))
     names = [name for name in log.names if name.startswith(NOISY_PREFIXES)]
     found = {name: standstill(log[name]) for name in names}
-    stuck = {name: one for name, one in found.items() if one.rows >= shortest and one.changes >= LIVE_SHARE}
+    stuck = {
+        name: one for name, one in found.items() if one.rows >= shortest and one.changes >= LIVE_FRACTION
+    }
     together = _together(stuck)
     if len(together) >= 3:
         return [_frozen_log(log, together, stuck[together[0]])]
@@ -76,7 +78,7 @@ def check_stuck(log: Log) -> list[Finding]:
 
 
 def check_held(log: Log) -> list[Finding]:
-    """Return what is wrong where columns repeat each value for a fixed number of rows, or rows come again."""
+    """Return findings on columns that repeat each value for a fixed number of rows."""
     if len(log) < HELD_ROWS * HELD_TIMES:
         return []
     names = [n for n in (*STATE_NAMES, *_GYRO, *_TORQUES) if n in log]
@@ -97,11 +99,11 @@ def check_held(log: Log) -> list[Finding]:
     if not states and delay < 2.0 * HELD_TIME:
         return []  # a controller slower than its log
     wrong = delay >= HELD_TIME
-    what = "The columns" if len(columns) > 1 else "The column"
+    noun = "The columns" if len(columns) > 1 else "The column"
     verb = "change" if len(columns) > 1 else "changes"
     sentence = (
-        f"{what} {', '.join(columns)} {verb} only every {_ordinal(rows)} row, every "
-        f"{delay:.3g} s, and {('hold' if len(columns) > 1 else 'holds')} the last value "
+        f"{noun} {', '.join(columns)} {verb} only every {_ordinal(rows)} row, every "
+        f"{delay:.3g} s, and {('repeat' if len(columns) > 1 else 'repeats')} the last value "
         "in between: a slower sensor, or resampling without interpolation. Its values "
         "are delayed by up to that time; interpolate them, or log at their rate."
     )
@@ -110,7 +112,7 @@ def check_held(log: Log) -> list[Finding]:
 
 
 def check_copied(log: Log) -> list[Finding]:
-    """Return an error where a stretch of rows comes again later, to the last bit."""
+    """Return an error if an interval of rows is repeated later, to the last bit."""
     names = [name for name in log.names if name.startswith(NOISY_PREFIXES)]
     if len(names) < 3 or len(log) < 4 * COPIED_ROWS:
         return []
@@ -144,7 +146,7 @@ def _runs(values: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.int
 
 
 def _together(stuck: dict[str, Standstill]) -> list[str]:
-    """Return the columns whose standstills cover one another but for a row at either end, the largest such set."""
+    """Return the largest set of columns with the same standstill, within a row at either end."""
     best: list[str] = []
     for one in stuck.values():
         same = [
@@ -162,7 +164,7 @@ def _frozen_log(log: Log, names: list[str], one: Standstill) -> Finding:
     rows = slice(start, start + one.rows)
     rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in names]
     moved = any(abs(log[name][start]) > MOVING * np.nanstd(log[name]) for name in rates)
-    # rates of zero to the last bit are a rest's
+    # at rest, rates are zero to the last bit
     others = any(log[name][start] for name in names) and _others_move(log, rows, names)
     severity = "error" if (moved or others) and lasting >= FROZEN_TIME else "warning"
     end = "" if severity == "error" else ", or everything was at rest"
@@ -200,7 +202,7 @@ def _others_move(log: Log, rows: slice, names: Sequence[str]) -> bool:
 
 
 def _stuck_torques(log: Log) -> list[Finding]:
-    """Return an error for a torque that froze while the others went on, zero and its extreme aside."""
+    """Return an error for a torque that froze while the others changed, except at zero and at its extreme."""
     findings = []
     names = [name for name in _TORQUES if name in log]
     shortest = max(STUCK_ROWS, round(FROZEN_TORQUE_TIME / log.sample_time))
@@ -208,7 +210,7 @@ def _stuck_torques(log: Log) -> list[Finding]:
         one = standstill(log[name])
         value = float(log[name][one.start])
         extreme = abs(value) >= 0.999 * float(np.nanmax(np.abs(log[name])))
-        if one.rows < shortest or one.changes < LIVE_SHARE or value == 0.0 or extreme:
+        if one.rows < shortest or one.changes < LIVE_FRACTION or value == 0.0 or extreme:
             continue
         rows = slice(one.start, one.start + one.rows)
         alone = any(standstill(log[other][rows]).rows < one.rows / 2 for other in names if other != name)
@@ -226,21 +228,21 @@ def _stuck_torques(log: Log) -> list[Finding]:
 
 
 def _held_rows(values: NDArray[np.float64]) -> int:
-    """Return for how many rows a column holds each of its values; 1 where that differs from value to value."""
+    """Return for how many rows a column repeats each of its values; 1 if the number varies."""
     _, lengths = _runs(values)
     inner = lengths[1:-1]
     if len(inner) < HELD_TIMES:
         return 1
     usual = int(np.median(inner))
     regular = np.mean(np.abs(inner - usual) <= (1 if usual > HELD_ROWS else 0))
-    return usual if regular >= HELD_SHARE else 1
+    return usual if regular >= HELD_FRACTION else 1
 
 
 def _in_step(log: Log, names: Sequence[str]) -> bool:
     """Return whether all columns change at the same rows."""
     changes = [np.diff(log[name]) != 0.0 for name in names]
     together = np.all(changes, axis=0).sum()
-    return bool(together >= HELD_SHARE * np.any(changes, axis=0).sum())
+    return bool(together >= HELD_FRACTION * np.any(changes, axis=0).sum())
 
 
 def _short(names: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
 """All checks of a log or of a robot's logs, findings of one cause joined, and logs that passed them.
 
-`check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` what an
-analysis takes: logs whose checks ran once and before any work, and whose errors, if any, the user accepted.
+`check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
+an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def join_common_causes(findings: Sequence[Finding], examined: PhysicsOfLog) -> l
     ----------
     findings : sequence of Finding
         Of all checks of one log.
-    examined : Examined
-        What the equations of motion show of the same log.
+    examined : PhysicsOfLog
+        Results of the equations of motion on the same log.
     """
     return _negated_angles(_scaled_velocity(findings, examined), examined)
 
@@ -111,15 +111,14 @@ def _negated(contradiction: Finding) -> Finding:
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
-    """Return everything that was found in a log, errors first.
+    """Return the findings of all checks of a log, errors first.
 
     Parameters
     ----------
     log : Log
         The log.
     robot : Robot, optional
-        With it, the wheels' columns are held against the robot's kinematics and the torques against its
-        limit.
+        With it, the wheels' columns are compared with the robot's kinematics and the torques with its limit.
     """
     return _log_findings(log, robot, _physics_of(log, robot) if robot else None)
 
@@ -150,14 +149,14 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
     ]
     if examined:
         findings = join_common_causes(findings, examined)
-    # beside an error it would be one of its effects, and it takes the longest
+    # an error would be its cause, and it takes the longest
     if robot and not any(finding.severity == "error" for finding in findings):
         findings += check_disturbance(log, robot)
     return by_severity(findings)
 
 
 def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
-    """Return everything found in a robot's logs, errors first, each finding with the log that it is about.
+    """Return the findings of a robot's logs, errors first, each with the log that it is about.
 
     Parameters
     ----------
@@ -166,7 +165,7 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot) -> tuple[Finding, ...]:
     robot : Robot
         Whose logs they are.
     """
-    # the equations of motion take a while to load
+    # importing the equations of motion takes time
     from ballbot.log.checks.physics import different_robots, examine
 
     examined = {name: examine(log, robot) for name, log in logs.items()}
@@ -185,18 +184,18 @@ def _physics_of(log: Log, robot: Robot) -> PhysicsOfLog:
 
 
 def _in_seconds(rates: Sequence[Finding]) -> bool:
-    """Return whether nothing was found of time in another unit, in which no motion can be looked at."""
+    """Return whether no finding says that time is in another unit, with which no motion can be checked."""
     return not any(finding.code == "time-scale" for finding in rates)
 
 
 def _of_motion(log: Log, robot: Robot | None, physics: Iterable[Finding]) -> list[Finding]:
-    """Return what the motion shows, by the robot's equations if it is known."""
+    """Return the findings on the motion, by the robot's equations if it is known."""
     torques = check_torques(log, robot=robot)
-    # torques that are not of this motion at all make every other finding on them moot
+    # torques that do not belong to this motion make every other finding on them meaningless
     kept = [one for one in physics if not (torques and one.code.startswith("torque-"))]
     kinematics = _of_robot(log, robot) if robot else []
     if any(one.code in ("ball-axes", "heading-sign") for one in kinematics):
-        kept = []  # what follows from wrong axes of the ball is not told again
+        kept = []  # they would follow from the wrong axes of the ball
     return [*torques, *kinematics, *kept]
 
 
@@ -205,7 +204,7 @@ def _of_robot(log: Log, robot: Robot) -> list[Finding]:
 
 
 def needed_columns(wheel_count: int) -> Mapping[str, tuple[str, ...]]:
-    """Return, by what a log is used for, the columns that this needs."""
+    """Return the columns that each use of a log needs."""
     torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
     return MappingProxyType(
         {
@@ -230,31 +229,31 @@ def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
 
 
 def _wheels_of(log: Log) -> int:
-    """Return the number of wheels that the log's columns name; three, the usual, where there are none."""
+    """Return the number of wheels that the log's columns name; three if they name none."""
     numbers = range(1, MAX_WHEELS + 1)
     return max(
         (i for i in numbers if any(n in log for n in (f"u{i}", f"wheel{i}", f"wheel{i}_dot"))), default=3
     )
 
 
-#: what concerns a robot that balances: columns that it needs, and a law that holds below the torque limit
+#: codes that concern a balancing robot only
 _OF_BALANCING = ("use", "saturation")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedLogs:
-    """Logs whose checks are done and whose errors, if any, the user accepted; made by `checked_logs`."""
+    """Logs that were checked and whose errors, if any, the user accepted; see `checked_logs`."""
 
     logs: Mapping[str, Log]  #: by the names that messages use
     findings: tuple[Finding, ...]  #: of all logs, errors first
 
     @classmethod
     def simulated(cls, log: Log) -> CheckedLogs:
-        """Return a log that Ballbot itself has just simulated, which needs no checks."""
+        """Return a log that Ballbot has just simulated, which needs no checks."""
         return cls(logs={"": log}, findings=())
 
     def with_logs(self, logs: Mapping[str, Log]) -> CheckedLogs:
-        """Return the findings with logs that were made from the checked ones, as without some of their rows."""
+        """Return the findings with logs derived from the checked ones, such as parts of them."""
         return replace(self, logs=logs)
 
 
@@ -271,11 +270,11 @@ def checked_logs(
     Parameters
     ----------
     robot : Robot, optional
-        Whose logs they are. Without it, only what needs no robot is checked.
+        Whose logs they are. Without it, only the checks without a robot run.
     logs : Log, sequence or mapping of Log, or CheckedLogs
         A mapping's keys are the names in messages; the logs of a sequence are called log 1, log 2, ...
     accept : collection of str
-        Codes of errors to go on in spite of; see `ballbot.findings.CODES`.
+        Codes of errors despite which to continue; see `ballbot.findings.CODES`.
     going_on, more : callable
         See `ballbot.findings.stop_on_errors`.
 
@@ -294,7 +293,7 @@ def checked_logs(
 
 
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return what is wrong with a robot and with logs of it on a bench, where it does not balance.
+    """Return the findings of a robot and of its logs on a bench, on which it does not balance.
 
     Parameters
     ----------

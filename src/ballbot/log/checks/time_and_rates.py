@@ -1,9 +1,9 @@
 """Checks of a log's time, of cells without a value, and of positions and angles against their rates.
 
-(Time that does not increase makes no `Log` at all.) The rates show the unit of time, units of columns, signs and
-swapped columns. A column's change over half a second is compared with the integral of its rate over the same time:
-long enough that a lean angle's noise (a few milliradians) is small beside it, short enough that a gyro's drift is. The
-ratio is of standard deviations, so it is 57.3 where the one is in degrees and the other in radians.
+(A `Log` refuses time that does not increase.) The rates show the unit of time, units of columns, signs and swapped
+columns. A column's change over half a second is compared with the integral of its rate over the same time, so that a
+lean angle's noise (a few milliradians) and a gyro's drift are both small in comparison. The ratio is one of standard
+deviations: it is 57.3 if the column is in degrees and its rate in radians.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ballbot.findings import Finding, Place
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
 from ballbot.log.log import Log
 
-#: an interval this many times the usual longest one is a gap: one lost row of a regular log makes 2
+#: an interval this many times the usual longest one is a gap; one missing row of a regular log gives 2
 GAP_RATIO = 1.5
-#: intervals that scatter by more than this part of their median are worth a warning
+#: standard deviation of the intervals, relative to their median, that gives a warning
 JITTER_RATIO = 0.05
 
 
@@ -33,7 +33,7 @@ def check_rows(log: Log) -> list[Finding]:
 
 
 def check_gaps(log: Log) -> list[Finding]:
-    """Return a warning where rows are missing: intervals longer than the clock's own scatter explains."""
+    """Return a warning if rows are missing, by intervals longer than the clock's scatter."""
     intervals = np.diff(log.t)
     if intervals.size < 3:
         return []
@@ -60,7 +60,7 @@ def check_gaps(log: Log) -> list[Finding]:
 
 
 def check_jitter(log: Log) -> list[Finding]:
-    """Return a warning where the intervals, gaps aside, scatter."""
+    """Return a warning if the intervals, without gaps, vary."""
     intervals = np.diff(log.t)
     if intervals.size < 3:
         return []
@@ -97,17 +97,17 @@ def check_missing_values(log: Log) -> list[Finding]:
 
 DEGREES = float(np.degrees(1.0))
 COMPARED_TIME = 0.5  #: [s] over which an angle's change and its rate's integral are compared
-#: rows that are compared where rows seem to come this slowly [s]: the unit of time may be wrong
+#: rows to compare at intervals longer than this [s], since the unit of time may be wrong
 SLOW_ROWS, SLOW = 100, 0.2
-FEWEST_ROWS = 40  #: below which no comparison is made
-CLEAR_CORRELATION = 0.8  #: below which a comparison says nothing
+FEWEST_ROWS = 40  #: for a comparison
+CLEAR_CORRELATION = 0.8  #: below which a comparison is not conclusive
 #: columns are swapped if each agrees with the other's rate by this much, and more than with its own by the margin
 SWAPPED_CORRELATION, SWAPPED_MARGIN = 0.7, 0.3
-#: ratios that agree within this factor are one, and one that is off by this much is no noise
+#: ratios within the first factor of each other are equal, and one beyond the second is not noise
 SAME, OFF = 1.25, 1.3
-#: a scale that is off by this factor makes results wrong
+#: a scale wrong by this factor makes results wrong
 WRONG_SCALE = 4.0
-#: units that a column may be in, by how often they go into the SI unit
+#: units that a column may be in, by their number in an SI unit
 _LENGTHS = {100.0: "cm", 1000.0: "mm"}
 _ANGLES = {DEGREES: "degrees", 1000.0: "mrad", 1.0 / (2.0 * np.pi): "turns"}
 _ANGULAR_RATES = _ANGLES | {60.0 / (2.0 * np.pi): "rpm"}
@@ -129,7 +129,7 @@ class Agreement:
 
 
 def agreement(first: NDArray[np.float64], second: NDArray[np.float64]) -> Agreement | None:
-    """Compare two signals (N,) where both are finite; None where there is too little to compare."""
+    """Compare two signals (N,) at the rows where both are finite; None if these are too few."""
     both = np.isfinite(first) & np.isfinite(second)
     if both.sum() < FEWEST_ROWS:
         return None
@@ -141,7 +141,7 @@ def agreement(first: NDArray[np.float64], second: NDArray[np.float64]) -> Agreem
 
 
 def check_rates(log: Log) -> list[Finding]:
-    """Return what is wrong between each angle (or position) and its rate: time, degrees, sign, scale, swapped."""
+    """Return contradictions of angles and positions to their rates: time, degrees, sign, scale, swapped."""
     if len(log) < FEWEST_ROWS:
         return []
     names = [name for name in _with_rates(log) if f"{name}_dot" in log]
@@ -160,12 +160,12 @@ def check_rates(log: Log) -> list[Finding]:
     findings = []
     for name, one in found.items():
         if one.clear:
-            findings += _verdict(name, f"{name}_dot", one, what="changes", reference="integrates to")
+            findings += _verdict(name, f"{name}_dot", one, verb="changes", reference="integrates to")
     return findings + _swapped(log, found)
 
 
 def check_gyro(log: Log) -> list[Finding]:
-    """Return what is wrong between the gyro and the body rates w = B(Phi) Phi_dot of the state columns."""
+    """Return contradictions of the gyro to the body rates w = B(Phi) Phi_dot of the state columns."""
     from ballbot.mechanics.geometry import body_rates_matrix
 
     if not {*_GYRO, *STATE_NAMES[2:5], *STATE_NAMES[7:10]} <= set(log.names):
@@ -177,7 +177,7 @@ def check_gyro(log: Log) -> list[Finding]:
         found = agreement(log[name], body[:, i])
         if found is not None and found.clear:
             findings += _verdict(
-                name, "the turning of theta, phi, psi", found, what="varies", reference="makes"
+                name, "the turning of theta, phi, psi", found, verb="varies", reference="gives"
             )
         own[i] = abs(found.correlation) if found else 1.0
     for i, k in ((0, 1), (0, 2), (1, 2)):
@@ -213,7 +213,7 @@ def _runs_backwards(found: Mapping[str, Agreement]) -> bool:
 
 
 def _time_factor(found: Mapping[str, Agreement]) -> float | None:
-    """Return by what all changes exceed what their rates make of them, if it is one factor, and not one."""
+    """Return the common ratio of all changes to the integrals of their rates; None if there is none or it is one."""
     ratios = {name: one.ratio for name, one in found.items() if one.clear and not name.startswith("wheel")}
     lengths = [name for name in ratios if name in ("x", "y")]
     if not lengths or len(lengths) == len(ratios) or min(ratios.values()) <= 0.0:
@@ -248,10 +248,10 @@ def _slow_finding(log: Log) -> Finding:
     return _error("time-scale", sentence, "t")
 
 
-def _verdict(name: str, other: str, found: Agreement, *, what: str, reference: str) -> list[Finding]:
-    """Return the finding that a ratio other than one means; half again as much is still put down to noise."""
+def _verdict(name: str, other: str, found: Agreement, *, verb: str, reference: str) -> list[Finding]:
+    """Return the finding on a ratio other than one; a factor of 1.5 may still be noise."""
     size = abs(found.ratio)
-    seen = f"{name} {what} {size:.3g} times as much as {other} {reference}"
+    seen = f"{name} {verb} {size:.3g} times as much as {other} {reference}"
     columns = (name, other) if other.endswith("_dot") else (name,)
     findings = []
     if found.ratio < 0.0:
@@ -283,7 +283,7 @@ def _verdict(name: str, other: str, found: Agreement, *, what: str, reference: s
 
 
 def _swapped(log: Log, found: Mapping[str, Agreement]) -> list[Finding]:
-    """Return an error for each pair whose columns go with each other's rates."""
+    """Return an error for each pair whose columns follow each other's rates."""
     findings = []
     for first, second in (("x", "y"), ("theta", "phi")):
         if not {first, second} <= set(found):

@@ -1,25 +1,25 @@
 """Wheel torques against the torques that the motion needs: order, sign, scale, and torques that do not fit at all.
 
-The rows of the equations of motion that the lean does not enter, about upright and in the heading frame, give the
-torque that ball and wheels pass to each other,
+The rows of the equations of motion without the lean, about upright and in the heading frame, give the torque between
+ball and wheels,
 
     r_b d/dt (M_vv v + M_vw w) = E^T tau,      M_w. (w_dot, v_dot) about the vertical = -tau_z,      tau = A^T n,
 
-and with it n, the torque that each wheel needs for the motion. A motor gives it and its own driveline's friction:
+and with it n, the torque that each wheel needs for the motion. A motor supplies it and its driveline's friction:
 
     u_i = k n_i + f(wheel speed i)             f: dry, viscous, falling with speed; it never drives
 
 so k is one for the right robot, and wheel i's torque follows n_i and its own speed's sign. Every logged torque is
 fitted by every wheel's motion, with either sign: the order and signs that explain the log best are the right ones.
 
-Regression of a torque on the torque that the motion needs gives too small a factor, because the need comes from
-differentiated signals and has their noise. So the size of each wheel's torque comes from the acceleration that gravity
-causes: gravity's part of the need depends on the lean alone,
+Regression of a torque on the torque that the motion needs gives too small a factor, because the need is computed from
+differentiated signals and has their noise. The size of each wheel's torque is therefore estimated from the acceleration
+that gravity causes: gravity's part of the need depends on the lean alone,
 
     z = A^-T r_b E^T M_vv (-Lambda g)          (`ballbot.mechanics.contact_momentum`)
 
-Its noise is another sensor's, so that k = (z . u) / (z . n), both without what follows the wheel's friction, has no
-such bias (an instrumental variable). It is 0.95 to 1.1 on logs that show it well.
+Its noise is that of another sensor, so that k = (z . u) / (z . n), both without the part that follows the wheel's
+friction, has no such bias (an instrumental variable). It is 0.95 to 1.1 on logs with enough motion.
 """
 
 from __future__ import annotations
@@ -49,30 +49,30 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-#: share of a torque's variance by which another wheel or sign must explain it better, and how clearly
+#: fraction of a torque's variance that another wheel or sign must explain more, and in how many standard errors
 CLEAR_GAIN, CLEARLY_BETTER = 0.2, 3.0
-#: assignments whose share is within this of the best's cannot be told apart
+#: assignments whose explained fraction is within this of the best's are indistinguishable
 AS_GOOD = 0.03
-#: share of the torques that must be explained before a scale is concluded, or an order or sign
-EXPLAINED, BELIEVED = 0.3, 0.45
-#: share under which torques have nothing to do with the motion
+#: fraction of the torques that must be explained to conclude a scale, and an order or sign
+EXPLAINED, EXPLAINED_FOR_ORDER = 0.3, 0.45
+#: explained fraction below which torques are unrelated to the motion
 UNRELATED = 0.15
 #: scale k that is an error, and one that is a warning; the larger the bracket (k by regression of need on torque over k
 #: by regression of torque on need) the farther from one, as sticking wheels' friction follows the need
 TOO_LARGE, LARGE, BRACKET_POWER = 1.25, 1.15, 0.75
-#: a scale too large must be this many times larger if less than this share of the torques is explained: friction that
-#: is fed forward, or that sticks, then follows the need
-UNCLEAR_SHARE, UNCLEAR_FACTOR = 0.8, 1.3
+#: a scale too large must be this many times larger if less than this fraction of the torques is explained: friction
+#: that is fed forward, or that sticks, then follows the need
+UNCLEAR_FRACTION, UNCLEAR_FACTOR = 0.8, 1.3
 #: too small by the second regression, or by the first if the bracket is narrow
 TOO_SMALL, TOO_SMALL_IF_NARROW, NARROW = 0.77, 0.62, 1.7
-#: scales of the first kind with which an order or sign is believed, and the widest bracket
+#: least scale of the first kind for the conclusion of an order or sign, and the widest bracket
 LEAST_SCALE, WIDEST = 0.4, 4.5
-#: variance of a torque over the largest one's under which its column is dead
+#: a column is dead if its variance is below this fraction of the largest one
 DEAD = 1e-8
 SURE = 3.0
-#: speed at which the sign of a wheel's dry friction is nearly certain, and from which it is [rad/s]
+#: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
 SIGN, TURNING = 0.1, 0.3
-#: how sharply rows count less if the wheel did not turn for certain all the filter's time
+#: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
 TURNED_POWER = 12
 #: a scale needs this much of such turning, of all wheels together [s]
 LEAST_TURNING = 5.0
@@ -82,12 +82,14 @@ FALLING = 0.6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Driving:
-    """What each wheel's motor has to do with the motion, at the rows of `Motion`."""
+    """Torques, needed torques and friction terms of each wheel, at the rows of `Motion`."""
 
     torque: NDArray[np.float64]  #: (N, n) u as logged, filtered [N m]
-    needed: NDArray[np.float64]  #: (N, n) n, what the motion needs of each wheel [N m]
+    needed: NDArray[np.float64]  #: (N, n) n, the torque that the motion needs of each wheel [N m]
     friction: NDArray[np.float64]  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
-    turning: NDArray[np.float64]  #: (N, n) share of the filter's time in which the wheel turned for certain
+    turning: NDArray[
+        np.float64
+    ]  #: (N, n) fraction of the filter's time in which the wheel turned for certain
     block: NDArray[np.intp]  #: (N,)
 
 
@@ -99,8 +101,8 @@ class Assignment:
     signs: tuple[int, ...]
 
     @property
-    def words(self) -> str:
-        """What is wrong with the torques, in words; empty if nothing."""
+    def fault(self) -> str:
+        """The fault of the torques under this assignment; empty if there is none."""
         own = tuple(range(len(self.wheels)))
         negated = [f"u{j + 1}" for j, sign in enumerate(self.signs) if sign < 0]
         parts = []
@@ -119,7 +121,7 @@ class Assignment:
 
     @property
     def changes(self) -> int:
-        """Number of separate faults it takes."""
+        """Number of separate faults."""
         moved = sum(wheel != j for j, wheel in enumerate(self.wheels))
         negated = self.signs.count(-1)
         return moved + (1 if negated == len(self.signs) else negated)
@@ -127,20 +129,20 @@ class Assignment:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueEvidence:
-    """What the torques of one log have to do with its motion."""
+    """The torques of one log compared with its motion."""
 
     assignments: tuple[Assignment, ...]  #: the best explanations, simplest first
-    explained: float  #: share of the torques' variance that the best explains
-    as_logged: float  #: share that is explained with the columns as they are
-    clearness: float  #: of the best against the columns as logged, in standard errors
-    differing: float  #: mean share gained on the torques that the best assigns otherwise
+    explained: float  #: fraction of the torques' variance that the best explains
+    as_logged: float  #: fraction that the columns as logged explain
+    clearness: float  #: advantage of the best over the columns as logged, in standard errors
+    differing: float  #: mean fraction gained on the torques that the best assigns differently
     scale: tuple[float, float]  #: k by regression of torque on need, and of need on torque
     scale_error: float  #: standard error of the first
-    turning: float  #: share of time in which wheels turned for certain
+    turning: float  #: fraction of time in which wheels turned for certain
 
 
 def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
-    """Return what the torques of a log have to do with its motion; None without every wheel's torque."""
+    """Return the torques of a log and those that its motion needs; None without every wheel's torque."""
     names = torque_names(robot.wheel_count)
     if not set(names) <= set(log.names):
         return None
@@ -165,10 +167,10 @@ def torque_evidence(driving: Driving) -> TorqueEvidence:
     """Fit every logged torque by every wheel's motion with either sign, and compare the assignments."""
     n = driving.torque.shape[1]
     left = _left_unexplained(driving)
-    share = 1.0 - left.sum(axis=-1)  # [torque, wheel, sign]
+    explained = 1.0 - left.sum(axis=-1)  # [torque, wheel, sign]
     own = Assignment(tuple(range(n)), (1,) * n)
-    every = _assignments(share)
-    scores = {one: _mean(share, one) for one in every}
+    every = _assignments(explained)
+    scores = {one: _mean(explained, one) for one in every}
     best = max(scores, key=lambda one: scores[one])
     good = sorted(
         (one for one in every if scores[one] >= scores[best] - AS_GOOD),
@@ -191,12 +193,12 @@ def torque_evidence(driving: Driving) -> TorqueEvidence:
 
 
 def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return what is wrong with the torques: order, sign, scale, or that they do not belong to the motion."""
+    """Return findings on the torques: order, sign, scale, or that they are unrelated to the motion."""
     where = Place(columns=names)
     best, (forward, reverse) = found.assignments[0], found.scale
     coherent = forward > LEAST_SCALE and 0.0 < reverse < WIDEST * forward
     clear = found.differing > CLEAR_GAIN and found.clearness > CLEARLY_BETTER
-    if best.changes and clear and coherent and found.explained > BELIEVED:
+    if best.changes and clear and coherent and found.explained > EXPLAINED_FOR_ORDER:
         return [_misplaced(found, where)]
     if found.as_logged < UNRELATED:
         sentence = (
@@ -211,7 +213,7 @@ def torque_findings(found: TorqueEvidence, *, names: tuple[str, ...]) -> list[Fi
 def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
     """Return the finding that names every order and sign of the torques that fits as well as the best."""
     best = found.assignments[0]
-    causes = [one.words for one in found.assignments if one.changes <= best.changes + 1][:4]
+    causes = [one.fault for one in found.assignments if one.changes <= best.changes + 1][:4]
     sentence = (
         f"The torques do not fit the motion as logged: {', or '.join(causes)}. With this correction "
         f"they explain {100 * found.explained:.0f} % of the torque that the motion needs, as logged "
@@ -224,13 +226,13 @@ def _misplaced(found: TorqueEvidence, where: Place) -> Finding:
 
 def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
     forward, reverse = found.scale
-    sure, bracket = SURE * found.scale_error, reverse / forward if forward > 0.0 else float("inf")
-    small = reverse + sure < TOO_SMALL or (bracket < NARROW and forward + sure < TOO_SMALL_IF_NARROW)
-    widened = bracket**BRACKET_POWER * (UNCLEAR_FACTOR if found.explained < UNCLEAR_SHARE else 1.0)
-    large = forward - sure > LARGE * widened
+    margin, bracket = SURE * found.scale_error, reverse / forward if forward > 0.0 else float("inf")
+    small = reverse + margin < TOO_SMALL or (bracket < NARROW and forward + margin < TOO_SMALL_IF_NARROW)
+    widened = bracket**BRACKET_POWER * (UNCLEAR_FACTOR if found.explained < UNCLEAR_FRACTION else 1.0)
+    large = forward - margin > LARGE * widened
     if not small and not large:
         return []
-    error = small or forward - sure > TOO_LARGE * widened
+    error = small or forward - margin > TOO_LARGE * widened
     sentence = (
         f"The torques are {(forward if large else reverse):.2g} times what the motion of this robot "
         "needs: u1, u2 .. are scaled (torque constant, gear ratio, current or per-unit values in "
@@ -270,7 +272,7 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
 
 
 def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
-    """Return the share (n, n, 2, B) of each torque's variance that each wheel with each sign leaves, by blocks."""
+    """Return the fraction (n, n, 2, B) of each torque's variance unexplained by each wheel and sign, by blocks."""
     n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
     left = np.ones((n, n, 2, blocks)) / blocks
     dead = DEAD * float(np.square(driving.torque - driving.torque.mean(axis=0)).sum(axis=0).max())
@@ -291,12 +293,12 @@ def _left_unexplained(driving: Driving) -> NDArray[np.float64]:
     return left
 
 
-def _assignments(share: NDArray[np.float64]) -> list[Assignment]:
+def _assignments(explained: NDArray[np.float64]) -> list[Assignment]:
     """Return every order, each torque with every sign that is not clearly the worse one, and the order as logged."""
-    n = len(share)
+    n = len(explained)
     found = {Assignment(tuple(range(n)), (1,) * n), Assignment(tuple(range(n)), (-1,) * n)}
     for order in permutations(range(n)):
-        better = [1 if share[j, order[j], 0] >= share[j, order[j], 1] else -1 for j in range(n)]
+        better = [1 if explained[j, order[j], 0] >= explained[j, order[j], 1] else -1 for j in range(n)]
         found.add(Assignment(order, tuple(better)))
     return list(found)
 
@@ -305,28 +307,31 @@ def _place(sign: int) -> int:
     return 0 if sign > 0 else 1
 
 
-def _mean(share: NDArray[np.float64], one: Assignment) -> float:
+def _mean(explained: NDArray[np.float64], one: Assignment) -> float:
     return float(
-        np.mean([share[j, i, _place(s)] for j, (i, s) in enumerate(zip(one.wheels, one.signs, strict=True))])
+        np.mean(
+            [explained[j, i, _place(s)] for j, (i, s) in enumerate(zip(one.wheels, one.signs, strict=True))]
+        )
     )
 
 
 def _bounded(left: NDArray[np.float64], one: Assignment, torques: list[int]) -> NDArray[np.float64]:
-    """Return by blocks what an assignment gains on the columns as logged, from -1 to 1."""
+    """Return the advantage (B,) of an assignment over the columns as logged, by blocks, from -1 to 1."""
     own = sum(left[j, j, 0] for j in torques)
     best = sum(left[j, one.wheels[j], _place(one.signs[j])] for j in torques)
     return np.asarray((own - best) / np.maximum(own + best, 1e-30))
 
 
 def enough_turning(driving: Driving) -> bool:
-    """Return whether the wheels turn for certain long enough to judge the torques' scale."""
+    """Return whether the wheels turn for certain long enough to estimate the torques' scale."""
     return EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER)) >= LEAST_TURNING
 
 
 def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], float]:
     """Return k by regression of torque on need, and of need on torque, and the first's standard error.
 
-    Rows count by the share of time in which the wheel turned for certain: in sticking, friction takes what it takes.
+    Rows are weighted by the fraction of time in which the wheel turned for certain: the friction of a sticking wheel is
+    unknown.
     """
     xx, xy, yy = (np.zeros(int(driving.block[-1]) + 1) for _ in range(3))
     for j, (i, sign) in enumerate(zip(one.wheels, one.signs, strict=True)):
@@ -344,13 +349,13 @@ def _scale(driving: Driving, one: Assignment) -> tuple[tuple[float, float], floa
 
 
 GAIN_SURE = 3.0
-#: standard error from which nothing is concluded, relative to the factor; of one torque, to that or the
-#: others' median, if that is larger
+#: standard error above which nothing is concluded, relative to the factor; for one torque, relative to the larger of
+#: its own and the others' median
 KNOWN = 0.08
-#: seconds of motion from which one torque is judged by itself: of 42 stretches of 12 s of correct logs of the twin one
-#: still gets the error, of 14 and 16 s none
+#: seconds of motion above which one torque is checked by itself: of 42 intervals of 12 s of correct logs of the twin
+#: one still gets the error, of 14 and 16 s none
 LEAST_SECONDS = 14
-#: factor of all torques that is an error; dry friction that sticks follows the need, and adds up to a half to it
+#: factor of all torques that is an error; sticking friction follows the need and adds up to a half to it
 GAIN_TOO_LARGE = 1.55
 #: one torque's factor over the others' median that is an error
 ONE_TOO_LARGE, ONE_TOO_SMALL = 1.55, 0.62
@@ -358,20 +363,20 @@ ONE_TOO_LARGE, ONE_TOO_SMALL = 1.55, 0.62
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Gains:
-    """Factors of the torques over the motion's need."""
+    """Factors of the torques relative to those that the motion needs."""
 
     all: float
     all_error: float  #: standard error
     each: NDArray[np.float64]  #: (n,)
     each_error: NDArray[np.float64]  #: (n,) standard errors
-    #: (n, 2) smallest and largest factor with any one second left out: one reversal can weigh more than all else, and
-    #: then the standard error is too small
+    #: (n, 2) smallest and largest factor with any one second excluded: one reversal can dominate, and then the standard
+    #: error is too small
     each_without_one: NDArray[np.float64]
     seconds: int  #: of motion
 
     @property
     def known(self) -> bool:
-        """Whether the log shows them."""
+        """Whether the log determines them."""
         return bool(np.isfinite(self.each).all()) and self.all_error < KNOWN * self.all
 
 
@@ -406,12 +411,12 @@ def gain_findings(found: Gains, torque: TorqueEvidence, *, names: tuple[str, ...
     """Return the error of one torque that is scaled unlike the others, or of all that are too large."""
     if not found.known:
         return []
-    # four wheels share what the motion needs in more ways than one
+    # with four wheels, the needed torques are not unique
     if len(names) == 3 and found.seconds >= LEAST_SECONDS:
         for j in range(len(names)):
             if findings := _one_unlike_the_others(found, j, names[j]):
                 return findings
-    too_large = GAIN_TOO_LARGE * (UNCLEAR_FACTOR if torque.explained < UNCLEAR_SHARE else 1.0)
+    too_large = GAIN_TOO_LARGE * (UNCLEAR_FACTOR if torque.explained < UNCLEAR_FRACTION else 1.0)
     if found.all - GAIN_SURE * found.all_error > too_large:
         sentence = (
             f"The torques are {found.all:.2g} times what the motion of this robot needs: "
@@ -441,7 +446,7 @@ def _one_unlike_the_others(found: Gains, j: int, name: str) -> list[Finding]:
 
 
 def _factor(zn: NDArray[np.float64], zu: NDArray[np.float64]) -> tuple[float, float]:
-    """Return (z . u) / (z . n) and its standard error, by blocks; infinite if nothing is known."""
+    """Return (z . u) / (z . n) and its standard error, by blocks; infinite if undetermined."""
     total = float(np.sum(zn))
     if total == 0.0:
         return float("inf"), float("inf")
@@ -450,7 +455,7 @@ def _factor(zn: NDArray[np.float64], zu: NDArray[np.float64]) -> tuple[float, fl
 
 
 def _without_one(zn: NDArray[np.float64], zu: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the smallest and the largest (z . u) / (z . n) with one block left out."""
+    """Return the smallest and the largest (z . u) / (z . n) with one block excluded."""
     with np.errstate(divide="ignore", invalid="ignore"):
         factors = (zu.sum() - zu) / (zn.sum() - zn)
     return float(factors.min()), float(factors.max())

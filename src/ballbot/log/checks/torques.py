@@ -4,10 +4,10 @@ A balancing robot's torques are feedback: a linear law in states and reference, 
 heading, explains most of every torque's variance, and a torque hardly changes from row to row. These checks need no
 model of the robot.
 
-Every feedback puts the noise of its state into its torques. From row to row most of what changes in a measured state is
-noise, and a controller answers it at once. The changes of the torques, regressed on the changes of the states so many
-rows before, are explained at one lag only: that between the two in the log. A robot's own delay, from the torque to the
-motion, does not show here.
+Every feedback passes the noise of its state on to its torques. From row to row most of the change of a measured state
+is noise, to which a controller responds at once. A regression of the torques' changes on earlier changes of the states
+explains them at one lag only: that between the two in the log. The robot's own delay, from torque to motion, has no
+effect here.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from ballbot.log.columns import STATE_NAMES, torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
-#: fewer complete rows show no law
+#: fewest complete rows for a fit of the law
 LEAST_ROWS = 200
-#: a torque varies less than this share of the others' where its motor is dead
-DEAD_SHARE = 0.02
-#: a wheel that moves at least this share of what the others do would need its motor
-MOVING_SHARE = 0.2
-#: share of a torque's variance that a law explains, below which it is no feedback, and above which it is some
+#: the torque of a dead motor varies less than this fraction of the others'
+DEAD_FRACTION = 0.02
+#: a wheel that moves at least this fraction of the others' motion needs its motor
+MOVING_FRACTION = 0.2
+#: explained fraction of a torque's variance below which it is no feedback, and above which it is
 UNRELATED, RELATED = 0.1, 0.4
-#: standard deviation of the ball's velocity [m/s] below which nothing follows from its motion
+#: least standard deviation of the ball's velocity for a conclusion [m/s]
 LEAST_SPEED = 2e-3
 _REFERENCE = ("ref_x", "ref_y", "ref_psi")
 #: correlation of a torque with itself a row later, below which it is random
@@ -38,14 +38,14 @@ RANDOM = 0.3
 
 
 def check_torques(log: Log, *, robot: Robot | None = None) -> list[Finding]:
-    """Return an error for torques of a balancing log that no balancing robot's motors gave.
+    """Return an error for torques that cannot be those of a balancing robot's motors.
 
     Parameters
     ----------
     log : Log
-        Logs without the ten states are not of a balancing robot, and anything may be commanded there.
+        A log without the ten states is not of a balancing robot and may have any torques.
     robot : Robot, optional
-        Gives the wheels' motion where the log does not have it.
+        Gives the wheels' motion if the log lacks it.
     """
     names = torque_names(_torque_count(log))
     if not names or not {*STATE_NAMES} <= set(log.names):
@@ -64,13 +64,13 @@ def check_torques(log: Log, *, robot: Robot | None = None) -> list[Finding]:
         return [_dead_finding(names, dead, torques)]
     if states[:, 5:7].std(axis=0).max() < LEAST_SPEED or (torques.std(axis=0) == 0.0).any():
         return []
-    return _unrelated_findings(names, torques, feedback_share(torques, states, reference))
+    return _unrelated_findings(names, torques, feedback_fraction(torques, states, reference))
 
 
-def feedback_share(
+def feedback_fraction(
     torques: NDArray[np.float64], states: NDArray[np.float64], reference: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the share of each torque's variance (n,) that a linear law in states and reference explains.
+    """Return the fraction of each torque's variance (n,) that a linear law in states and reference explains.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def feedback_share(
     features = [part for pair in pairs for part in (pair.real, pair.imag)]
     design = np.column_stack([*features, states[:, [4, 9]], reference[:, 2], np.ones(len(states))])
     design /= np.maximum(np.abs(design).max(axis=0), 1e-300)
-    # normal equations: ten times as fast, and precise enough for a share
+    # normal equations: ten times as fast, and precise enough
     law = np.linalg.lstsq(design.T @ design, design.T @ torques, rcond=1e-12)[0]
     return 1.0 - (torques - design @ law).var(axis=0) / torques.var(axis=0)
 
@@ -114,21 +114,21 @@ def _moving_wheels(
     else:
         return np.zeros(count, dtype=np.bool_)
     size = speeds.std(axis=0)
-    return (size > LEAST_MOTION) & (size > MOVING_SHARE * np.median(size))
+    return (size > LEAST_MOTION) & (size > MOVING_FRACTION * np.median(size))
 
 
 def _dead(torques: NDArray[np.float64], moving: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which wheels (n,) move though their torque does not vary."""
     size = torques.std(axis=0)
     constant = np.ptp(torques, axis=0) == 0.0
-    return moving & (constant | (size < DEAD_SHARE * np.median(size)))
+    return moving & (constant | (size < DEAD_FRACTION * np.median(size)))
 
 
 def _dead_finding(names: tuple[str, ...], dead: NDArray[np.bool_], torques: NDArray[np.float64]) -> Finding:
     silent = tuple(name for name, is_dead in zip(names, dead, strict=True) if is_dead)
     level = torques[:, dead].mean(axis=0)
     subject = f"{_listed(silent)} {_verb(silent)}"
-    zero = bool((np.abs(level) <= DEAD_SHARE * max(1e-9, float(np.abs(torques).max()))).all())
+    zero = bool((np.abs(level) <= DEAD_FRACTION * max(1e-9, float(np.abs(torques).max()))).all())
     if dead.all():
         values = (
             "zero in every window" if zero else f"{', '.join(f'{u:.3g}' for u in level)} N m in every row"
@@ -147,26 +147,26 @@ def _dead_finding(names: tuple[str, ...], dead: NDArray[np.bool_], torques: NDAr
         values = ", ".join(f"{value:.3g}" for value in level)
         sentence = (
             f"{subject} constant throughout ({values} N m) though its wheel moves and the other torques vary: a "
-            "torque that was not recorded, or a motor that does not obey."
+            "torque that was not recorded, or a motor that does not follow its command."
         )
     return Finding(severity="error", code="dead-motor", text=sentence, where=Place(columns=silent))
 
 
 def _unrelated_findings(
-    names: tuple[str, ...], torques: NDArray[np.float64], share: NDArray[np.float64]
+    names: tuple[str, ...], torques: NDArray[np.float64], explained: NDArray[np.float64]
 ) -> list[Finding]:
-    alien = share < UNRELATED
-    if not (alien.all() or (alien.any() and share.max() > RELATED)):
+    unrelated = explained < UNRELATED
+    if not (unrelated.all() or (unrelated.any() and explained.max() > RELATED)):
         return []
     centred = torques - torques.mean(axis=0)
     memory = np.mean(centred[1:] * centred[:-1], axis=0) / np.mean(centred**2, axis=0)
-    columns = tuple(name for name, is_alien in zip(names, alien, strict=True) if is_alien)
-    most = 100.0 * float(share[alien].max())
+    columns = tuple(name for name, is_unrelated in zip(names, unrelated, strict=True) if is_unrelated)
+    most = 100.0 * float(explained[unrelated].max())
     listed = _listed(columns)
-    if (memory[alien] < RANDOM).all():
+    if (memory[unrelated] < RANDOM).all():
         sentence = (
             f"{listed} {_verb(columns)} random: unrelated from row to row (correlation "
-            f"{memory[alien].max():.2f}) and to the motion, which explains {most:.0f} % of it. No "
+            f"{memory[unrelated].max():.2f}) and to the motion, which explains {most:.0f} % of it. No "
             "balancing robot's feedback is like that: the column is noise or another quantity."
         )
     else:
@@ -186,29 +186,29 @@ def _verb(names: tuple[str, ...]) -> str:
     return "is" if len(names) == 1 else "are"
 
 
-LONGEST_DELAY = 2.0  #: [s], either way
-#: lags that are an error [s]; a controller that takes its time and a filter's group delay stay under it
+LONGEST_DELAY = 2.0  #: [s], in either direction
+#: longer lags are an error [s]; the computing time of a controller and the group delay of a filter are below
 LARGEST_DELAY = 0.03
-#: share of the torques' changes that the lag must explain, and by how much more than any usual lag
+#: fraction of the torques' changes that the lag must explain, and its excess over any usual lag
 DELAY_EXPLAINED, DELAY_MARGIN = 0.4, 0.2
-#: changes beyond this many times the median are those of an event, a saturation or a gap
+#: changes beyond this many times the median are due to an event, a saturation or a gap
 LARGE_CHANGE = 5.0
 FEWEST_ROWS = 400
-#: rows that are looked at, from the log's start: the lag is known after a few hundred
+#: rows that are used, from the log's start; a few hundred are enough for the lag
 ENOUGH_ROWS = 20000
 
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueDelay:
-    """The lag at which the torques answer the states."""
+    """The lag at which the torques respond to the states."""
 
     lag: float  #: [s], positive if the torques come after the states
-    explained: float  #: share of the torques' changes at this lag
-    usual: float  #: largest share at the lags that a controller may have
+    explained: float  #: explained fraction of the torques' changes at this lag
+    usual: float  #: largest explained fraction at the lags that a controller may have
 
 
 def torque_delay(log: Log, robot: Robot) -> TorqueDelay | None:
-    """Return the lag at which the torques answer the states; None without the columns or with too few rows."""
+    """Return the lag at which the torques respond to the states; None without the columns or with too few rows."""
     names = torque_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names) or len(log) < FEWEST_ROWS:
         return None
@@ -254,7 +254,7 @@ def _heading_frame_states(log: Log) -> NDArray[np.float64]:
 def _best_delay(states: NDArray[np.float64], torques: NDArray[np.float64], sample_time: float) -> TorqueDelay:
     """Return the lag at which the torques' changes (N, n) are explained best by the states' (N, s)."""
     reach = min(max(1, round(LONGEST_DELAY / sample_time)), len(states) // 4)
-    # whitened states, so that shares are sums of squares
+    # whitened states, so that explained fractions are sums of squares
     whitened = (
         states @ np.linalg.pinv(np.linalg.cholesky(states.T @ states + 1e-30 * np.eye(states.shape[1]))).T
     )
@@ -265,9 +265,11 @@ def _best_delay(states: NDArray[np.float64], torques: NDArray[np.float64], sampl
     )
     products = np.fft.irfft(spectra, size, axis=0)  # [lag, state, torque], negative lags at the end
     lags = np.arange(-reach, reach + 1)
-    shares = np.sum(products[lags] ** 2, axis=(1, 2)) / max(float(np.sum(torques**2)), 1e-30)
+    explained = np.sum(products[lags] ** 2, axis=(1, 2)) / max(float(np.sum(torques**2)), 1e-30)
     usual = np.abs(lags * sample_time) <= LARGEST_DELAY
-    best = int(np.argmax(shares))
+    best = int(np.argmax(explained))
     return TorqueDelay(
-        lag=float(lags[best] * sample_time), explained=float(shares[best]), usual=float(shares[usual].max())
+        lag=float(lags[best] * sample_time),
+        explained=float(explained[best]),
+        usual=float(explained[usual].max()),
     )

@@ -1,11 +1,11 @@
 """Checks of values: spikes, dead or saturated columns, unknown names, leans in degrees, falls, wraps, jumps, offsets.
 
-A value is a spike where it stands off both rows beside it, to the same side, by more than five times the range that
-nearly all others have: a spoilt message, or a marker such as 9999 for one that is missing. What moves gets there and
-back over several rows; noise that reaches so far is no single row's.
+A value is a spike if it differs from both neighbouring rows, to the same side, by more than five times the range of
+nearly all others: a corrupted message, or a marker such as 9999 for a missing one. A motion takes several rows to get
+there and back, and noise of that size would affect many rows.
 
-Position and angle must go on from row to row as their rates say. A robot that balances leans as often to one side as to
-the other, since a lean kept is an acceleration kept.
+Positions and angles must change from row to row by the integral of their rates. The mean lean of a balancing robot is
+near zero, since a constant lean is a constant acceleration.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from ballbot.log.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
-#: a spike stands off by so many times the range of the others, of which this share at either end does not count
+#: a spike differs by so many times the range of the others, without this fraction of them at either end
 _FAR, _ENDS = 5.0, 0.005
-#: a heading kept within one turn jumps by a turn
+#: a wrapped heading jumps by a turn
 _HEADING, _TURN = "psi", 2.0 * math.pi
-#: shocks are what accelerometers are for, and references may jump
-_NOT_LOOKED_AT = ("ref_", "acc_", TRUE_PREFIX)
-#: fewer rows say nothing of what is usual
+#: accelerometers measure shocks, and references may jump
+_NOT_EXAMINED = ("ref_", "acc_", TRUE_PREFIX)
+#: with fewer rows the usual range is unknown
 _LEAST_ROWS = 50
 
 
@@ -61,22 +61,22 @@ def spikes(values: NDArray[np.float64], *, heading: bool = False) -> NDArray[np.
         steps = np.where(np.abs(steps) > 0.5 * _TURN, steps - np.sign(steps) * _TURN, steps)
     there, back = steps[:-1], -steps[1:]
     off = np.where(there * np.sign(back) > 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
-    left_out = math.ceil(_ENDS * known.size)
+    excluded = math.ceil(_ENDS * known.size)
     ordered = np.sort(known)
-    usual = ordered[-1 - left_out] - ordered[left_out]
+    usual = ordered[-1 - excluded] - ordered[excluded]
     found[rows[1:-1]] = (usual > 0.0) & (off > _FAR * usual)
     return found
 
 
 def spiked_rows(log: Log, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which rows of a log (N,) hold a spike in one of these columns."""
+    """Return which rows of a log (N,) have a spike in one of these columns."""
     return np.any([spikes(log[name], heading=name == _HEADING) for name in names], axis=0)
 
 
 def check_spikes(log: Log) -> list[Finding]:
     """Return a warning for each column with spikes."""
     findings = []
-    for name in _looked_at(log):
+    for name in _examined(log):
         rows = np.flatnonzero(spikes(log[name], heading=name == _HEADING))
         if not rows.size:
             continue
@@ -93,9 +93,9 @@ def check_spikes(log: Log) -> list[Finding]:
     return findings
 
 
-def _looked_at(log: Log) -> list[str]:
+def _examined(log: Log) -> list[str]:
     known = (name for name in log.names if name in KNOWN_NAMES and name != "t")
-    return [name for name in known if not name.startswith(_NOT_LOOKED_AT)]
+    return [name for name in known if not name.startswith(_NOT_EXAMINED)]
 
 
 #: standard deviation of a state that moves [m, rad, m/s, rad/s]
@@ -105,15 +105,15 @@ SATURATED_ROWS = 3
 
 
 def check_names(log: Log) -> list[Finding]:
-    """Return a note on columns that have no meaning here, with the name that was perhaps meant."""
+    """Return a note on columns that Ballbot does not know, with the name that was perhaps meant."""
     unknown = [name for name in log.names if name not in KNOWN_NAMES]
     if not unknown:
         return []
-    words = []
+    listed = []
     for name in unknown:
         near = nearest(name, KNOWN_NAMES, likeness=0.8)
-        words.append(f"{name} (did you mean {near[0]}?)" if near else name)
-    sentence = f"Columns that Ballbot does not know and does not use: {', '.join(words)}."
+        listed.append(f"{name} (did you mean {near[0]}?)" if near else name)
+    sentence = f"Columns that Ballbot does not know and does not use: {', '.join(listed)}."
     return [Finding(severity="note", code="unknown", text=sentence, where=Place(columns=tuple(unknown)))]
 
 
@@ -148,14 +148,14 @@ def _dead_column(log: Log, name: str) -> Finding:
 
 
 def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Finding]:
-    """Return a warning for each torque that stands at its limit.
+    """Return a warning for each torque that stays at its limit.
 
     Parameters
     ----------
     log : Log
-        Its columns u1, u2, .. are looked at.
+        Its columns u1, u2, .. are checked.
     torque_limit : float, optional
-        The robot's own limit [N m]; a torque above it is told too.
+        The robot's limit [N m]; a torque above it gives a warning too.
     """
     findings = []
     for name in (n for n in log.names if n.startswith("u") and n[1:].isdigit()):
@@ -164,10 +164,10 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
         longest = standstill(np.where(size == peak, 1.0, np.arange(len(size)) + 2.0))
         start, length = longest.start, longest.rows
         if peak > 0.0 and length >= SATURATED_ROWS and length < len(log):
-            share = float(np.mean(size == peak))
+            fraction = float(np.mean(size == peak))
             sentence = (
-                f"{name} is at {peak:.4g} N m in {100 * share:.2g} % of the rows, first for long at row "
-                f"{start + 1} (t = {log.t[start]:.6g} s): it is saturated there, and no control law holds."
+                f"{name} is at {peak:.4g} N m in {100 * fraction:.2g} % of the rows, first for long at row "
+                f"{start + 1} (t = {log.t[start]:.6g} s): it is saturated there, and does not follow the control law."
             )
             if torque_limit is not None and peak < 0.9 * torque_limit:
                 limit = f"The robot's limit is {torque_limit:.4g} N m"
@@ -193,7 +193,7 @@ def check_saturation(log: Log, *, torque_limit: float | None = None) -> list[Fin
 
 
 def check_speed_limit(log: Log, robot: Robot) -> list[Finding]:
-    """Return a warning where a wheel reaches the speed at which the robot's drives have no torque left."""
+    """Return a warning if a wheel reaches the speed at which the robot's drives have no torque left."""
     drive = robot.drive
     limit = wheel_speed_limit(
         supply_voltage=drive.supply_voltage, speed_constant=drive.speed_constant, gear_ratio=drive.gear_ratio
@@ -219,17 +219,17 @@ def check_speed_limit(log: Log, robot: Robot) -> list[Finding]:
     return findings
 
 
-LOST_LEAN = 0.6  #: [rad] no ball-balancing robot of this kind comes back from
-RECOVERED_LEAN = 0.3  #: [rad] below which an excursion past `LOST_LEAN` counts as over
+FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind recovers
+RECOVERED_LEAN = 0.3  #: [rad] below which an excursion past `FALLEN_LEAN` counts as over
 
 
 def check_lean(log: Log) -> list[Finding]:
-    """Return an error for a lean in degrees, or a warning for a fall, by how often and how far the lean is lost."""
+    """Return an error for a lean in degrees, or a warning for a fall, by the number and size of the excursions."""
     if not {"theta", "phi"} <= set(log.names):
         return []
     lean = np.nan_to_num(
         np.hypot(log["theta"], log["phi"]), posinf=0.0
-    )  # what has no value is told elsewhere
+    )  # missing values have a finding of their own
     excursions = _excursions(lean)
     if not excursions:
         return []
@@ -237,7 +237,7 @@ def check_lean(log: Log) -> list[Finding]:
     time = float(log.t[first])
     if len(excursions) >= 3 or peak > np.pi / 2:
         sentence = (
-            f"The lean exceeds {LOST_LEAN:g} {len(excursions)} times and reaches "
+            f"The lean exceeds {FALLEN_LEAN:g} {len(excursions)} times and reaches "
             f"{peak:.3g}, which no balancing robot does in radians: theta and phi "
             f"are in degrees, or the log continues after a fall (t = {time:.6g} s)."
         )
@@ -250,7 +250,7 @@ def check_lean(log: Log) -> list[Finding]:
             )
         ]
     sentence = (
-        f"The robot falls or is caught: its lean exceeds {LOST_LEAN:g} rad at t "
+        f"The robot falls or is caught: its lean exceeds {FALLEN_LEAN:g} rad at t "
         f"= {time:.6g} s (row {first + 1}); only the rows before show balancing."
     )
     return [
@@ -261,7 +261,7 @@ def check_lean(log: Log) -> list[Finding]:
 
 
 def check_wrap(log: Log) -> list[Finding]:
-    """Return a warning where an angle jumps by a turn from one row to the next."""
+    """Return a warning for each angle that jumps by a turn from one row to the next."""
     findings = []
     for name in ("psi", *_numbered(log, prefix="wheel")):
         if name not in log:
@@ -290,11 +290,11 @@ def _numbered(log: Log, *, prefix: str) -> tuple[str, ...]:
 
 
 def _excursions(lean: NDArray[np.float64]) -> list[int]:
-    """Return the rows where the lean passes `LOST_LEAN`, each counted once until it is below `RECOVERED_LEAN`."""
+    """Return the rows where the lean passes `FALLEN_LEAN`, each counted once until it is below `RECOVERED_LEAN`."""
     starts: list[int] = []
     k = 0
     while k < len(lean):
-        beyond = np.flatnonzero(lean[k:] > LOST_LEAN)
+        beyond = np.flatnonzero(lean[k:] > FALLEN_LEAN)
         if not beyond.size:
             break
         starts.append(k + int(beyond[0]))
@@ -305,17 +305,17 @@ def _excursions(lean: NDArray[np.float64]) -> list[int]:
     return starts
 
 
-#: smallest change from one row to the next, beyond what the rates make, that is a jump [m, m, rad, rad, rad]
+#: smallest jump: change from one row to the next beyond the integral of the rates [m, m, rad, rad, rad]
 LEAST_JUMP = {"x": 0.08, "y": 0.08, "theta": 0.08, "phi": 0.08, "psi": 0.2}
-#: and so many times what is usual
+#: and so many times the usual change
 FAR = 30.0
-#: time over which a balancing robot's lean is averaged at least [s]
+#: shortest time over which a balancing robot's lean is averaged [s]
 AVERAGED_TIME = 8.0
 #: the lean and the ball's acceleration are compared as means over [s]
 BLOCK_TIME = 1.0
-#: mean lean [rad] that is worth a warning (slope, load off the axis), and that is wrong
+#: mean lean [rad] that gives a warning (slope, load off the axis), and one that is an error
 TILTED, OFFSET = 0.025, 0.04
-#: steps of a lean over its standard deviation that are coarse, and whose noise is as large as the signal
+#: steps of a lean over its standard deviation that give a warning, and an error
 COARSE, USELESS = 0.5, 1.2
 _LEAN = ("theta", "phi")
 
@@ -344,22 +344,22 @@ def check_jumps(log: Log) -> list[Finding]:
 
 
 def check_lean_course(log: Log) -> list[Finding]:
-    """Return what is wrong with a balancing log's lean on average, and with its steps."""
+    """Return findings on the mean lean of a balancing log, and on the lean's resolution."""
     if not {*_LEAN, "psi"} <= set(log.names):
         return []
     rows: NDArray[np.bool_] = np.all(
         np.isfinite(np.column_stack([log[name] for name in (*_LEAN, "psi")])), axis=1
     )
-    lost = np.flatnonzero(np.hypot(log["theta"], log["phi"]) > LOST_LEAN)
-    if lost.size:
-        rows[lost[0] :] = False
+    fallen = np.flatnonzero(np.hypot(log["theta"], log["phi"]) > FALLEN_LEAN)
+    if fallen.size:
+        rows[fallen[0] :] = False
     if rows.sum() < 2 or np.ptp(log.t[rows]) < AVERAGED_TIME:
         return []
     return [*_offset(log, rows), *_coarse(log, rows)]
 
 
 def _jumped(log: Log, name: str) -> NDArray[np.bool_]:
-    """Return after which rows (N-1,) the column goes on elsewhere."""
+    """Return after which rows (N-1,) the column jumps."""
     values, rate, intervals = log[name], log[f"{name}_dot"], np.diff(log.t)
     change = np.diff(values) - 0.5 * (rate[1:] + rate[:-1]) * intervals
     if name == "psi":  # a wrapped heading is another finding
@@ -367,14 +367,14 @@ def _jumped(log: Log, name: str) -> NDArray[np.bool_]:
     change = np.abs(np.nan_to_num(change))
     spiked = spikes(values, heading=name == "psi")
     usual = float(np.median(change))
-    # over a gap anything up to the largest rate may have happened
+    # across a gap, any change up to the largest rate is possible
     gap = np.where(intervals > 1.5 * log.sample_time, 2.0 * np.nanmax(np.abs(rate)) * intervals, 0.0)
     far = change > LEAST_JUMP[name] + FAR * usual + gap
     return far & ~spiked[1:] & ~spiked[:-1]
 
 
 def _offset(log: Log, rows: NDArray[np.bool_]) -> list[Finding]:
-    """Return the finding that a lean asks for which is not zero where the ball does not accelerate."""
+    """Return the finding on a lean that is not zero at zero acceleration."""
     mean = _resting_lean(log, rows)
     if abs(mean) < TILTED:
         return []
@@ -390,8 +390,8 @@ def _offset(log: Log, rows: NDArray[np.bool_]) -> list[Finding]:
 def _resting_lean(log: Log, rows: NDArray[np.bool_]) -> complex:
     """Return theta + j phi [rad] about the body's axes at zero acceleration.
 
-    Over a second, lean = offset + c a / g with the acceleration a of the ball, which a robot in a circle keeps up; c,
-    above one, is the robot's, and is fitted.
+    Averaged over a second, lean = offset + c a / g with the acceleration a of the ball, which is constant on a circle;
+    c, above one, depends on the robot and is fitted.
     """
     count = max(2, int(np.ptp(log.t[rows]) / BLOCK_TIME))
     block = np.minimum((log.t[rows] - log.t[rows][0]) / BLOCK_TIME, count - 1).astype(np.intp)
@@ -424,7 +424,7 @@ def _coarse(log: Log, rows: NDArray[np.bool_]) -> list[Finding]:
             continue
         step = float(np.median(np.diff(levels)))
         size = step / float(values.std())
-        # many distinct values are noise, however far apart at the ends
+        # many distinct values are noise, even if they are far apart at the ends
         if size < COARSE or levels.size > 200:
             continue
         sentence = (

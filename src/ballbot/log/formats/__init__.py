@@ -38,11 +38,11 @@ Columns = dict[str, NDArray[np.float64]]
 class LogFormat:
     """How files of one kind are read and written."""
 
-    name: str  #: as sentences call it
+    name: str  #: in messages
     suffixes: tuple[str, ...]  #: of the names of its files; written files end in the first
     read: Callable[[Path], Columns]
     write: Callable[[Path, Mapping[str, NDArray[np.float64]]], None] | None = None  #: None: only read
-    extra: str = ""  #: what `pip install ballbot[...]` must have installed
+    extra: str = ""  #: the extra of `pip install ballbot[...]` that it needs
     is_text: bool = False  #: whether a mapping file may give its layout
 
     @property
@@ -192,7 +192,7 @@ def _read(one: LogFormat, path: Path) -> Columns:
 
 @contextmanager
 def _needing(one: LogFormat) -> Iterator[None]:
-    """Turn a missing package into a sentence."""
+    """Raise InputError if a package is missing that the format needs."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -202,7 +202,7 @@ def _needing(one: LogFormat) -> Iterator[None]:
 
 
 def _equally_long(variables: Columns) -> Columns:
-    """Return the variables that make the log's table: a file of variables may have constants beside them."""
+    """Return the variables of the log's table; the file may also have constants."""
     if not variables:
         return variables
     counts = Counter(len(values) for values in variables.values())

@@ -1,7 +1,7 @@
 """MATLAB files of version 4 to 7: their real numeric variables; everything else in them is passed over.
 
 SciPy's reader trusts the sizes that a file states, and damaged files end the interpreter. This one checks each against
-what is there, and reads no more than `ballbot.files` allows, packed or unpacked. The formats are those of "MAT-File
+the content, and reads no more than `ballbot.files` allows, packed or unpacked. The formats are those of "MAT-File
 Format" (The MathWorks, R2023b).
 """
 

@@ -14,7 +14,7 @@ from ballbot.log.columns import check_column_names, mark_missing
 
 
 def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Read the columns (N,) of a Parquet file; a null, or a value beyond all measure, is NaN.
+    """Read the columns (N,) of a Parquet file; a null, or a value beyond `LARGEST_CELL`, is NaN.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
 
 
 def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMetaData and Schema
-    """Refuse by what a file says of itself, before its columns are read."""
+    """Refuse a file by its metadata, before its columns are read."""
     import pyarrow
 
     names = schema.names

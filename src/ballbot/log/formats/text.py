@@ -1,8 +1,7 @@
 """Tables of numbers as text: CSV, the separated files that other people's robots write, and tables of unknown layout.
 
-A well-formed file is read by NumPy's compiled parser. Where that refuses, the rows are read one at a time, which
-allows missing values and finds the line that a sentence can point to. `infer_text_table` finds separator, header,
-widths and damaged rows of a table by itself.
+A well-formed file is read by NumPy's compiled parser. If that fails, the rows are read one at a time, which allows
+missing values and gives messages the line. `infer_text_table` infers separator, header, widths and damaged rows.
 """
 
 from __future__ import annotations
@@ -28,18 +27,16 @@ class TextLayout:
     """How a text file lays out its table. The defaults are Ballbot's own CSV."""
 
     separator: str | None = ","  #: between cells; None is any run of blanks
-    missing: tuple[str, ...] = ()  #: what marks a missing value, beside an empty cell and "nan"
+    missing: tuple[str, ...] = ()  #: marks of a missing value, beside an empty cell and "nan"
     header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
-    names: tuple[str, ...] | None = None  #: the columns' names where the header has none or wrong ones
-    drop_damaged: bool = False  #: leave out rows of another width or with words, where they would be refused
-    rows: tuple[int, int] | None = (
-        None  #: first and last of the rows to take, from 1, damaged ones not counted
-    )
+    names: tuple[str, ...] | None = None  #: the columns' names if the header has none or wrong ones
+    drop_damaged: bool = False  #: skip rows of another width or with words instead of refusing them
+    rows: tuple[int, int] | None = None  #: first and last row to use, from 1, damaged ones not counted
 
 
 #: Ballbot's own CSV
 OWN_LAYOUT = TextLayout()
-#: bytes of a header that are looked at
+#: bytes of a header that are read
 _LONGEST_HEADER = 100_000
 
 
@@ -73,12 +70,12 @@ def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[s
     Returns
     -------
     dict of str to (N,) array
-        The columns by name, in the file's order; a cell without a value, or with one beyond all measure, is NaN.
+        The columns by name, in the file's order; a cell without a value, or with one beyond `LARGEST_CELL`, is NaN.
 
     Raises
     ------
     InputError
-        Where the file cannot be read or is not such a table, with the line.
+        If the file cannot be read or is not such a table; the message names the line.
     """
     lines = _read_lines(path)
     names = _names(path, lines, layout)
@@ -103,7 +100,7 @@ def write_text_table(path: str | Path, columns: Mapping[str, NDArray[np.float64]
     Raises
     ------
     InputError
-        Where a column's name would not survive, or the file cannot be written.
+        If a column's name cannot be written to CSV, or the file cannot be written.
     """
     for name in columns:
         if not name or name != name.strip() or any(mark in name for mark in ',"\n\r'):
@@ -150,7 +147,7 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
 
 
 def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
-    """Return the table where NumPy's parser takes it as it is, else None."""
+    """Return the table if NumPy's parser can read it, else None."""
     first = next((line for line in body if line.strip()), None)
     # a row of another width may be millions of cells wide
     if layout.missing or first is None or len(_cells(first, layout.separator)) != len(names):
@@ -205,7 +202,7 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return "_" not in cell  # Python's float takes 1_000, which no table means as a number
+    return "_" not in cell  # Python's float accepts 1_000, which is no number in a table
 
 
 def _word(separator: str | None) -> str:
@@ -213,22 +210,22 @@ def _word(separator: str | None) -> str:
 
 
 _SEPARATORS: dict[str, str | None] = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": None}
-#: lines looked at to find the separator and the header
-_LOOKED_AT = 200
-#: bytes; every cell of an unknown layout is looked at
+#: lines examined to find the separator and the header
+_EXAMINED = 200
+#: largest file of unknown layout [bytes], because every cell is examined
 _LARGEST = 100_000_000
 _NOT_A_NUMBER = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForeignTable:
-    """The file's columns and what had to be assumed to read them."""
+    """The columns of a foreign file, and the layout that was inferred."""
 
     layout: TextLayout
-    separator: str  #: its word in a mapping file
+    separator: str  #: its name in a mapping file
     columns: dict[str, NDArray[np.float64]]
     named: bool  #: whether the file has a header
-    notes: tuple[str, ...]  #: sentences on what is odd about the file
+    notes: tuple[str, ...]  #: sentences on anomalies of the file
 
 
 def infer_text_table(path: str | Path) -> ForeignTable:
@@ -237,7 +234,7 @@ def infer_text_table(path: str | Path) -> ForeignTable:
     Raises
     ------
     InputError
-        Where the file cannot be read or holds no table of numbers.
+        If the file cannot be read or has no table of numbers.
     """
     lines = _foreign_lines(path)
     separator = _likely_separator(lines)
@@ -251,7 +248,7 @@ def infer_text_table(path: str | Path) -> ForeignTable:
     width = max(widths, key=lambda count: widths[count])
     check_table(len(lines), width, source=str(path))
     names, notes = _guessed_names(cells[:first], width)
-    words = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
+    marks = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
     damaged = sum(
         1
         for row, good in zip(cells[first:], numeric[first:], strict=True)
@@ -263,7 +260,7 @@ def infer_text_table(path: str | Path) -> ForeignTable:
         )
     layout = TextLayout(
         separator=mark,
-        missing=tuple(words),
+        missing=tuple(marks),
         header_lines=first,
         names=tuple(names),
         drop_damaged=damaged > 0,
@@ -286,13 +283,13 @@ def _foreign_lines(path: str | Path) -> list[str]:
 
 def _likely_separator(lines: list[str]) -> str:
     """Return the separator under which the most lines are rows of two numbers or more."""
-    looked_at = [line for line in lines if line.strip()][: 2 * _LOOKED_AT][-_LOOKED_AT:]
+    examined = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
 
     def rows(mark: str | None) -> int:
-        found = [_ragged_cells(line, mark) for line in looked_at]
+        found = [_ragged_cells(line, mark) for line in examined]
         return sum(len(row) > 1 and all(_number_like(cell) for cell in row) for row in found)
 
-    return max(_SEPARATORS, key=lambda word: rows(_SEPARATORS[word]))
+    return max(_SEPARATORS, key=lambda name: rows(_SEPARATORS[name]))
 
 
 def _ragged_cells(line: str, mark: str | None) -> list[str]:

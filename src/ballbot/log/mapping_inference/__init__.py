@@ -1,8 +1,7 @@
 """How a foreign log becomes one of Ballbot's: a mapping inferred, tested against the robot, with its evidence.
 
-roles          which column is what, by name or by values, and in which unit
-placement      where the wheels sit and which command drives which: two tests by accelerations
+roles          the role and unit of each column, by name or by values
+placement      azimuths of the wheels and the command of each, by two tests of accelerations
 proposal       the mapping proposed (`propose`)
-findings       what is sure, what is not, and what log would show it
-mapping_text   the proposal as a mapping file with its reasons
+report         the findings, and the mapping file with the reasons as comments
 """

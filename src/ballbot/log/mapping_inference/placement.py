@@ -1,7 +1,7 @@
-"""Where the wheels sit and which command drives which wheel, from a log of balancing: two tests by accelerations.
+"""The wheels' azimuths and commands, from a log of balancing: two tests of accelerations.
 
-The places of the wheels take no torque. While a ball rolls, the torque between body and ball drops out of the sum of
-their equations. To first order, with the lean Theta = theta + j phi in the body's frame and wheel speeds w_i at
+The azimuths need no torque. While a ball rolls, the torque between body and ball cancels in the sum of their equations.
+To first order, with the lean Theta = theta + j phi in the body's frame and wheel speeds w_i at
 azimuths beta_i,
 
     Theta_ddot = kappa Theta + gamma W_dot + rho W/|W| + offset,        W = sum_i w_i e^{j beta_i}
@@ -10,20 +10,19 @@ azimuths beta_i,
 
     b = r_b (r_b M_11 + M_21),   a = r_b M_12 + M_22,   M the mass matrix of (x, phi) at rest
 
-rho is the ball's rolling friction, which acts from outside. kappa is taken from the robot: in a log of small leans it
-is hardly seen, and left free it takes from gamma. gamma is real and positive, so the angle of the one found from a log
-is by how much the wheels are turned against the IMU, and a log that follows the conjugate of W has its wheels numbered
-the other way round, or an IMU with one axis reversed. A wheel whose sign is reversed fits neither, and gives itself
-away twice: the lean's acceleration is explained less well, and the sum of the wheel speeds, which only heading moves,
-is as large as any other.
+rho is the ball's rolling friction, an external force. kappa is the robot's: a log of small leans hardly determines it,
+and as a free parameter it would bias gamma. gamma is real and positive, so that the angle of the fitted one is the
+angle between wheels and IMU. A log that follows the conjugate of W has its wheels numbered in the opposite direction,
+or an IMU with one axis reversed. A wheel with a reversed sign fits neither, and shows twice: the lean's acceleration is
+explained less well, and the sum of the wheel speeds, which only the heading changes, is as large as any other.
 
 Which command drives which wheel, with which sign and how late, follows from the wheels' accelerations:
 
     w_dot = G u(t - d) + friction's terms in w
 
-Each wheel's own command has the largest gain in its row of G: the ball carries the others' push over, at most half of
-it and against it. d is where the commands, held as the log says, explain the accelerations best. (The lean is not among
-what explains them: commands are made of the lean, and would share its gain.)
+Each wheel's own command has the largest gain in its row of G: the ball transmits at most half of the others', with the
+opposite sign. d is the delay at which the commands, held as logged, explain the accelerations best. (The lean is no
+regressor: commands are computed from the lean, and the gain would be divided between them.)
 """
 
 from __future__ import annotations
@@ -37,19 +36,19 @@ from numpy.typing import NDArray
 from ballbot.log.signals import INTERVAL, Smooth, smooth
 from ballbot.robot import Robot
 
-#: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
-#: smooths, which looks like a better fit
+#: delays of the lean relative to the wheels that are tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows, since
+#: interpolation between them smooths, which improves the fit
 LAGS = INTERVAL * np.arange(-1.0, 11.0)
-#: windows [s] that share one weight, one over their residual's size, and that the jackknife leaves out in turn
+#: length of the blocks [s], each with one weight, one over its residual's size; the jackknife excludes one at a time
 BLOCK = 1.0
 #: a block whose residual is this many times the median block's is a push, not balancing
 PUSHED = 3.0
 FIT_ROUNDS = 4
-#: a block's residual counts as at least this part of the median block's
+#: least residual of a block for its weight, relative to the median block's
 LEAST_SIZE = 0.3
-#: lean later than wheels at which the weights are first found [s]
+#: delay of the lean with which the weights are first computed [s]
 USUAL_LAG = 0.0175
-#: over which disturbance and gravity are compared [s], about the time in which the robot falls
+#: averaging time for the comparison of disturbance and gravity [s], about the time in which the robot falls
 SLOW = 0.25
 #: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
 ROLLING = 0.2
@@ -59,41 +58,41 @@ LEAST_TIME = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """One way in which the wheels' columns may sit on the robot, and how well the log agrees."""
+    """One placement of the wheels' columns on the robot, and its agreement with the log."""
 
-    mirrored: bool  #: whether the wheels are numbered the other way round than the robot's
-    flipped: int | None  #: the wheel (from 1) whose sign is against the others'
+    mirrored: bool  #: whether the wheels are numbered in the opposite direction to the robot's
+    flipped: int | None  #: the wheel (from 1) whose sign is opposite to the others'
     phase: float  #: [rad], the angle of gamma
     gain: float  #: its size, over the robot's own gamma
-    unexplained: float  #: share of the lean's acceleration
-    together: float  #: share of the wheels' motion that is all wheels turning together, apart from heading
+    unexplained: float  #: fraction of the lean's acceleration
+    together: float  #: fraction of the wheels' motion in which all turn together, without that of the heading
     misfit: float  #: unexplained, times the root of together
 
     @property
-    def words(self) -> str:
-        """The placement in words."""
+    def description(self) -> str:
+        """The placement in a few words."""
         order = "mirrored" if self.mirrored else "as the robot's"
         return order if self.flipped is None else f"{order}, wheel {self.flipped} reversed"
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeanTest:
-    """What the torque-free test found."""
+    """Results of the torque-free test."""
 
     placements: tuple[Placement, ...]  #: best first
     phase_error: (
         float | None
-    )  #: standard error of the best one's phase [rad], from leaving out blocks of a second
+    )  #: standard error of the best one's phase [rad], by the jackknife over blocks of a second
     lag: float  #: lean later than wheels [s]
     disturbance: (
-        float  #: root mean square of the lean's acceleration left over, over that of gravity's share of it
+        float  #: root mean square of the lean's unexplained acceleration, over that of gravity's part
     )
-    balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
-    pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
+    balancing: NDArray[np.bool_]  #: (N,), the even rows that were used
+    pushed: NDArray[np.bool_]  #: (N,), rows excluded because something pushed the robot
 
     @property
     def margin(self) -> float:
-        """How many times worse the next best placement fits."""
+        """Misfit of the next best placement over that of the best."""
         first, second = self.placements[:2]
         return second.misfit / max(first.misfit, 1e-12)
 
@@ -118,7 +117,7 @@ def lean_test(
     heading: Smooth | None,
     usable: NDArray[np.bool_],
 ) -> LeanTest | None:
-    """Find how the wheels sit.
+    """Find the placement of the wheels.
 
     Parameters
     ----------
@@ -136,9 +135,9 @@ def lean_test(
     Returns
     -------
     LeanTest or None
-        None where too little of the log is balancing.
+        None if too little of the log is balancing.
     """
-    # rows at the ends, where the lag looks past the log and fits have one side
+    # not the ends, at which the lag reaches beyond the log and fits are one-sided
     usable = usable.copy()
     edge = round(0.3 / INTERVAL)
     usable[:edge] = usable[-edge:] = False
@@ -213,7 +212,7 @@ def _turning(
 
 
 def _driven(lean: Smooth, kappa: float, lag: float) -> NDArray[np.complex128]:
-    """Return Theta_ddot - kappa Theta (N,) a lag later: what the wheels must explain."""
+    """Return Theta_ddot - kappa Theta (N,) a lag later, which the wheels must explain."""
     rows = np.arange(len(lean.value), dtype=np.float64)
     driven = lean.acceleration - kappa * lean.value
     columns = [np.interp(rows + lag / INTERVAL, rows, column) for column in driven.T]
@@ -223,7 +222,7 @@ def _driven(lean: Smooth, kappa: float, lag: float) -> NDArray[np.complex128]:
 def _fit(
     driven: NDArray[np.complex128], turning: NDArray[np.complex128], weights: NDArray[np.float64]
 ) -> tuple[complex, NDArray[np.complex128]]:
-    """Return the gain and what is left over (N,)."""
+    """Return the gain and the residual (N,)."""
     found = _solve(turning, driven, weights)
     return complex(found[0]), driven - turning @ found
 
@@ -242,7 +241,7 @@ def _size(values: NDArray[np.complex128], weights: NDArray[np.float64]) -> float
 
 
 def _slow(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return running means over `SLOW`: what has time to make the robot fall."""
+    """Return running means over `SLOW`, which last long enough to make the robot fall."""
     count = round(SLOW / INTERVAL)
     return np.convolve(values, np.full(count, 1.0 / count), mode="same")
 
@@ -270,7 +269,7 @@ def _best_lag(lean: Smooth, wheels: Smooth, weights: NDArray[np.float64], kappa:
 
 
 def vertex(places: NDArray[np.float64], values: NDArray[np.float64]) -> float:
-    """Return where a parabola through the least of the values and its neighbours has its vertex."""
+    """Return the vertex of a parabola through the smallest value and its neighbours."""
     k = int(np.clip(np.argmin(values), 1, len(places) - 2))
     before, at, after = values[k - 1 : k + 2]
     curve = before - 2.0 * at + after
@@ -301,7 +300,7 @@ def _weights(
 def _together(
     wheels: Smooth, heading: Smooth | None, signs: NDArray[np.float64], usable: NDArray[np.bool_]
 ) -> float:
-    """Return the share of the wheels' motion that is their sum, less what follows the heading; 1 if all alike."""
+    """Return the fraction of the wheels' motion in their sum, without heading; 1 if all wheels turn alike."""
     speeds = wheels.rate[usable]
     total = speeds @ signs
     total = total - total.mean()
@@ -340,26 +339,26 @@ def _phase_error(
 
 #: command delays that are tried [s], whole rows as in `lean_test`
 DELAYS = INTERVAL * np.arange(-1.0, 13.0)
-#: narrower than for the lean: an encoder is quieter than an IMU, and delays show in what is quick
+#: narrower than for the lean: an encoder has less noise than an IMU, and delays show in fast motion
 COMMAND_WIDTH = 0.01
-#: the speed at which dry friction's sign is half turned over [rad/s]
+#: scale of the smoothed sign of dry friction [rad/s]
 SIGN_SPEED = 0.3
-#: part of the signals' own size that is added to the normal equations
+#: ridge of the normal equations, relative to the signals' size
 RIDGE = 1e-3
-#: below this share explained the commands do not drive these wheels
+#: explained fraction below which the commands do not drive these wheels
 LEAST_EXPLAINED = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommandTest:
-    """What drives the wheels."""
+    """The command that drives each wheel."""
 
     order: tuple[int, ...]  #: for the file's wheels in turn, which command (from 1) drives it
     signs: tuple[int, ...]  #: whether that command turns it forward
     gains: tuple[tuple[float, ...], ...]  #: G [rad/s^2 a unit of command], by wheel and command
     delay: float  #: d [s]
-    explained: float  #: share of the accelerations
-    #: the gains' sum in this order over that in the next best; None where all commands are alike
+    explained: float  #: explained fraction of the accelerations
+    #: the gains' sum in this order over that in the next best; None if all commands are alike
     margin: float | None
 
 
@@ -384,15 +383,15 @@ def command_test(
     rows : ndarray (N,)
         [s], even.
     wheels : Smooth (N, n)
-        Of width `WIDTH`; all counting the same way round.
+        Of width `COMMAND_WIDTH`; all counting in the same direction.
     commands : ndarray (N, n)
-        As `held` gives them.
+        As `held_commands` returns them.
     usable : ndarray (N,)
 
     Returns
     -------
     CommandTest or None
-        None where the commands do not explain the wheels.
+        None if the commands do not explain the wheels.
     """
     if usable.sum() * INTERVAL < 1.0 or not np.all(commands[usable].std(axis=0) > 0.0):
         return None
@@ -430,7 +429,7 @@ def _gains_and_rest(
     speed = wheels.rate
     X = np.column_stack([late, speed, np.tanh(speed / SIGN_SPEED), np.ones(len(late))])[usable]
     y = wheels.acceleration[usable]
-    # commands that sum to nearly zero are nearly dependent: a ridge gives their common part no gain of its own
+    # commands that sum to nearly zero are nearly dependent: with a ridge their common part gets no gain
     size = np.sqrt((X**2).mean(axis=0)) + 1e-12
     normal = (X / size).T @ (X / size) + RIDGE * len(X) * np.eye(X.shape[1])
     found = np.linalg.solve(normal, (X / size).T @ y) / size[:, None]

@@ -1,16 +1,17 @@
 """A mapping proposed for a foreign log, with the evidence for it.
 
-The sign in which the wheels count comes from the heading, which turns all wheels alike:
+The direction in which the wheels count follows from the heading, which turns all wheels alike:
 
     sum_i w_i = n (r_b / r_w) sin(alpha) (spin of the ball - psi_dot)
 
-seen from the body. A ball spins less than the body that turns on it, or the other way, so that the sum goes against
-psi_dot. Nothing else tells a log whose wheels all count backwards from one whose IMU is turned by half a turn.
+in the body frame. A ball spins less than the body that turns on it, or in the opposite direction, so that the sum has
+the opposite sign to psi_dot. Nothing else distinguishes wheels that all count backwards from an IMU turned by half a
+turn.
 
-The wheels' order and the turn of the IMU come from the test of their placement. A log follows
-Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j +-beta_i). Turned by -phase, the IMU's lean is the robot's. A mirrored
-log has wheel 1 where it is and the others in reverse, which turns it by twice wheel 1's azimuth; signs that are all
-reversed turn it by half a turn.
+The wheels' order and the turn of the IMU follow from the test of their placement. A log satisfies
+Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j +-beta_i). Turned by -phase, the IMU's lean is the robot's. In a mirrored
+log, wheel 1 keeps its place and the others are in reverse order, which turns it by twice wheel 1's azimuth; reversing
+all signs turns it by half a turn.
 """
 
 from __future__ import annotations
@@ -58,22 +59,22 @@ from ballbot.log.signals import (
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
-#: a correlation of n independent seconds is believed from this many of its standard deviations, 1 / sqrt(n)
+#: a correlation over n independent seconds is significant above so many of its standard deviations, 1 / sqrt(n)
 LEAST_CORRELATION = 2.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeadingTest:
-    """How the sum of the wheels' speeds goes with the heading's rate."""
+    """Correlation of the sum of the wheels' speeds with the heading's rate."""
 
-    correlation: float  #: negative where the wheels count as the robot's do
+    correlation: float  #: negative if the wheels count as the robot's do
     gain: float  #: sum of the speeds over psi_dot, over that of a ball that does not pivot
-    believed: bool  #: whether the log turns enough for a verdict
+    significant: bool  #: whether the log turns enough for a conclusion
 
     @property
     def backwards(self) -> bool:
         """Whether all wheels count backwards."""
-        return self.believed and self.correlation > 0.0
+        return self.significant and self.correlation > 0.0
 
 
 def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
@@ -85,7 +86,7 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     wheels : Smooth (N, n)
     heading : Smooth (N, 1)
     tested : LeanTest
-        Says which wheel is reversed, and which rows are balancing.
+        Gives the reversed wheel and the rows of balancing.
     """
     rows = tested.balancing
     total = (wheels.rate @ wheel_signs(robot.wheel_count, tested.placements[0].flipped))[rows]
@@ -99,29 +100,29 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     return HeadingTest(
         correlation=correlation,
         gain=float(total @ rate / max(float(rate @ rate), 1e-300) / without_pivoting),
-        believed=bool(abs(correlation) > LEAST_CORRELATION / np.sqrt(max(seconds, 1.0))),
+        significant=bool(abs(correlation) > LEAST_CORRELATION / np.sqrt(max(seconds, 1.0))),
     )
 
 
-#: people mount IMUs at multiples of this [rad]
+#: IMUs are usually mounted at multiples of this angle [rad]
 GRID = np.pi / 6.0
-#: and a turn within this of one [rad] is taken for it
+#: a turn is rounded to a multiple within this [rad]
 ROUNDED = np.deg2rad(6.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Frame:
-    """How the file's wheels and IMU sit on the robot."""
+    """Order, signs and turn of the file's wheels and IMU relative to the robot's."""
 
     order: tuple[int, ...]  #: for the robot's wheels in turn, the file's wheel (from 1)
     signs: tuple[int, ...]  #: of the file's wheels, in the file's order
-    turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` where it is near
-    measured_turn: float  #: [rad], as the log has it
-    signs_by_heading: bool  #: whether heading says which way round all wheels count, or it is assumed
+    turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
+    measured_turn: float  #: [rad], before rounding
+    signs_by_heading: bool  #: whether the direction in which all wheels count is measured, or assumed
 
 
 def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> Frame:
-    """Return the frame that the tests speak for; the robot's own where there is no lean to test."""
+    """Return the frame of the tests' results; the robot's own if there is no lean to test."""
     count = robot.wheel_count
     own = tuple(range(1, count + 1))
     if tested is None:
@@ -129,8 +130,8 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
     best = tested.placements[0]
     order = (1, *range(count, 1, -1)) if best.mirrored else own
     phase = best.phase - (2.0 * robot.wheels.azimuths[0] if best.mirrored else 0.0)
-    known = heading is not None and heading.believed
-    # without heading, the smaller turn is the likelier
+    known = heading is not None and heading.significant
+    # without heading, the smaller turn is more likely
     backwards = heading.backwards if heading is not None and known else np.cos(phase) < 0.0
     signs = wheel_signs(count, best.flipped) * (-1.0 if backwards else 1.0)
     turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
@@ -148,33 +149,31 @@ def _within_half_a_turn(angle: float) -> float:
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-#: the repair is worth its while where it leaves less than this share of the speed's noise
+#: the repair is proposed if it leaves less than this fraction of the speed's noise
 WORTH_REPAIRING = 0.7
-#: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
+#: an encoder was reset if its wheel seems faster than so many times the drive's limit
 IMPOSSIBLE_SPEED = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimingRepair:
-    """What the encoders say of the rows' times."""
+    """Noise of the wheel speeds with the rows' times and with those estimated from the encoders."""
 
-    before: (
-        float | None
-    )  #: speed noise by the rows' own times [rad/s]; None where the wheels are too slow to tell
-    after: float | None  #: and by those of the encoders, each wheel judged by the others
+    before: float | None  #: speed noise with the rows' own times [rad/s]; None if the wheels are too slow
+    after: float | None  #: the same with the encoders' times, each wheel with those of the others
     worth_it: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """What a foreign log seems to be; `ballbot.log.mapping_inference.report` writes its mapping."""
+    """The inferred mapping of a foreign log with its evidence; `ballbot.log.mapping_inference.report` writes it."""
 
     table: ForeignTable
     roles: Roles
-    by_data: bool  #: whether the columns were told by their numbers, not their names
+    by_data: bool  #: whether the columns were recognised by their values, not their names
     rows: tuple[int, int] | None  #: first and last row to take, from 1; None for all
     wheel: Scale
-    largest_speed: float | None  #: [rad/s], where an encoder was reset; None where none was
+    largest_speed: float | None  #: [rad/s], if an encoder was reset; else None
     lean: Scale | None
     duty: Scale | None
     timing: TimingRepair
@@ -182,14 +181,14 @@ class Proposal:
     heading: HeadingTest | None
     commands: CommandTest | None
     frame: Frame
-    keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]; None keeps all
+    keep: tuple[tuple[float, float], ...] | None  #: intervals of balancing [s]; None keeps all
     sample_time: float  #: of even rows [s]
     signals: Signals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
-    """The log on even rows: what was tested."""
+    """The log on even rows, as tested."""
 
     rows: NDArray[np.float64]  #: (N,) [s]
     wheels: Smooth  #: (N, n)
@@ -207,12 +206,12 @@ def propose(path: str | Path, robot: Robot) -> Proposal:
     path : str or Path
         A table of text, with or without a header, or Parquet.
     robot : Robot
-        Its geometry, encoders and drives.
+        Gives geometry, encoders and drives.
 
     Raises
     ------
     InputError
-        Where the file is no table, or neither its names nor its numbers tell the time and the wheels' angles.
+        If the file is no table, or neither names nor values show the time and the wheels' angles.
     """
     table = read_foreign_table(path)
     roles, by_data = _roles(path, table, robot)
@@ -244,7 +243,7 @@ def propose(path: str | Path, robot: Robot) -> Proposal:
         timing=timing,
         lean_test=tested,
         heading=heading,
-        # by then all wheels count the same way round
+        # all wheels with the same direction of counting
         commands=_test_commands(signals, carried * np.asarray(frame.signs), sampled, usable),
         frame=frame,
         keep=_keep(signals, tested),
@@ -295,7 +294,7 @@ def _time_of(roles: Roles) -> str:
 
 
 def _longest_rise(t: NDArray[np.float64]) -> tuple[int, int]:
-    """Return first and end of the longest stretch of rising time."""
+    """Return first row and end of the longest interval of increasing time."""
     breaks = np.flatnonzero(~(np.diff(t) > 0.0)) + 1
     edges = np.concatenate(([0], breaks, [len(t)]))
     longest = int(np.argmax(np.diff(edges)))
@@ -303,7 +302,7 @@ def _longest_rise(t: NDArray[np.float64]) -> tuple[int, int]:
 
 
 def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a column with missing values drawn over."""
+    """Return a column with missing values interpolated."""
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.where(known, values, 0.0)
@@ -381,6 +380,6 @@ def _keep(signals: Signals, tested: LeanTest | None) -> tuple[tuple[float, float
 
 
 def _sample_time(t: NDArray[np.float64]) -> float:
-    """Return an even interval near the rows' own: 5 ms or a multiple, 1 ms where rows come faster."""
+    """Return an even interval near the rows' own: 5 ms or a multiple, or 1 ms for faster rows."""
     usual = float(np.median(np.diff(t)))
     return max(0.005 * int(usual / 0.005 + 0.1), 0.001)

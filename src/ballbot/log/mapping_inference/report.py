@@ -143,8 +143,8 @@ def _placement(proposal: Proposal) -> list[Finding]:
     if tested.margin < CLEAR_MARGIN:
         other = tested.placements[1]
         sentence = (
-            f"The places of the wheels are uncertain: {best.words} fits only {tested.margin:.2f} times better "
-            f"than {other.words}. Let the robot sway in all directions and turn its heading back and forth."
+            f"The places of the wheels are uncertain: {best.description} fits only {tested.margin:.2f} times better "
+            f"than {other.description}. Let the robot sway in all directions and turn its heading back and forth."
         )
         found.append(_finding("warning", "wheels", sentence))
     if tested.phase_error is not None and tested.phase_error > CLEAR_PHASE:
@@ -321,7 +321,9 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
     frame, lines = proposal.frame, ["[wheels]"]
     if proposal.lean_test is not None:
         placement, margin = proposal.lean_test.placements[0], proposal.lean_test.margin
-        lines.append(f"# order: {placement.words}; the next best placement fits {margin:.1f} times worse")
+        lines.append(
+            f"# order: {placement.description}; the next best placement fits {margin:.1f} times worse"
+        )
     lines.append(toml_line("order", frame.order))
     heading = proposal.heading
     if heading is not None and frame.signs_by_heading:

@@ -1,15 +1,15 @@
-"""Which column of a foreign log is what, by its name or by its values, and in which unit.
+"""The role and the unit of each column of a foreign log, by its name or by its values.
 
-Names are compared in lower case without separators, so that `psi_1`, `Psi1` and `PSI[1]` are one. A triple is three
-columns whose names differ in nothing but a number 1 to 3 (or 0 to 2).
+Names are compared in lower case without separators, so that `psi_1`, `Psi1` and `PSI[1]` are equal. A series is columns
+whose names differ only in a number 1 to 3 (or 0 to 2).
 
-Of files without a header, or with names that say nothing, the values decide. Time rises by small uneven steps. Roll
-and pitch, and the wheels' angles in their order, stand side by side, and are those neighbours whose accelerations agree
-best with the ball's rolling (`ballbot.log.mapping_inference.placement`), whatever their units. A sensor's steps
+Without a header, or with meaningless names, the values decide. Time increases by small uneven steps. Roll and pitch,
+and the wheels' angles in their order, are neighbouring columns: those whose accelerations agree best with the ball's
+rolling (`ballbot.log.mapping_inference.placement`), in any units. A sensor's steps
 distinguish its columns from those computed from them. The commands are those neighbours that explain the wheels'
 accelerations best.
 
-Units come from the encoder's step, from sizes, and from the gain that kinematics asks for.
+Units follow from the encoder's step, from sizes, and from the gain of the kinematics.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from ballbot.log.mapping_inference.placement import (
 from ballbot.log.signals import MOVING_SPEED, Smooth, even_rows, smooth
 from ballbot.robot import Robot
 
-#: a step that agrees with an encoder's this well is that encoder's
+#: relative tolerance of a step that is taken for an encoder's
 STEP_AGREEMENT = 0.02
-#: beyond this lean, in a tenth of the rows, a balancing robot's angle is not in radians
+#: if a tenth of the rows exceed this lean, the angle is not in radians
 LEAN_IN_RADIANS = 0.35
 #: largest numbers that drivers and libraries call full duty
 FULL_DUTIES = (1.0, 100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 32639.0, 32767.0, 65535.0)
@@ -41,16 +41,16 @@ FULL_DUTIES = (1.0, 100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 32639.0, 32767.
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How a column becomes Ballbot's: a unit's word, a factor beside it, and why."""
+    """Conversion of a column to Ballbot's unit, with the reason."""
 
     unit: str
-    factor: float  #: what turns the file's number into radians (or a duty of 1), unit and scale in one
-    scale: float = 1.0  #: part of the factor that the unit does not say
+    factor: float  #: converts the file's number to radians (or full duty to 1), unit and scale in one
+    scale: float = 1.0  #: part of the factor besides the unit
     reason: str
 
 
 def step_of(values: NDArray[np.float64]) -> float | None:
-    """Return the smallest step of which all steps of a column are multiples; None where there is no such step."""
+    """Return the smallest step of which all steps of a column are multiples; None if there is no such step."""
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     steps = steps[steps > 1e-9]
     if len(steps) < 20:
@@ -62,7 +62,7 @@ def step_of(values: NDArray[np.float64]) -> float | None:
 
 
 def wheel_scale(angles: NDArray[np.float64], robot: Robot) -> Scale:
-    """Return the unit of wheel angles (N, n) in the file, by the encoder's step where it shows."""
+    """Return the unit of wheel angles (N, n) in the file, by the encoder's step if it is visible."""
     turn = float(robot.sensors.encoder_counts * robot.drive.gear_ratio)
     steps = [step_of(column) for column in angles.T]
     known = [step for step in steps if step is not None]
@@ -111,9 +111,9 @@ def lean_scale(lean: NDArray[np.float64]) -> Scale:
 
 
 def duty_scale(commands: NDArray[np.float64]) -> Scale:
-    """Return what makes the full duty 1, by the largest command (N, n)."""
+    """Return the scale that makes the full duty 1, by the largest command (N, n)."""
     largest = float(np.nanmax(np.abs(commands)))
-    # 1 %: what rounding and filters add
+    # 1 % for rounding and filters
     full = next((duty for duty in FULL_DUTIES if largest <= 1.01 * duty), largest)
     return Scale(
         unit="duty",
@@ -204,10 +204,10 @@ BODY_COMMANDS = ("tx", "ty", "tz")
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """The file's names of what the log is made of; empty or None where there is none."""
+    """The names of the file's columns by their role; empty or None if there are none."""
 
     time: str | None
-    attitude: tuple[str, ...]  #: roll, pitch and, where there is one, yaw
+    attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw
     angles: tuple[str, ...]  #: a wheel each
     speeds: tuple[str, ...]
     commands: tuple[str, ...]
@@ -217,7 +217,7 @@ class Roles:
 
 
 def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
-    """Return what the names say; see the module's text."""
+    """Return the roles by the columns' names."""
     plain = {_plain(name): name for name in reversed(list(names))}
     threes = _numbered(plain, wheel_count)
     angles = _first(threes, ANGLES)
@@ -239,7 +239,7 @@ def _plain(name: str) -> str:
 
 
 def _numbered(plain: dict[str, str], count: int) -> dict[str, tuple[str, ...]]:
-    """Return, by what is left without the number, the names numbered from 1 (or 0)."""
+    """Return the names numbered from 1 (or 0), by their common part."""
     found: dict[str, tuple[str, ...]] = {}
     for name in plain:
         for digit in re.finditer(r"[01]", name):
@@ -263,25 +263,25 @@ def _attitude(plain: dict[str, str]) -> tuple[str, ...]:
 
 #: intervals between rows that a log may have [s]
 INTERVALS = (2e-4, 0.2)
-#: an agreement must be this much better than an earlier one to be preferred: copies stand later in a file
+#: an agreement must be better than an earlier one by this factor, since copies come later in a file
 BETTER = 0.98
-#: and leave no more than this share of the lean's acceleration
+#: largest unexplained fraction of the lean's acceleration
 LARGEST_REST = 0.6
-#: a lean this many times its usual size away is a fall
+#: a lean beyond so many times its usual size is a fall
 FALLEN = 8.0
-#: a lean that is this much a sum of wheel angles was computed from them
+#: a lean was computed from the wheel angles if their sum explains this fraction of it
 COMPUTED = 0.9
 
 
 def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> Roles | None:
-    """Return what the columns are, or None where no lean and wheels agree with a rolling ball.
+    """Return the roles by the columns' values, or None if no lean and wheels agree with a rolling ball.
 
     Parameters
     ----------
     columns : mapping of str to (M,) array
         In the file's order.
     robot : Robot
-        Gives azimuths and the pull of gravity.
+        Gives azimuths and the effect of gravity.
     """
     time = _time(columns)
     if time is None:
@@ -290,12 +290,12 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
     rising = np.concatenate(([True], np.diff(t) > 0.0))
     finite = np.all([np.isfinite(values) for values in columns.values()], axis=0)
     kept = rising & finite
-    # a column that rises by the same step throughout counts rows
+    # a column that increases by the same step throughout counts rows
     names = [name for name, values in columns.items() if name != time and np.ptp(np.diff(values[kept])) > 0.0]
     rows = even_rows(t[kept])
     smoothed = {name: smooth(rows, t[kept], columns[name][kept, None]) for name in names}
     steps = {name: step_of(columns[name][kept]) for name in names}
-    # an IMU's columns have steps as a rule, and then what was computed of them is not taken for them
+    # an IMU's columns usually have steps, which columns computed from them lack
     found = _lean_and_wheels(list(columns), smoothed, steps, robot) or _lean_and_wheels(
         list(columns), smoothed, steps, robot, smooth_lean=True
     )
@@ -354,7 +354,7 @@ def _lean_and_wheels(
 
 
 def _alike(names: tuple[str, ...], steps: Mapping[str, float | None]) -> bool:
-    """Return whether columns have one step, as like sensors do; where no column at all has one, all are alike."""
+    """Return whether columns have the same step, as equal sensors do; true if no column of the file has one."""
     if all(step is None for step in steps.values()):
         return True
     known = [steps[name] for name in names]
@@ -370,10 +370,10 @@ def _rest(
     robot: Robot,
     kappa: float,
 ) -> float:
-    """Return the share of the lean's acceleration that the wheels' leave, in the better handedness."""
+    """Return the fraction of the lean's acceleration that the wheels do not explain, in the better handedness."""
     angles, accelerations = wheels
     value = np.column_stack([smoothed[name].value[:, 0] for name in lean])
-    if _share_left(angles, value) < 1.0 - COMPUTED:
+    if _unexplained_fraction(angles, value) < 1.0 - COMPUTED:
         return 1.0
     driven = np.column_stack([smoothed[name].acceleration[:, 0] for name in lean]) - kappa * value
     usual = np.median(np.abs(value - np.median(value, axis=0)), axis=0)
@@ -382,16 +382,16 @@ def _rest(
     y = (driven[:, 0] + 1j * driven[:, 1])[rows]
     y = y - np.median(y.real) - 1j * np.median(y.imag)
     beta = np.asarray(robot.wheels.azimuths)
-    shares = []
+    unexplained = []
     for azimuths in (beta, -beta):
         X = np.column_stack([accelerations @ np.exp(1j * azimuths), np.ones(len(accelerations))])[rows]
         rest = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
-        # medians: hands and pushes are not told apart yet
-        shares.append(float(np.median(np.abs(rest)) / max(float(np.median(np.abs(y))), 1e-300)) ** 2)
-    return min(shares)
+        # medians, since hands and pushes are not excluded yet
+        unexplained.append(float(np.median(np.abs(rest)) / max(float(np.median(np.abs(y))), 1e-300)) ** 2)
+    return min(unexplained)
 
 
-def _share_left(angles: NDArray[np.float64], value: NDArray[np.float64]) -> float:
+def _unexplained_fraction(angles: NDArray[np.float64], value: NDArray[np.float64]) -> float:
     X = np.column_stack([angles, np.ones(len(angles))])
     rest = value - X @ np.linalg.lstsq(X, value, rcond=None)[0]
     return float((rest.var(axis=0) / np.maximum(value.var(axis=0), 1e-300)).max())
@@ -419,7 +419,7 @@ def _commands(
         if not np.all(np.ptp(logged, axis=0) > 0.0):
             continue
         found = command_test(rows, moved, held_commands(rows, t, logged), usable)
-        # of the wheels' own pattern, or else it is a sum of other columns that happens to follow
+        # signs as the wheels'; otherwise it is a sum of other columns that happens to correlate
         if found is not None and len(set(found.signs)) == 1 and found.explained * BETTER > most:
             best, most = tuple(group), found.explained
     return best

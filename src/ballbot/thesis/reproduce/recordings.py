@@ -43,8 +43,7 @@ from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.item import LONG_RUNS, RUNS, run_seed
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.motion_capture import MotionCapture
-from ballbot.twin.recording import record_bench
+from ballbot.twin.recording import MotionCapture, record_bench
 
 #: decimals that are kept of the torques [N m]
 _TORQUE = 4
@@ -148,7 +147,7 @@ def drifting(robot: Robot, seed: int, *, number: int) -> Logs:
     """Record three minutes around a square, filmed by motion capture (Appendix IV)."""
     own = run_seed(seed, 200 + number)
     log = balance(robot, square(), duration=180.0, seed=own)
-    film = MotionCapture.drawn(own).film(log.truth(), ball_radius=robot.ball.radius)
+    film = MotionCapture.drawn(own).record(log.truth(), ball_radius=robot.ball.radius)
     return {"log": log, "film": film}
 
 
