@@ -1,8 +1,8 @@
-"""What the thesis recommends (chapter 6 and Appendix IV), tried on the twin: before and after, the same seeds.
+"""The recommendations of the thesis (chapter 6 and Appendix IV) on the twin, before and after with the same seeds.
 
-Single-row wheels, a stiffer ball, gearboxes with less play, and a fix from outside that is fused with the on-board
-sensors, one at a time and together. The nominal twin has two rows, a hard ball, 1 degree of play and on-board
-sensors only; what a stiffer ball is worth is therefore read from the softer one to it.
+Single-row wheels, a stiffer ball, gearboxes with less play, and an external fix that is fused with the on-board
+sensors, one at a time and together. The nominal twin has two rows, a hard ball, 1 degree of play and on-board sensors
+only; the effect of a stiffer ball is therefore its difference to a softer one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
 from ballbot.workflows.comparison import Comparison, compare
 
-#: the controllers: without compensation, and with the better of the thesis's two; of the friction that is true
+#: the controllers: without compensation, and with the better of the thesis's two, of the true friction
 COMPENSATIONS: tuple[Compensation, ...] = ("none", "partial")
 
 _LESS_PLAY = math.radians(0.1)  # of a precision gearbox
@@ -32,14 +32,14 @@ _FIX = FixSource(rate=10.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """A robot that differs from the nominal one in what is recommended."""
+    """The nominal robot with a recommendation applied."""
 
     name: str
     scenario: Scenario
     estimator: EstimatorName = "onboard"
 
     def twin(self, robot: Robot) -> Twin:
-        """Return the robot."""
+        """Return the twin of this variant."""
         sample_time = self.scenario.sensors.sample_time
         estimator = named_estimator(self.estimator, robot, sample_time=sample_time)
         return Twin(robot, self.scenario, estimator=estimator)
@@ -78,17 +78,17 @@ def try_recommendations(
     robot : Robot
     seeds : sequence of int
     duration : float
-        Of a run [s].
+        Duration of a run [s].
     threads : int
         Runs at a time.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+        Called with the progress of all runs.
     """
-    knowing = robot.replace(friction=Scenario.nominal(robot).friction)
-    controllers = {kind: nominal_controller(knowing, compensation=kind) for kind in COMPENSATIONS}
-    tried = variants(robot)
+    with_true_friction = robot.replace(friction=Scenario.nominal(robot).friction)
+    controllers = {kind: nominal_controller(with_true_friction, compensation=kind) for kind in COMPENSATIONS}
+    every = variants(robot)
     found: dict[str, Comparison] = {}
-    for k, variant in enumerate(tried):
+    for k, variant in enumerate(every):
         found[variant.name] = compare(
             lambda variant=variant: variant.twin(robot),
             controllers,
@@ -96,7 +96,7 @@ def try_recommendations(
             duration=duration,
             seeds=seeds,
             threads=threads,
-            progress=part_of(progress, k / len(tried), (k + 1) / len(tried)),
+            progress=part_of(progress, k / len(every), (k + 1) / len(every)),
         )
     return found
 

@@ -1,8 +1,8 @@
-"""Which files a user's Python file is made of: itself, the modules that it imports, and what it reads beside them.
+"""The files that a user's Python file depends on: itself, the modules that it imports, and the files that it reads.
 
-Modules are found in two ways, since neither sees all: in the text, which names those that are imported later on as
-well, and in what was imported when the file was run, which names those that the text computes. Ballbot, Python and
-installed packages are left out; their versions belong to a result as they are.
+Modules are found in two ways, since neither is complete: in the text, which also names those that are imported later,
+and among the modules imported when the file was run, which include those whose names the text computes. Ballbot, Python
+and installed packages are excluded; a result states their versions.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ _INSTALLED = tuple(
 
 
 def checksums_of(paths: Iterable[Path]) -> Checksums:
-    """Return the SHA-256 of files by their paths, sorted; of one that cannot be read, no digits."""
+    """Return the SHA-256 of files by their paths, sorted; empty for a file that cannot be read."""
     return MappingProxyType({str(path): _sha256(path) for path in sorted(set(paths))})
 
 
 def changed_file(checksums: Checksums) -> str | None:
-    """Return a file that is not any more as it was, or None."""
+    """Return a file that has changed since, or None."""
     return next((path for path, before in checksums.items() if _sha256(Path(path)) != before), None)
 
 
@@ -64,42 +64,42 @@ def modules_imported() -> set[Path]:
     return _users_modules() - _AT_START
 
 
-class _Listener:
-    """Hears which files Python opens; a hook cannot be removed, so that there is one, which listens now and then."""
+class _OpenRecorder:
+    """Records which files Python opens. A hook cannot be removed, so that there is one, which can be switched on."""
 
     def __init__(self) -> None:
-        self.heard: set[str] | None = None
+        self.opened: set[str] | None = None
         self.installed = False
 
     def __call__(self, event: str, arguments: tuple[object, ...]) -> None:
-        if event == "open" and self.heard is not None and _reads(*arguments[1:3]):
+        if event == "open" and self.opened is not None and _reads(*arguments[1:3]):
             name = arguments[0]
             if isinstance(name, str | bytes):  # not a descriptor
-                self.heard.add(os.fsdecode(name))
+                self.opened.add(os.fsdecode(name))
 
 
-_listener = _Listener()
+_recorder = _OpenRecorder()
 
 
 @contextmanager
 def files_opened(beside: Path) -> Iterator[Callable[[], set[Path]]]:
-    """Give a function that returns the files in a folder, or in this one, that were opened in the block so far."""
-    if not _listener.installed:
-        sys.addaudithook(_listener)
-        _listener.installed = True
-    before, heard = _listener.heard, set[str]()
-    _listener.heard = heard
+    """Yield a function that returns the files opened in the block so far, in a folder or the current one."""
+    if not _recorder.installed:
+        sys.addaudithook(_recorder)
+        _recorder.installed = True
+    before, opened = _recorder.opened, set[str]()
+    _recorder.opened = opened
     folders = (beside.resolve(), Path.cwd())
     try:
-        yield lambda: {path for one in heard if _is_beside(path := Path(one).resolve(), folders)}
+        yield lambda: {path for one in opened if _is_beside(path := Path(one).resolve(), folders)}
     finally:
-        _listener.heard = before
+        _recorder.opened = before
         if before is not None:
-            before |= heard
+            before |= opened
 
 
 def _reads(mode: object, flags: object) -> bool:
-    """Return whether a file is opened to read only, by what `open` or `os.open` was given."""
+    """Return whether a file is opened to read only, by the arguments of `open` or `os.open`."""
     if isinstance(mode, str):
         return not set(mode) & set("wax+")
     return isinstance(flags, int) and not flags & (os.O_WRONLY | os.O_RDWR)
@@ -132,7 +132,7 @@ def _imported(file: Path, folders: tuple[Path, ...]) -> list[Path]:
 
 
 def _files(name: str, folders: Iterable[Path]) -> list[Path]:
-    """Return the files that importing a module runs: of the packages that it is in, and its own."""
+    """Return the files that importing a module runs: its own and those of its packages."""
     parts = [part for part in name.split(".") if part]
     for folder in folders:
         found: list[Path] = []
@@ -151,7 +151,7 @@ def _is_users(path: Path) -> bool:
 
 
 def _is_beside(path: Path, folders: tuple[Path, ...]) -> bool:
-    """Return whether a path is of a regular file in one of the folders, neither hidden nor Python's own."""
+    """Return whether a path is a regular file in one of the folders, neither hidden nor Python's own."""
     for folder in folders:
         if path.is_relative_to(folder):
             parts = path.relative_to(folder).parts
@@ -167,5 +167,5 @@ def _sha256(path: Path) -> str:
         return ""
 
 
-#: what was imported before any file of a user's was run
+#: modules imported before any file of a user is run
 _AT_START = _users_modules()
