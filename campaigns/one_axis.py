@@ -61,9 +61,9 @@ def campaign() -> Section:
     rows.append(
         ["inverse model, as published", *texts, *_errors(errors.open_loop_rmse, errors.closed_loop_force)]
     )
-    rows += [_row(f"{one.rung.name}, {one.method}", one) for one in found.estimates]
+    rows += [_row(f"{one.law.name}, {one.method}", one) for one in found.estimates]
     rows += [
-        _row(f"{name}, open loop", one) for name, one in found.rungs.items() if name != found.chosen.name
+        _row(f"{name}, open loop", one) for name, one in found.by_law.items() if name != found.chosen.name
     ]
     return Section(
         title="One axis: the EMPS benchmark",

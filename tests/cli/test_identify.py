@@ -63,10 +63,10 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
     words = ["identify", "alten", str(log_file), "--out", str(tmp_path / "out"), "--bounds", str(bounds)]
     assert main([*words, *options, "--window", "0.05"]) == 0
     results = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [rung["law"] for rung in results["ladder"]["rungs"]] == [law.name for law in LAWS]
+    assert [one["law"] for one in results["ladder"]["candidates"]] == [law.name for law in LAWS]
     assert len(results["parameters"]["gain"]) == 3
     assert results["parameters"]["delay"] == 0.0
-    assert results["left_out_of_cost"] == ["psi", "psi_dot"]
+    assert results["excluded_states"] == ["psi", "psi_dot"]
     assert results["judged_on"]["other"]["ratios"]["phi"] < 1.0
     assert (tmp_path / "out" / "ladder.svg").read_text().startswith("<svg")
     shown = capsys.readouterr().out
@@ -106,10 +106,10 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, log_file, capsys, w
     command = ["identify", "alten", *words, "--out", str(tmp_path / "out")]
     assert main([word.format(**files) for word in command]) == 2
     assert not list(tmp_path.glob("out/*"))
-    told = capsys.readouterr().err
-    assert told.startswith("ballbot: ")
-    assert sentence in told
-    assert told.count("\n") == 1
+    results = capsys.readouterr().err
+    assert results.startswith("ballbot: ")
+    assert sentence in results
+    assert results.count("\n") == 1
 
 
 def _filled(log: Log, values: dict[str, float]) -> dict[str, np.ndarray]:

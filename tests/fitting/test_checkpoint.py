@@ -128,7 +128,7 @@ def cut(text: str) -> str:
 
 
 def other_format(text: str) -> str:
-    return text.replace("ballbot checkpoint 3", "ballbot checkpoint 2")
+    return text.replace("ballbot checkpoint 4", "ballbot checkpoint 2")
 
 
 def changed_digit(text: str) -> str:
@@ -158,7 +158,7 @@ def other_seed(text: str) -> str:
         (lambda _: "[]\n", "is not a complete checkpoint"),
         (
             other_format,
-            r"is a checkpoint of format 2, and Ballbot \S+ has format 3; resume it with the version",
+            r"is a checkpoint of format 2, and Ballbot \S+ has format 4; resume it with the version",
         ),
         (cut, "is not a complete checkpoint"),
         (lambda _: "[" * 100_000, "is not a complete checkpoint"),

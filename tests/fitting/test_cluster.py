@@ -55,7 +55,7 @@ def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> 
         log,
         window=0.1,
         seed=3,
-        options=IdentificationOptions(generations=12, population=12, polish_steps=4, step=2.5e-3),
+        options=IdentificationOptions(generations=12, population=12, gauss_newton_steps=4, step=2.5e-3),
         run=Run(executor=executor, progress=report),
     )
 
@@ -66,7 +66,7 @@ def test_an_identification_ends_in_the_same_bytes_though_a_worker_is_killed_on_t
     killed = []
 
     def kill_a_worker(progress: Progress) -> None:
-        if (progress.stage, progress.done) in (("evolution", 3), ("polish", 1)):
+        if (progress.stage, progress.done) in (("evolution", 3), ("gauss_newton", 1)):
             worker = next(iter(local.workers.values()))
             killed.append(worker.pid)
             # while the next step is computed

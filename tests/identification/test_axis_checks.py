@@ -109,9 +109,9 @@ def test_friction_below_zero_is_held_at_zero() -> None:
     found = [one for one in record_findings(pushed) if one.code == "force-friction"]
     assert [one.severity for one in found] == ["warning"]
     # a law takes the values, which it refused below zero
-    Axis(
-        rung=AXIS_LAWS["coulomb"], values=dict(zip(held.names, held.values.tolist(), strict=True))
-    ).open_loop(pushed.force[:100], position=0.0, speed=0.0, sample_time=SAMPLE_TIME)
+    Axis(law=AXIS_LAWS["coulomb"], values=dict(zip(held.names, held.values.tolist(), strict=True))).open_loop(
+        pushed.force[:100], position=0.0, speed=0.0, sample_time=SAMPLE_TIME
+    )
 
 
 def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_an_added_force_acts_in_closed_loop(tmp_path: Path) -> None:
     t = np.arange(len(CLOSED)) * SAMPLE_TIME
     added = np.asarray(40.0 * np.sin(2.0 * np.pi * t / 2.0), dtype=np.float64)
     empty = replace(CLOSED, added=added)
-    axis = Axis(rung=AXIS_LAWS["coulomb"], values=TRUTH)
+    axis = Axis(law=AXIS_LAWS["coulomb"], values=TRUTH)
     assert CLOSED.reference is not None
     start = float((CLOSED.reference[1] - CLOSED.reference[0]) / SAMPLE_TIME)
     moved = axis.closed_loop(empty, speed=start)

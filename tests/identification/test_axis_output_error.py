@@ -30,7 +30,7 @@ NOT_QUITE = {"mass": 80.0, "viscous": 150.0, "coulomb": 26.0, "offset": 1.0}
 def test_motion_against_an_adaptive_integrator_with_events(law):
     values = TRUTH if law == "coulomb" else ASYMMETRIC
     forces = 60.0 * np.sin(2.0 * np.pi * np.arange(2000) * SAMPLE_TIME / 0.8)
-    positions = Axis(rung=AXIS_LAWS[law], values=values).open_loop(
+    positions = Axis(law=AXIS_LAWS[law], values=values).open_loop(
         forces, position=0.0, speed=0.1, sample_time=SAMPLE_TIME
     )
     expected = _by_scipy(values, forces)
@@ -104,7 +104,7 @@ def test_a_record_without_its_loop_has_no_closed_loop():
     record = simulated_record()
     bare = AxisRecord(name="bare", sample_time=SAMPLE_TIME, force=record.force, position=record.position)
     with pytest.raises(InputError, match="bare does not contain the control loop"):
-        Axis(rung=AXIS_LAWS["coulomb"], values=TRUTH).closed_loop(bare, speed=0.0)
+        Axis(law=AXIS_LAWS["coulomb"], values=TRUTH).closed_loop(bare, speed=0.0)
 
 
 def test_the_speed_at_the_start_is_that_of_the_motion():
@@ -116,10 +116,10 @@ def test_the_speed_at_the_start_is_that_of_the_motion():
 
 
 def test_axis_laws_are_nested():
-    for rung in AXIS_LAWS.values():
-        if rung.below and rung.symmetric:
-            assert set(AXIS_LAWS[rung.below].names) < set(rung.names)
-        assert set(rung.names) <= set(PARAMETERS)
+    for law in AXIS_LAWS.values():
+        if law.below and law.symmetric:
+            assert set(AXIS_LAWS[law.below].names) < set(law.names)
+        assert set(law.names) <= set(PARAMETERS)
 
 
 def test_the_loops_limit_holds():

@@ -91,7 +91,7 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
         window=0.1,
         seed=3,
         options=IdentificationOptions(
-            generations=12, population=12, evolution_windows=24, polish_steps=4, step=2.5e-3
+            generations=12, population=12, evolution_windows=24, gauss_newton_steps=4, step=2.5e-3
         ),
         run=run,
     )
@@ -135,11 +135,13 @@ def test_progress_rises_and_the_cost_falls():
         alten(),
         noisy(balancing_log(), seed=4).between(6.0, 12.0),
         window=0.1,
-        options=IdentificationOptions(generations=5, population=8, evolution_windows=12, polish_steps=2),
+        options=IdentificationOptions(
+            generations=5, population=8, evolution_windows=12, gauss_newton_steps=2
+        ),
         run=Run(progress=told.append),
     )
     assert [(one.stage, one.done) for one in told[:5]] == [("evolution", step) for step in range(1, 6)]
-    assert told[5].stage == "polish"
+    assert told[5].stage == "gauss_newton"
     assert all(earlier.share <= later.share <= 1.0 for earlier, later in pairwise(told))
     assert all(
         one.done <= one.total and (one.seconds_left is None or one.seconds_left >= 0.0) for one in told
@@ -175,7 +177,7 @@ def test_contradictory_options_are_refused(change, sentence):
 
 @pytest.mark.parametrize(
     ("option", "sentence"),
-    [({"held_out": 0.0}, "held_out is 0.0"), ({"polish_steps": 0}, "polish_steps is 0")],
+    [({"held_out": 0.0}, "held_out is 0.0"), ({"gauss_newton_steps": 0}, "gauss_newton_steps is 0")],
 )
 def test_identification_options_out_of_range_are_refused(option, sentence):
     with pytest.raises(InputError, match=sentence):

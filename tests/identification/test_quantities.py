@@ -1,6 +1,6 @@
 """What identification can free besides friction, each against a log made with a known value of it."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -62,7 +62,12 @@ def moving_log() -> Log:
 
 
 def test_every_quantity_can_be_given_bounds():
-    assert [field.name for field in fields(Bounds)] == [quantity.name for quantity in QUANTITIES]
+    given = {quantity.name: (0.4, 0.5) for quantity in QUANTITIES}
+    coordinates = scale_between(alten(FRICTION), bounds=Bounds(given))
+    assert set(coordinates.names) == {quantity.name for quantity in QUANTITIES}
+    assert {one.bounds for one in coordinates.parameters} == {(0.4, 0.5)}
+    with pytest.raises(InputError, match="'rolls' is not a quantity that can be identified"):
+        Bounds({"rolls": (0.0, 1.0)})
 
 
 def test_fixed_quantities_keep_their_values():
@@ -92,6 +97,7 @@ def test_missing_parameter_scale_is_requested():
         ("coulomb", "b1 b2 b3 c1 c2 c3 C_rr"),
         ("stribeck", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr"),
         ("asymmetric", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr offset1 offset2 offset3"),
+        ("directed", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr e1 e2 e3 offset1 offset2 offset3"),
         ("load", "b1 b2 b3 c1 c2 c3 s1 s2 s3 v_s delta C_rr mu1 mu2 mu3"),
     ],
 )
@@ -357,21 +363,21 @@ def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
     share = share_shown(showing(moving_log(), 0.4), alten())
     # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
     assert share == pytest.approx(0.4, abs=0.01)
-    for left_out, freed, words in (
+    for excluded, estimated, words in (
         ((), (), "(--estimate friction,pivoting), or exclude the heading"),
         (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
         ((), ("pivoting",), "T_p, was among the estimated parameters"),
     ):
-        (finding,) = heading_findings([share, None], left_out=left_out, sought=freed)
-        told = finding.text
-        assert told.startswith("The wheels show only 40 % of the turning of the heading")
-        assert words in told
+        (finding,) = heading_findings([share, None], excluded_states=excluded, estimated=estimated)
+        text = finding.text
+        assert text.startswith("The wheels show only 40 % of the turning of the heading")
+        assert words in text
 
 
 def test_heading_consistent_with_the_wheels_gets_no_finding():
     log = moving_log()
     assert share_shown(showing(log, 1.0), alten()) == pytest.approx(1.0, abs=1e-9)
-    assert heading_findings([1.0, 0.85, None], left_out=(), sought=()) == []
+    assert heading_findings([1.0, 0.85, None], excluded_states=(), estimated=()) == []
     still = showing(log, 1.0).with_columns({"psi_dot": 1e-3 * np.ones(len(log))})
     assert share_shown(still, alten()) is None
 

@@ -219,7 +219,7 @@ class TestIdentification:
         options = {"bounds": few, "window": 0.4, "generations": 3, "population": 6, "evolution_windows": 4}
         found = identify_upside_down(robot, log, run=Run(executor=Threads(count=1)), **options)
         path = tmp_path / "checkpoint.jsonl"
-        dying = Dying(open_checkpoint(path, belongs_to={}, resume=False), stage="polish", after=0)
+        dying = Dying(open_checkpoint(path, belongs_to={}, resume=False), stage="gauss_newton", after=0)
         with pytest.raises(KeyboardInterrupt):
             identify_upside_down(robot, log, run=Run(executor=Threads(count=1), checkpoint=dying), **options)
         kept = open_checkpoint(path, belongs_to={}, resume=True)

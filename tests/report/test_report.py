@@ -94,9 +94,9 @@ def _found() -> Identification:
         fit_windows=(),
         held_out_windows=(),
         window=0.25,
-        left_out=(),
+        excluded_states=(),
         evolution_cost=(),
-        polish_cost=(),
+        gauss_newton_cost=(),
         warnings=(),
     )
 

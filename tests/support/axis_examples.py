@@ -34,7 +34,7 @@ def simulated_record(
         reference=wanted,
         loop=LOOP,
     )
-    axis = Axis(rung=AXIS_LAWS[law], values=values or TRUTH)
+    axis = Axis(law=AXIS_LAWS[law], values=values or TRUTH)
     moved = axis.closed_loop(empty, speed=float((wanted[1] - wanted[0]) / SAMPLE_TIME))
     random = np.random.default_rng(seed)
     # a disturbance of 50 ms, so that its effect is no white noise

@@ -345,9 +345,7 @@ def _simulation() -> Iterator[tuple[str, Case]]:
 
 
 def _identification() -> Iterator[tuple[str, Case]]:
-    axis = Axis(
-        rung=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0}
-    )
+    axis = Axis(law=AXIS_LAWS["coulomb"], values={"mass": 2.0, "viscous": 1.0, "coulomb": 0.5, "offset": 0.0})
     forces = np.array([1.0, -0.5, 2.0])
     yield (
         "Axis.open_loop",

@@ -157,7 +157,7 @@ def test_kinds_of_autocorrelation_are_distinguished():
     assert found is not None
     assert found.colours == ("white", "nearly white", "noise of the start", "coloured")
     # what the past foretells: rho^2 of a first-order series
-    assert found.foretold[3] == pytest.approx(0.49, abs=0.03)
+    assert found.predicted_share[3] == pytest.approx(0.49, abs=0.03)
     assert whiteness(columns[: 10 * LAGS], (10 * LAGS,)) is None
 
 

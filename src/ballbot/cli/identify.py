@@ -168,7 +168,7 @@ class FitOptions:
     velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
     single quantities of friction, such as viscous."""
 
-    law: Literal["viscous", "coulomb", "stribeck", "asymmetric", "load", "best"] = "stribeck"
+    law: Literal["viscous", "coulomb", "stribeck", "asymmetric", "directed", "load", "best"] = "stribeck"
     """The friction law of the wheels. best fits each in turn, shows how much each improves the prediction of held-out
     windows, and keeps the law that improves it clearly."""
 

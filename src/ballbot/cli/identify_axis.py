@@ -133,7 +133,7 @@ def identify_axis(
                 bandwidth=method.bandwidth,
                 window=method.window,
                 horizon=method.horizon,
-                held_against=others,
+                validation_records=others,
                 run=result.run_with(bar.report),
             )
         with result.replaced() as new:

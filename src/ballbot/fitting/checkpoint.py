@@ -1,4 +1,4 @@
-"""A long run that can be killed and goes on bit for bit: a journal of what it has computed.
+"""Checkpoints: a long run that is killed continues bit for bit from a journal of what it has computed.
 
 A run is determined by its inputs and by the answers to its expensive questions: the costs of a population, the
 normal equations about a point, a batch of a bootstrap. Each answer is written, with its question, before it is used.
@@ -7,7 +7,7 @@ state of the search or of its random numbers has to be kept. A question that dif
 
 The file is text, a JSON object a line, floats with as many digits as give the same bits back:
 
-    {"format": "ballbot checkpoint 3", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
+    {"format": "ballbot checkpoint 4", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
     {"stage": "evolution", "question": {"shape": [24, 12], ...}, "answer": [...], "sha256": "..."}
 
 It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one. A line ends with the
@@ -54,7 +54,7 @@ def machine() -> dict[str, str]:
     return {package: version(package) for package in _PACKAGES} | {"processor": kind}
 
 
-_FORMAT = "ballbot checkpoint 3"
+_FORMAT = "ballbot checkpoint 4"
 _ANY_FORMAT = re.compile(r"ballbot checkpoint (\d+)")
 _SEAL = b', "sha256": "'
 _END = b'"}\n'
@@ -76,14 +76,14 @@ class Checkpoint:
     def memoize(
         self, stage: str, question: NDArray[np.float64], answer: Callable[[], Sequence[NDArray[np.float64]]]
     ) -> Arrays:
-        """Answer as `ballbot.fitting.run.Run.memoize` says; a new answer is on file before it is returned.
+        """Answer as `ballbot.fitting.run.Run.memoize` describes; a new answer is on file before it is returned.
 
         Raises
         ------
         CheckpointError
-            Where the file has an answer to another question in this place, or is damaged.
+            If the file has an answer to another question in this place, or is damaged.
         InputError
-            Where it cannot be written.
+            If it cannot be written.
         """
         if self._next == len(self._lines):
             arrays = tuple(np.asarray(array, float) for array in answer())
@@ -125,12 +125,12 @@ def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: 
     belongs_to : mapping of str to str
         What the answers depend on, each by a plain name; see `identity`.
     resume : bool
-        Go on with what the file holds; where there is no file, begin.
+        Continue with the file; begin if there is none.
 
     Raises
     ------
     InputError
-        Where there is a file that is not to be resumed, that belongs to another run or is no checkpoint, or where it
+        If there is a file that is not to be resumed, that belongs to another run or is no checkpoint, or where it
         cannot be read or written.
     """
     path = Path(path)
@@ -163,7 +163,7 @@ def identity_of(inputs: Mapping[str, Sequence[object]], options: Mapping[str, ob
 
 
 def digest(*parts: object) -> bytes:
-    """Return the SHA-256 of arrays and of what has a `repr` that tells all of it."""
+    """Return the SHA-256 of arrays and of values whose `repr` is complete."""
     found = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):

@@ -45,7 +45,7 @@ class Cluster:
     InputError
         If that is no address.
     ExecutorError
-        Where no scheduler answers there, or no worker joins it.
+        If no scheduler answers there, or no worker joins it.
     """
 
     def __init__(self, address: str) -> None:
@@ -79,7 +79,7 @@ class Cluster:
         Raises
         ------
         ExecutorError
-            Where a worker's packages or processor are others than here, or the cluster is lost.
+            If a worker's packages or processor are others than here, or the cluster is lost.
         """
         lots = self._lots(pieces)
         try:

@@ -1,6 +1,7 @@
-"""Confidence intervals of a least-squares estimate: from clustered and bootstrap errors, and from profiles.
+"""95 % intervals of a least-squares estimate: from clustered and bootstrap errors, and from profiles of the likelihood.
 
-Profile likelihood: how far a parameter may go, all others following, before the fit is worse than chance explains.
+A profile shows how far a parameter may go, all others following, before the fit is worse than chance explains. It is
+made for parameters whose two errors disagree or reach far.
 
 The cost of n_s states over N residuals each is, up to a constant, minus the logarithm of a likelihood over N n_s.
 Residuals within a window are not independent, so the doubled rise is no chi-squared variable but, for one
@@ -10,10 +11,6 @@ parameter, one times
 
 (L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio statistics, Statistica Sinica 21 (2011)
 129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being Student's quantile.
-
-From errors to 95 % intervals: which of two errors, a profile where they will not do, and what bounds have to say.
-
-How sure an estimate is: errors clustered by window and from a block bootstrap, profiles where they do not do.
 """
 
 from __future__ import annotations
@@ -29,7 +26,13 @@ from scipy.stats import t as student
 
 from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import WindowEquations, bootstrap, correlation, covariance, unleveraged
+from ballbot.fitting.uncertainty import (
+    WindowEquations,
+    bootstrap,
+    correlation,
+    covariance,
+    leverage_corrected,
+)
 
 
 class Repeated(Protocol):
@@ -73,13 +76,13 @@ class RepeatableFit(Repeated, Protocol):
 
 #: fits of the other parameters on one side, and steps of each
 _MOST_FITS, _STEPS = 6, 3
-#: a limit is found where the rise is that near to the one sought, as a share of it
+#: a limit is found if the rise is this near to lambda t^2, as a share of it
 _NEAR = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """The 95 % limits of one parameter, scaled; None where the logs set none before its bound."""
+    """The 95 % limits of one parameter, scaled; None if the logs set none before its bound."""
 
     place: int  #: which parameter
     lower: float | None
@@ -192,7 +195,7 @@ class Interval:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
-    """Of parameters (p,), scaled; NaN where there is none."""
+    """Of parameters (p,), scaled; NaN if there is none."""
 
     point: NDArray[np.float64]  #: the estimate
     clustered: NDArray[np.float64]
@@ -290,7 +293,7 @@ def assess(
     most_profiles: int = MOST_PROFILES,
     run: Run = DEFAULT_RUN,
 ) -> Uncertainty:
-    """Return how sure the estimate is.
+    """Return the uncertainty of an estimate.
 
     Parameters
     ----------
@@ -298,17 +301,17 @@ def assess(
     estimated : ndarray (p,)
         Which parameters get a standard error.
     at_bound : ndarray (p,)
-        Which of the others stand at a bound; they get an interval on one side.
+        Which of the others are at a bound; they get an interval on one side.
     most_profiles : int
-        How many parameters are profiled, where the errors are doubtful.
+        How many parameters are profiled, if their errors are doubtful.
     run : Run, optional
         Its seed is the bootstrap's; its checkpoint answers for each profile.
     """
     coordinates, point = fit.coordinates, fit.point
     normal = fit.equations.normal
     windows = fit.equations
-    clustered = covariance(unleveraged(windows.matrices, windows.scores, estimated), estimated)
-    variances = clustered.diagonal()  # not positive where a short, ill-posed fit tells nothing
+    clustered = covariance(leverage_corrected(windows.matrices, windows.scores, estimated), estimated)
+    variances = clustered.diagonal()  # not positive if a short, ill-posed fit has no information
     scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
     resampled = bootstrap(fit.equations, estimated, seed=run.seed).errors
     errors = Errors(
@@ -358,7 +361,7 @@ def _intervals_at_bounds(
     estimated: NDArray[np.bool_],
     at_bound: NDArray[np.bool_],
 ) -> dict[str, Interval]:
-    """Return the intervals of parameters that stand at a bound: that about where the equations, unbounded, lead."""
+    """Return the intervals of parameters at a bound, about the point that the unbounded equations lead to."""
     found = {}
     normal = fit.equations.normal
     for i in np.flatnonzero(at_bound & (normal.matrix.diagonal() > 0.0)):
@@ -372,11 +375,11 @@ def _intervals_at_bounds(
         half = _quantile(len(normal.scores), len(places)) * error
         middle = float(fit.point[i] + step)
         place = int(i)
-        found[coordinates.labels[place]] = _reaching(coordinates, place, middle, half, fit.point[i])
+        found[coordinates.labels[place]] = _widened(coordinates, place, middle, half, float(fit.point[i]))
     return found
 
 
-def _reaching(coordinates: ParameterSpace, place: int, middle: float, half: float, stands: float) -> Interval:
-    """Return middle -+ half, stretched so that it has the bound that the parameter stands at within."""
-    lower, upper = min(middle - half, float(stands)), max(middle + half, float(stands))
+def _widened(coordinates: ParameterSpace, place: int, middle: float, half: float, at: float) -> Interval:
+    """Return middle -+ half, widened to contain the bound `at` that the parameter is at."""
+    lower, upper = min(middle - half, at), max(middle + half, at)
     return between(coordinates, place, lower, upper, method="at bound")

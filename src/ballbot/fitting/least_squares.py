@@ -205,7 +205,7 @@ def fit_clustered(
     Raises
     ------
     InputError
-        Where there are too few clusters for the parameters, or the windows do not determine them.
+        If there are too few clusters for the parameters, or the windows do not determine them.
     """
     names, places = np.unique(clusters, return_inverse=True)
     least = CLUSTERS_PER_PARAMETER * len(start)

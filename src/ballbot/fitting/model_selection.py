@@ -1,19 +1,18 @@
-"""Which models and which parameters the measurements support.
+"""Selection of a model, and of the parameters that the measurements identify.
 
-Models form a ladder: each has another one within it, or none. All are fitted to the same windows and predict the same
+Candidates are nested: each has another one within it, or none. All are fitted to the same windows and predict the same
 ones held out. The gain of one over another is the share by which its error is smaller: one less the geometric mean over
 states of the ratios of root mean square errors. Its interval is that of a paired bootstrap: blocks of neighbouring
 windows are drawn anew, the same for both models, so that what both find hard does not widen it (H. R. Kuensch, The
 jackknife and the bootstrap for general stationary observations, Annals of Statistics 17 (1989) 1217-1241). A model is
 accepted if the whole interval is above zero, over the model within it and, if that one was not accepted, over the
-highest one below it that was. The accepted model of the least held-out error is the best.
+largest one within that was. The accepted model of the least held-out error is the best.
 
-Parameters that act through others only: v_s and delta say how s fades, and nothing where there is no s.
-
-Where s is zero, a fit still ends somewhere, with some s of the size of chance and v_s and delta that suit it; their
-standard errors, taken there, are worthless (R. Davies, Hypothesis testing when a nuisance parameter is present only
-under the alternative, Biometrika 64 (1977) 247-254). So s has to earn them: the fit with it must be better than the
-best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
+Some parameters act through others only: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
+fit still ends at some s of the size of chance, with v_s and delta that suit it; their standard errors there mean
+nothing (R. Davies, Hypothesis testing when a nuisance parameter is present only under the alternative, Biometrika 64
+(1977) 247-254). So v_s and delta count as identified only if the fit with s is better than the best one without by
+more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
 residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the chi-squared
 quantile of as many parameters as the fit with s has more.
 """
@@ -49,7 +48,7 @@ class Gain:
     upper: float
 
     @property
-    def sure(self) -> bool:
+    def significant(self) -> bool:
         """Whether the whole interval is above zero."""
         return self.lower > 0.0
 
@@ -72,13 +71,13 @@ class HeldOut(Generic[Model]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate(Generic[Model]):
-    """A model on the ladder."""
+    """One of the models to select from."""
 
     name: str
     within: str | None  #: the model that it contains and is compared with
     held_out: HeldOut[Model]
     gain: Gain | None  #: over the model within it; None if there is nothing to compare with
-    over: str | None  #: the highest model accepted below it, if that is not the one within it
+    over: str | None  #: the largest accepted model within it, if that is not `within`
     gain_over: Gain | None  #: over that one
     error: float  #: root mean square, over the baseline's if there is one; the geometric mean over states
 
@@ -90,7 +89,7 @@ class Candidate(Generic[Model]):
     @property
     def accepted(self) -> bool:
         """Whether the held-out windows support it."""
-        return all(gain is None or gain.sure for gain in (self.gain, self.gain_over))
+        return all(gain is None or gain.significant for gain in (self.gain, self.gain_over))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +110,7 @@ def select_model(
     *,
     eligible: Collection[str] | None = None,
 ) -> ModelSelection[Model]:
-    """Fit every model of a ladder and select the best one.
+    """Fit nested models and select the best one.
 
     Parameters
     ----------
@@ -192,10 +191,10 @@ def _error_ratio(squares: NDArray[np.float64], others: NDArray[np.float64]) -> N
     return np.exp(0.5 * np.log((squares + tiny) / (others + tiny)).mean(axis=-1))
 
 
-#: how sure it has to be, as a number without a meaning is worse than none
+#: confidence that the effect is not zero; a number without a meaning is worse than none
 EFFECT_CONFIDENCE = 0.999
-#: a fit without is not made where the errors alone put it so many times past the limit
-PLAIN = 4.0
+#: the fit without the effect is left out if the errors alone put it this many times past the limit
+CLEARLY_PRESENT = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +207,7 @@ class Dependence:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Unidentifiable:
-    """What a fit does without."""
+    """Parameters that a fit does not identify."""
 
     dependent: NDArray[np.bool_]  #: (p,), free parameters without influence, as what they act through is zero
     through: NDArray[np.bool_]  #: (p,), what they act through
@@ -228,12 +227,12 @@ def unidentifiable(
     for one in dependences:
         dependent = np.isin(names, one.dependent) & coordinates.free
         through = (names == one.through) & coordinates.free
-        if dependent.any() and through.any() and not _earned(fit, through, dependent, most_steps, run):
+        if dependent.any() and through.any() and not _has_effect(fit, through, dependent, most_steps, run):
             found, origin = found | dependent, origin | through
     return Unidentifiable(dependent=found, through=origin)
 
 
-def _earned(
+def _has_effect(
     fit: RepeatableFit,
     through: NDArray[np.bool_],
     dependent: NDArray[np.bool_],
@@ -247,7 +246,7 @@ def _earned(
     limit = float(chi2.ppf(EFFECT_CONFIDENCE, int(through.sum() + dependent.sum())))
     moved = through | (free & (point > 0.0))
     spread = covariance(fit.equations.normal, moved)[np.ix_(through, through)]
-    if amounts[through] @ np.linalg.lstsq(spread, amounts[through], rcond=1e-13)[0] > PLAIN * limit:
+    if amounts[through] @ np.linalg.lstsq(spread, amounts[through], rcond=1e-13)[0] > CLEARLY_PRESENT * limit:
         return True
     without = fit.repeated(
         moved=-amounts,

@@ -22,7 +22,7 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import NormalEquations
 from ballbot.progress import Progress
 
-#: the search ends early where this many generations together gain less than `LEAST_SEARCH_GAIN`; a polish follows
+#: the search ends early where this many generations together gain less than `LEAST_SEARCH_GAIN`; Gauss-Newton follows
 SEARCH_PATIENCE = 25
 LEAST_SEARCH_GAIN = 1e-3
 
@@ -87,7 +87,7 @@ def evolve(
 DAMPINGS = 10.0 ** np.arange(-4.0, 2.0)
 LENGTHS = (1.0, 3.0, 9.0)
 CANDIDATES = len(DAMPINGS) * len(LENGTHS)
-#: the polish ends where this many steps one after another gain less than this: b, c, s and v_s form a bent and
+#: the descent ends if this many steps one after another gain less than `LEAST_GAIN`: b, c, s and v_s form a bent and
 #: nearly level valley, in which one short step does not mean that its floor is reached
 _STEP_PATIENCE = 2
 LEAST_GAIN = 4e-6
@@ -96,7 +96,7 @@ _AT_BOUND = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaussNewtonFit:
-    """Where the polish ended."""
+    """Where Gauss-Newton ended."""
 
     point: NDArray[np.float64]  #: (p,), scaled
     equations: NormalEquations  #: there
@@ -125,7 +125,7 @@ def gauss_newton(
 ) -> GaussNewtonFit:
     """Descend from `start` (p,), scaled, moving the parameters marked in `free` (p,), at most so many steps.
 
-    The run's checkpoint answers for costs and normal equations; the stage "polish" is reported after each step.
+    The run's checkpoint answers for costs and normal equations; the stage "gauss_newton" is reported after each step.
     """
 
     def costs_of(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -150,7 +150,7 @@ def gauss_newton(
             point, least = candidates[costs.argmin()], float(costs.min())
             equations = equations_about(point)
         history.append(least)
-        run.progress(Progress(stage="polish", done=step, total=most_steps, cost=least))
+        run.progress(Progress(stage="gauss_newton", done=step, total=most_steps, cost=least))
         short_steps = 0 if gain > LEAST_GAIN else short_steps + 1
         if not gain > 0.0 or short_steps == _STEP_PATIENCE:
             break
@@ -158,12 +158,12 @@ def gauss_newton(
 
 
 def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which scaled parameters (p,) stand at a bound."""
+    """Return which scaled parameters (p,) are at a bound."""
     return (point <= _AT_BOUND) | (point >= 1.0 - _AT_BOUND)
 
 
 def leaving(point: NDArray[np.float64], gradient: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which scaled parameters (p,) stand at a bound that a descent would take them out of."""
+    """Return which scaled parameters (p,) are at a bound that a descent would take them out of."""
     return ((point <= _AT_BOUND) & (gradient > 0.0)) | ((point >= 1.0 - _AT_BOUND) & (gradient < 0.0))
 
 

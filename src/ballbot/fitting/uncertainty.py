@@ -1,35 +1,28 @@
-"""How sure an estimate is: covariance with dependent residuals, and a bootstrap of blocks.
+"""Uncertainty of a least-squares estimate from residuals that depend on each other: covariances and a block bootstrap.
 
-How sure each number is: standard errors clustered by window, correlations, and what has no influence.
-
-Residuals within a window are one trajectory and far from independent, so the usual s^2 (J^T J)^-1 is several
-times too small. With a window's score g_w = J_w^T r_w the covariance is
+Clustered by window. Residuals within a window are one trajectory and far from independent, so the usual
+s^2 (J^T J)^-1 is several times too small. With a window's score g_w = J_w^T r_w the covariance is
 
     H^-1 (sum_w g_w g_w^T) H^-1 W / (W - 1)          H = sum_w J_w^T J_w
 
 (K.-Y. Liang and S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986) 13-22).
-A window's residuals are smaller than its errors were, as the fit follows them, the more the fewer windows there are.
-Where each window's H_w is known its score is therefore taken without that, (I - H_w H^-1)^-1 g_w, which makes of the
-above the jackknife that leaves out one window after another (R. Bell and D. McCaffrey, Bias reduction in standard
-errors for linear regression with multi-stage samples, Survey Methodology 28 (2002) 169-181).
+The fit follows each window, which makes its residuals smaller than its errors, the more the fewer windows there are.
+If each window's H_w is known, its score is corrected for that, (I - H_w H^-1)^-1 g_w, which turns the above into the
+jackknife that leaves out one window after another (R. Bell and D. McCaffrey, Bias reduction in standard errors for
+linear regression with multi-stage samples, Survey Methodology 28 (2002) 169-181).
 
-How sure the numbers are where residuals depend on their neighbours.
+In time, if residuals depend on those of neighbouring blocks:
 
     (J^T J)^-1 S (J^T J)^-1      S = sum_|k| <= L (1 - |k|/(L + 1)) sum_b g_b g_(b+k)^T      g_b = J_b^T r_b
 
 with the rows taken together in blocks b of time, and neighbouring blocks with falling weights: W. Newey and K. West,
 A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix, Econometrica
-55 (1987) 703-708. With L = 0 it is the clustered one of `ballbot.fitting.uncertainty`.
+55 (1987) 703-708. With L = 0 it is the clustered one.
 
-Moving blocks: drawing again from things that stand side by side in time and are not independent.
-
-Neighbours share what came between them, so blocks of neighbours are drawn, with replacement, until there are as many as
-before (H. Kuensch, Annals of Statistics 17 (1989) 1217-1241; taken round the end, D. Politis and J. Romano 1992).
-
-Block bootstrap of an estimate, without a simulation: one Gauss-Newton step from it for each resample.
-
-Windows that lie side by side share the sample between them and the same stretch of floor, so blocks of neighbours are
-drawn. With m_w the number of times that window w was drawn, its equations H_w and scores
+Block bootstrap. Neighbouring windows share the sample between them and the same interval of floor, so blocks of
+neighbours are drawn, with replacement, until there are as many as before (H. Kuensch, Annals of Statistics 17 (1989)
+1217-1241; taken round the end, D. Politis and J. Romano 1992). One Gauss-Newton step from the estimate replaces the fit
+of each resample. With m_w the number of times that window w was drawn, its equations H_w and scores
 g_w about the estimate give the resample's estimate to first order,
 
     p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
@@ -45,7 +38,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-#: a parameter has no influence where its standard error, all others known, is this share of its range
+#: a parameter has no influence if its standard error, all others known, is this share of its range
 NO_INFLUENCE = 0.5
 
 
@@ -83,7 +76,7 @@ def covariance(equations: NormalEquations, estimated: NDArray[np.bool_]) -> NDAr
     return result
 
 
-def unleveraged(
+def leverage_corrected(
     matrices: NDArray[np.float64], scores: NDArray[np.float64], estimated: NDArray[np.bool_]
 ) -> NormalEquations:
     """Return normal equations whose scores are those of errors and not of residuals, see the module's text.
@@ -100,10 +93,10 @@ def unleveraged(
     matrix, result = matrices.sum(axis=0), scores.copy()
     if len(places):
         own = matrices[:, places[:, None], places]
-        # scaled, so that what is held against what does not depend on units
+        # scaled, so that the ridge does not depend on units
         scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal()[places], np.finfo(float).tiny))
         own, total = own * np.outer(scale, scale), matrix[np.ix_(places, places)] * np.outer(scale, scale)
-        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; one window may be all that tells a parameter
+        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; one window may be the only one that determines a parameter
         rest = total - own + 1e-12 * np.eye(len(places))
         scaled = np.linalg.solve(rest, (scores[:, places] * scale)[..., None])[..., 0]
         result[:, places] = np.einsum("ij,wj->wi", total, scaled, optimize=False) / scale
@@ -119,7 +112,7 @@ def without_influence(equations: NormalEquations) -> NDArray[np.bool_]:
 
 
 def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlation matrix (p, p) of a covariance; NaN where that is."""
+    """Return the correlation matrix (p, p) of a covariance; NaN if that is."""
     variance = covariance.diagonal()
     deviation = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -127,7 +120,7 @@ def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return H^-1, with directions that the data say nothing of kept, as very uncertain ones."""
+    """Return H^-1, with directions that the data do not determine kept, as very uncertain ones."""
     scale = 1.0 / np.sqrt(H.diagonal())
     values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
     inverse = (vectors / np.maximum(values, 1e-13 * values[-1])) @ vectors.T
@@ -203,7 +196,7 @@ REPEATS = 1000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bootstrap:
-    """What the resamples say, in scaled coordinates; NaN for parameters that are not estimated."""
+    """Shifts of the estimate by resample, in scaled coordinates; NaN for parameters that are not estimated."""
 
     block: int  #: windows in a block
     shifts: NDArray[np.float64]  #: (repeats, p), p* - p
@@ -238,7 +231,7 @@ def bootstrap(
         H = np.einsum("rw,wij->rij", drawn, matrices, optimize=False)
         g = np.einsum("rw,wi->ri", drawn, equations.scores[:, places], optimize=False)
         scale = 1.0 / np.sqrt(equations.matrices.sum(axis=0).diagonal()[places])
-        # a resample may leave out all that tells a parameter: a trifle keeps its equations soluble
+        # a resample may lack every window that determines a parameter: a small ridge keeps its equations soluble
         scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))
         shifts[:, places] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
     return Bootstrap(block=block, shifts=shifts)

@@ -50,7 +50,7 @@ def check_wheels_free(log: Log) -> None:
     Raises
     ------
     InputError
-        Where it is such a log.
+        If it is such a log.
     """
     for name in _LEANS:
         swing = _deviation(_known(log, name))
@@ -69,7 +69,7 @@ def check_wheels_free(log: Log) -> None:
 
 
 def _known(log: Log, name: str) -> NDArray[np.float64]:
-    """Return a column's values without those that are missing; none where there is no such column."""
+    """Return a column's values without those that are missing; none if there is no such column."""
     values = log[name] if name in log else np.empty(0)
     return values[np.isfinite(values)]
 
@@ -147,7 +147,7 @@ class DrivelineFit:
     samples: int
     rmse: float  #: [rad/s]
     rmse_without: float  #: without friction, over the whole sweep, the speed clamped as printed [rad/s]
-    predicted: NDArray[np.float64]  #: (N,) speed [rad/s]; NaN where it is limited
+    predicted: NDArray[np.float64]  #: (N,) speed [rad/s]; NaN if it is limited
     without: NDArray[np.float64]  #: (N,) without friction, the speed clamped as printed
 
     @property
@@ -210,7 +210,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
     Raises
     ------
     InputError
-        Where the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
+        If the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
         free of the ball, or the limit is none.
     """
     check_wheels_free(log)
@@ -258,7 +258,7 @@ def fit_driveline(
     Raises
     ------
     InputError
-        Where the sweep has no piece to compare, or tells none of the five.
+        If the sweep has no piece to compare, or tells none of the five.
     """
     pieces = sweep.pieces()
     if not any(sweep.speed[first:end].any() for first, end in pieces):

@@ -1,21 +1,19 @@
 """What logs can show: whether they excite the parameters, and effects that the model does not have.
 
-Whether logs move enough for a quantity to show in them: asked before anything is estimated.
+Excitation is checked before anything is estimated. A log without motion or torque is refused as a whole. Short of that,
+what a log cannot give is refused by name: such parameters take part in the fit, since a wheel that friction holds
+throughout has friction, but get no number.
 
-A log without motion or torque is refused as a whole. Short of that, what a log cannot give is refused by name: such
-parameters take part in the fit, since a wheel that friction holds throughout has friction, but get no number.
+Chatter. Wheels that swing to and fro within the gearbox's play are predicted wrongly by a model without play, and more
+so with friction. A stiff gain makes motors chatter: they cross the play, strike, and are turned back before ball and
+body have followed. The encoder, on the motor's side, sees swings about as long as the play. Friction's sign then
+follows the motor and averages out over a swing (as dither does), whereas a model that fixes motor to wheel holds the
+ball by c + s. On such windows friction found elsewhere predicts the lean worse than none, and a fit to them alone finds
+none.
 
-Wheels that swing to and fro within the gearbox's play: there a model without play errs, and more so with friction.
-
-A stiff gain makes motors chatter: they cross the play, strike, and are turned back before ball and body have followed.
-The encoder, on the motor's side, sees swings about as long as the play. Friction's sign then follows the motor and
-averages out over a swing (as dither does), whereas a model that fixes motor to wheel holds the ball by c + s. On such
-windows friction found elsewhere predicts the lean worse than none, and a fit to them alone finds none.
-
-Whether the heading follows the wheels, as it does where the ball does not pivot on the floor.
-
-Wheels that all turn alike turn the body against the ball, and show psi_dot less the ball's spin: all of psi_dot where
-the ball does not pivot, and where floor and ball are smooth and the ball turns along, a share of it,
+Pivoting. The heading follows the wheels if the ball does not pivot on the floor. Wheels that all turn alike turn the
+body against the ball, and show psi_dot less the ball's spin: all of psi_dot where the ball does not pivot, and where
+floor and ball are smooth and the ball turns along, a share of it,
 
     share = sum (psi_dot - spin) psi_dot / sum psi_dot^2            over means of a tenth of a second
 
@@ -48,7 +46,7 @@ from ballbot.robot import Robot
 LEAST_SPEED = 0.1
 #: the share of the windows in which a wheel must turn
 LEAST_SHARE = 0.1
-#: windows to fit, for each parameter sought; fewer make no standard error clustered by window
+#: windows to fit, for each free parameter; fewer give no standard error clustered by window
 WINDOWS_PER_PARAMETER = 2
 #: b and c are one number where a wheel's speed varies by less than this share of it
 LEAST_VARIATION = 0.1
@@ -69,7 +67,7 @@ _MOTIONS = (
 class Excitation:
     """What logs can give."""
 
-    refused: NDArray[np.bool_]  #: (p,), parameters sought that they cannot
+    refused: NDArray[np.bool_]  #: (p,), free parameters that they cannot determine
     remarks: tuple[Finding, ...]  #: one for each reason
 
 
@@ -79,7 +77,7 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
     Raises
     ------
     InputError
-        Where the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
+        If the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
     """
     least = WINDOWS_PER_PARAMETER * parameters
     if fitted < least:
@@ -97,7 +95,7 @@ def check_torques(windows: Windows) -> None:
     Raises
     ------
     InputError
-        Where no motor's torque ever changes.
+        If no motor's torque ever changes.
     """
     torques = windows.torques.reshape(-1, windows.torques.shape[-1])
     if np.any(torques) and np.all(np.ptp(torques, axis=0) == 0.0):
@@ -114,7 +112,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     Raises
     ------
     InputError
-        Where no wheel turns in enough windows, no torque is ever applied, or nothing that is sought can be given.
+        If no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
     """
     if not np.any(windows.torques):
         raise InputError(
@@ -147,7 +145,7 @@ _Reason = tuple[tuple[str, ...], int | None, str]  # quantities, of which wheel,
 
 
 def _still_wheels(turning: NDArray[np.bool_]) -> list[_Reason]:
-    names = ("viscous", "coulomb", "stribeck", "load", "torque_gain", "torque_offset")
+    names = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
     return [
         (
             names,
@@ -221,7 +219,7 @@ def _rows(coordinates: Coordinates, names: tuple[str, ...], wheel: int | None) -
 WITHIN = (0.3, 2.0)
 #: a turn back by less than this share of the play is the encoder's noise
 LEAST_TURN = 0.1
-#: a log whose wheels are within the play for more than this share of the time is said to chatter
+#: a log whose wheels are within the play for more than this share of the time chatters
 CHATTER = 0.3
 
 
@@ -230,7 +228,7 @@ class Chatter:
     """How much a log's wheels swing within the play."""
 
     share: float  #: of the time, the wheels' mean
-    swing: float  #: median length of the swings within the play [rad]; NaN where there is none
+    swing: float  #: median length of the swings within the play [rad]; NaN if there is none
 
     @property
     def matters(self) -> bool:
@@ -271,17 +269,18 @@ def _swings(angle: NDArray[np.float64], least: float) -> tuple[NDArray[np.float6
     return np.abs(np.diff(angle[turns])), np.diff(turns)
 
 
-#: the share is told from means over so long [s], in which encoders' noise averages out
+#: the share is estimated from means over so long [s], in which encoders' noise averages out
 HEADING_MEAN = 0.1
 #: a heading that turns less, root mean square, is noise [rad/s]
 LEAST_TURNING = 0.03
-#: less than this share is said; less than the other is wheels that count backwards, which `ballbot check-log` tells
+#: a share below the first is reported; one below the second is from wheels that count backwards, which
+#: `ballbot check-log` reports
 LARGEST_SHARE, SMALLEST_SHARE = 0.8, -0.3
 HEADING = ("psi", "psi_dot")
 
 
 def share_shown(log: Log, robot: Robot) -> float | None:
-    """Return the share of the heading's turning that the wheels show; None where the log does not tell."""
+    """Return the share of the heading's turning that the wheels show; None if the log does not tell."""
     if not {*wheel_speed_names(robot.wheel_count), *STATE_NAMES} <= set(log.names) or len(log) < 2:
         return None
     rate, spin = log["psi_dot"], ball_spin(log, robot)
@@ -294,7 +293,7 @@ def share_shown(log: Log, robot: Robot) -> float | None:
 
 
 def heading_findings(
-    shares: Sequence[float | None], *, left_out: Sequence[str], sought: Sequence[str]
+    shares: Sequence[float | None], *, excluded_states: Sequence[str], estimated: Sequence[str]
 ) -> list[Finding]:
     """Return a warning where wheels do not show the heading of logs, with what was done or what to do about it.
 
@@ -302,17 +301,17 @@ def heading_findings(
     ----------
     shares : sequence of float or None
         Of `share_shown`, one a log.
-    left_out : sequence of str
-        States left out of the cost.
-    sought : sequence of str
-        Quantities that vary.
+    excluded_states : sequence of str
+        States excluded from the cost.
+    estimated : sequence of str
+        Quantities that are estimated.
     """
     few = [one for one in shares if one is not None and SMALLEST_SHARE < one < LARGEST_SHARE]
     if not few:
         return []
-    if "pivoting" in sought:
+    if "pivoting" in estimated:
         done = "; the friction against that, T_p, was among the estimated parameters."
-    elif set(HEADING) <= set(left_out):
+    elif set(HEADING) <= set(excluded_states):
         done = "; the heading was excluded from the cost."
     else:
         done = (

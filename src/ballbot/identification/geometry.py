@@ -81,7 +81,7 @@ class Geometry:
         Raises
         ------
         InputError
-            Where the logs did not give it.
+            If the logs did not give it.
         """
         for one in self.measured:
             if one.name == name and kind in (None, one.kind):
@@ -89,7 +89,7 @@ class Geometry:
         raise InputError(f"These logs do not determine {name}.")
 
     def azimuths(self, kind: str) -> list[Measured]:
-        """Return the wheels' azimuths from that kind of logs, none where there were no such logs."""
+        """Return the wheels' azimuths from that kind of logs, none if there were no such logs."""
         return [one for one in self.measured if "azimuths" in one.name and one.kind == kind]
 
     def to_dict(self) -> dict[str, object]:
@@ -125,7 +125,7 @@ def survey_geometry(
     Raises
     ------
     InputError
-        Where there is no log, a column is missing, or the motion does not determine the geometry.
+        If there is no log, a column is missing, or the motion does not determine the geometry.
     """
     if not upside_down and not balancing:
         raise InputError(
@@ -284,7 +284,7 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
     Raises
     ------
     InputError
-        Where that is no robot, as when another radius does not go with the ball's inertia.
+        If that is no robot, as when another radius does not go with the ball's inertia.
     """
     found = {one.name: one for one in reversed(geometry.measured)}  # the first of a name counts
     ball, wheels = robot.ball, robot.wheels

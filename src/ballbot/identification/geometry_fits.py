@@ -88,7 +88,7 @@ def cut(log: Log, columns: NDArray[np.float64], *, window: float) -> Cuts:
     Raises
     ------
     InputError
-        Where a window is less than two samples.
+        If a window is less than two samples.
     """
     samples = round(window / log.sample_time)
     if samples < 2:
@@ -110,7 +110,7 @@ def wheel_angles(log: Log, wheel_count: int) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        Where one is not in the log.
+        If one is not in the log.
     """
     return np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
 
@@ -169,7 +169,7 @@ def read_mocap(film: Log) -> Mocap:
     Raises
     ------
     InputError
-        Where a column is missing, or the robot is hardly ever seen upright.
+        If a column is missing, or the robot is hardly ever seen upright.
     """
     poses = read_poses(film)
     seen = poses.seen & np.isfinite(poses.places).all(axis=1)
@@ -248,7 +248,7 @@ def imu_mounting(log: Log, film: Mocap) -> Mounting:
     Raises
     ------
     InputError
-        Where the gyro's columns are missing, or log and cameras are not of one run.
+        If the gyro's columns are missing, or log and cameras are not of one run.
     """
     rates = np.column_stack([log[name] for name in GYRO_NAMES])
     total, offset = integral(log.t, rates), _offset(log.t, rates, film)
@@ -332,7 +332,7 @@ def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) 
     Raises
     ------
     InputError
-        Where a column is missing or the motion does not determine the geometry.
+        If a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_rolling_increments(run, n) for run in runs]
@@ -396,7 +396,7 @@ def upside_down_geometry(robot: Robot, logs: Sequence[Log]) -> UpsideDownGeometr
     Raises
     ------
     InputError
-        Where a column is missing or the motion does not determine the geometry.
+        If a column is missing or the motion does not determine the geometry.
     """
     n = robot.wheel_count
     parts = [_upside_down_increments(log, n) for log in logs]

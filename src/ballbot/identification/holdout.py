@@ -41,7 +41,7 @@ from ballbot.mechanics.model import Model
 #: [s]
 HORIZONS = (0.1, 0.25, 0.5)
 
-#: from times of rows (m,) [s] to states (m, 10), NaN where there is none
+#: from times of rows (m,) [s] to states (m, 10), NaN if there is none
 InitialStates = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: blocks of neighbouring starts that a share's error is judged by
@@ -58,9 +58,7 @@ class FrictionErrors:
     viscous_part: float  #: with the viscous part of the friction found alone
     without_friction: float  #: with the back-EMF alone, where motors are driven by voltage
     share: float  #: of the friction's effect that would leave the least error
-    share_error: (
-        float  #: its standard error, by a jackknife over blocks of starts; NaN where there are too few
-    )
+    share_error: float  #: its standard error, by a jackknife over blocks of starts; NaN if there are too few
 
     def to_dict(self) -> dict[str, float | None]:
         """Return what results.json holds."""
@@ -112,7 +110,7 @@ def horizon_errors(
     Raises
     ------
     InputError
-        Where the log lacks a column.
+        If the log lacks a column.
     """
     sample_time = log.sample_time
     # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
@@ -246,7 +244,7 @@ def cross_validate(
     Raises
     ------
     InputError
-        Where the log lacks a column or has no window.
+        If the log lacks a column or has no window.
     """
     predictor = found.predictor
     windows = windows_for(

@@ -148,7 +148,7 @@ def estimated_parameters(robot: Robot, *, free: Sequence[str], law: LawName, bou
     Raises
     ------
     InputError
-        Where a name is none.
+        If a name is not a quantity or a group.
     """
     names, chosen = names_in(free), law_named(law)
     if set(FRICTION) <= set(names):
@@ -189,7 +189,7 @@ def _result(
             values,
             sure.standard_errors,
             log_count=len(logs),
-            asymmetric=law == "asymmetric" and "torque_offset" in layout.extra,
+            asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),
         predictor=predictor,
         values=values,
@@ -203,9 +203,9 @@ def _result(
         fit_windows=prepared.fit.spans,
         held_out_windows=prepared.held_out.spans,
         window=window,
-        left_out=tuple(options.excluded_states),
+        excluded_states=tuple(options.excluded_states),
         evolution_cost=evolved.history,
-        polish_cost=estimate.polished.history,
+        gauss_newton_cost=estimate.polished.history,
         warnings=(
             *_log_findings(predictor, logs, options.excluded_states),
             *_findings(prepared, estimate, final, held_out),
@@ -235,7 +235,7 @@ def _findings(
     ]
 
 
-def _log_findings(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[str]) -> list[Finding]:
+def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:
     """Return what the logs themselves show that the model does not have: spoilt rows, play, and a ball that pivots."""
     robot = predictor.robot
     found = [chatter(log, robot) for log in logs]
@@ -244,7 +244,7 @@ def _log_findings(predictor: Predictor, logs: Sequence[Log], left_out: Sequence[
     return [
         *(one for log, name in zip(logs, names, strict=True) for one in _spoilt(log, robot, name)),
         *(chatter_finding(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
-        *heading_findings(shares, left_out=left_out, sought=predictor.layout.extra),
+        *heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra),
     ]
 
 

@@ -71,7 +71,7 @@ class Pivot:
         Raises
         ------
         InputError
-            Where the distance is not above zero, or the deviation below it.
+            If the distance is not above zero, or the deviation below it.
         """
         known = robot.standard_deviations.get("body.center_of_mass", 0.0) if distance is None else 0.0
         pivot = Pivot(
@@ -125,7 +125,7 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
     Raises
     ------
     InputError
-        Where the pivot's distance leaves nothing for the body about its own centre of mass.
+        If the pivot's distance leaves nothing for the body about its own centre of mass.
     """
     m, g, r = robot.body.mass, robot.gravity, pivot.distance
     height = robot.body.center_of_mass

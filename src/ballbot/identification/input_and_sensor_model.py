@@ -61,7 +61,7 @@ def acting_torques(
 def sensor_offsets(
     layout: Layout, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return what sensors add to measured states, None where they are without fault.
+    """Return what sensors add to measured states, None if they are without fault.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ _LATE = {
 
 
 def state_delays(layout: Layout, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return by how much each state is seen late (sets, 10) [s], for parameters (sets, p); None where none may be."""
+    """Return by how much each state is seen late (sets, 10) [s], for parameters (sets, p); None if none may be."""
     if not set(_LATE) & set(layout.extra):
         return None
     delays = np.zeros((len(values), len(STATE_NAMES)))

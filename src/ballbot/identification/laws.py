@@ -7,6 +7,7 @@ The ladder of friction laws, each of which has the ones before it within it.
     coulomb              b w + c sgn(w)                                        and the ball's rolling friction C_rr
     stribeck             b w + (c + s exp(-|w/v_s|^delta)) sgn(w)              the thesis's law (3.8)
     asymmetric           the same, and a torque offset o of each wheel
+    directed             the same, and s that differs with direction by e of each wheel
     load                 the same as stribeck with c + mu |u| in place of c
 
 Asymmetric. Let wheel i have dry friction c+ while it turns forward and c- while it turns backward, and at rest hold
@@ -18,6 +19,9 @@ So it is the symmetric law and a constant torque -o on the wheel, the set of tor
 the same holds with s exp(..) added to c on both sides. The offset is found as `torque_offset` (= -o): a motor driver's
 own offset has the same effect, and no log tells one from the other. It is physical while |o| <= c. A viscous part that
 differs with direction is another law, of |w|, and not in it.
+
+Directed. With s+ and s- by direction and e = (s+ - s-)/2 the friction is the asymmetric one and e exp(-|w/v_s|^delta).
+It is results from an offset only at speeds around v_s, where the exponential fades; it is physical while |e| <= s.
 
 Load. A gear's teeth rub in proportion to what they carry, here the motor's torque u, which is held over a sample; so is
 then the friction's size. It stands beside asymmetric on the ladder, not above it: both have stribeck within them.
@@ -42,7 +46,7 @@ from ballbot.identification.result import Identification
 from ballbot.identification.stages import states_counted
 from ballbot.identification.windows import Span
 
-LawName = Literal["viscous", "coulomb", "stribeck", "asymmetric", "load"]
+LawName = Literal["viscous", "coulomb", "stribeck", "asymmetric", "directed", "load"]
 
 _NO_STRIBECK: dict[str, Limits] = {
     "stribeck": (0.0, 0.0),
@@ -89,9 +93,16 @@ LAWS: tuple[Law, ...] = (
     ),
     Law(
         name="asymmetric",
-        formula="stribeck, c and s of either direction",
+        formula="stribeck, c of either direction",
         within="stribeck",
         sought=(*FRICTION, "torque_offset"),
+        held={},
+    ),
+    Law(
+        name="directed",
+        formula="stribeck, c and s of either direction",
+        within="asymmetric",
+        sought=(*FRICTION, "torque_offset", "stribeck_asymmetry"),
         held={},
     ),
     Law(
@@ -110,7 +121,7 @@ def law_named(name: str) -> Law:
     Raises
     ------
     InputError
-        Where there is none.
+        If there is none.
     """
     names = [law.name for law in LAWS]
     if name in names:
@@ -143,7 +154,7 @@ def select_law(fit: LawFit) -> ModelSelection[Identification]:
 
     def held_out(name: str, inner: Identification | None) -> HeldOut[Identification]:
         found = fit(by_name[name].name, inner)
-        counted = states_counted(found.left_out)
+        counted = states_counted(found.excluded_states)
         return HeldOut(
             model=found,
             squares=found.held_out.squares_with[:, counted],
@@ -156,7 +167,7 @@ def select_law(fit: LawFit) -> ModelSelection[Identification]:
 
 def law_results(selection: ModelSelection[Identification]) -> dict[str, object]:
     """Return what results.json holds of a selection of laws."""
-    return {"rungs": [_law_result(one) for one in selection.candidates], "best": selection.best.name}
+    return {"candidates": [_law_result(one) for one in selection.candidates], "best": selection.best.name}
 
 
 def window_blocks(spans: Sequence[Span]) -> list[NDArray[np.int64]]:
@@ -177,9 +188,9 @@ def _law_result(one: Candidate[Identification]) -> dict[str, object]:
         "formula": law_named(one.name).formula,
         "within": one.within,
         "gain": one.gain.to_dict(),
-        "highest_taken_below": one.over,
-        "gain_over_highest_taken": one.gain_over.to_dict(),
-        "taken": one.accepted,
+        "highest_accepted_below": one.over,
+        "gain_over_highest_accepted": one.gain_over.to_dict(),
+        "accepted": one.accepted,
         "error_over_no_friction": one.error,
         "parameters": one.model.to_dict()["parameters"],
     }

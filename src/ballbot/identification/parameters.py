@@ -76,7 +76,7 @@ def read_bounds(path: str | Path) -> Bounds:
     Raises
     ------
     InputError
-        Where the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
+        If the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
     """
     entries = read_toml(path)
     try:
@@ -114,7 +114,7 @@ def scale_between(
     Raises
     ------
     InputError
-        Where a name is none, or a quantity has no default bounds for this robot.
+        If a name is not a quantity or a group, or a quantity has no default bounds for this robot.
     """
     bounds = bounds or Bounds()
     sought = names_in(free)

@@ -26,11 +26,11 @@ from ballbot.identification.input_and_sensor_model import (
     state_delays,
 )
 from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import RIGID, Layout, with_rigid_body
+from ballbot.identification.quantities import RIGID, TERMS, Layout, with_rigid_body
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
-from ballbot.mechanics.friction import PlainLaw
+from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw
 from ballbot.mechanics.parameters import (
     PLACE_PIVOTING,
     PLACE_ROLLING,
@@ -39,6 +39,7 @@ from ballbot.mechanics.parameters import (
     friction_places,
     pack,
     selector,
+    term_places,
 )
 from ballbot.robot import Robot
 
@@ -136,7 +137,7 @@ class Predictor:
     def _initial(
         self, values: NDArray[np.float64], windows: Windows, starts: NDArray[np.float64] | None
     ) -> NDArray[np.float64] | None:
-        """Return the true states at the starts (sets, w, 10 or 11); None where they are those measured."""
+        """Return the true states at the starts (sets, w, 10 or 11); None if they are those measured."""
         offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
         pivots = "pivoting" in self.layout.extra
         if offsets is None and starts is None and not pivots:
@@ -168,39 +169,10 @@ class Predictor:
         self, values: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int
     ) -> NDArray[np.float64]:
         """Return the states (lanes, m // every, 10 or 11)."""
-        rows = self._packed(values)
-        load = self.layout.part("load", values)
-        if load is None:
-            return self._run(rows, lanes, sample_time=sample_time, every=every)
-        # dry friction that grows with the torque held over a sample is constant over that sample: one call for each
-        n = self.robot.wheel_count
-        coulomb = friction_places(n)[n : 2 * n]
-        own, mu = rows[lanes.set_of], load[lanes.set_of]
-        without_load = own[:, coulomb]
-        everyone = np.arange(len(own))
-        state, recorded = lanes.initial[lanes.initial_of], []
-        for sample in range(lanes.torques.shape[1]):
-            held = lanes.torques[lanes.torque_of, sample]
-            own[:, coulomb] = without_load + mu * np.abs(held)
-            one = _Lanes(
-                set_of=everyone,
-                initial=state,
-                initial_of=everyone,
-                torques=held[:, None],
-                torque_of=everyone,
-            )
-            state = self._run(own, one, sample_time=sample_time, every=1)[:, 0]
-            if (sample + 1) % every == 0:
-                recorded.append(state)
-        return np.stack(recorded, axis=1)
-
-    def _run(
-        self, rows: NDArray[np.float64], lanes: _Lanes, *, sample_time: float, every: int
-    ) -> NDArray[np.float64]:
         pivots = "pivoting" in self.layout.extra
         return simulate_lanes(
-            selector(self.formulation, self.robot.wheel_count, pivoting=pivots),
-            parameters=rows,
+            selector(self.formulation, self.robot.wheel_count, pivoting=pivots, law=self._law),
+            parameters=self._packed(values),
             initial=lanes.initial,
             torques=lanes.torques,
             sample_time=sample_time,
@@ -218,20 +190,30 @@ class Predictor:
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
             rows = np.stack(
-                [pack(self._with_rigid_body(one), self.formulation, law=PlainLaw()) for one in values]
+                [pack(self._with_rigid_body(one), self.formulation, law=self._law) for one in values]
             )
         else:
-            rows = np.repeat(pack(robot, self.formulation, law=PlainLaw())[None], len(values), axis=0)
+            rows = np.repeat(pack(robot, self.formulation, law=self._law)[None], len(values), axis=0)
         n = robot.wheel_count
         friction, places = values[:, : 3 * n + 3], friction_places(n)
         rows[:, places] = friction
         rows[:, places[:n]] += self.back_emf
         rows[:, PLACE_SPEED_SCALE] = 1.0 / friction[:, -3]
         rows[:, PLACE_ROLLING] = (robot.ball.mass + robot.body.mass) * robot.gravity * friction[:, -1]
+        if isinstance(self._law, DirectedLaw):
+            # a torque offset stands for the asymmetry of Coulomb friction
+            of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
+            for columns, part in zip(term_places(n), of_term, strict=True):
+                rows[:, columns] = 0.0 if part is None else part
         pivoting = layout.part("pivoting", values)
         if pivoting is not None:
             rows[:, PLACE_PIVOTING] = pivoting[:, 0]
         return rows
+
+    @property
+    def _law(self) -> WheelLaw:
+        """The leanest law that has the terms that vary."""
+        return DirectedLaw() if set(TERMS) & set(self.layout.extra) else PlainLaw()
 
     def _with_rigid_body(self, values: NDArray[np.float64]) -> Robot:
         parts = {name: self.layout.part(name, values) for name in RIGID}
@@ -258,7 +240,7 @@ class Cost:
     #: (10,), the states that it counts
 
     def __call__(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost (sets,) of sums of squares (sets, 10), infinite where a prediction has no value."""
+        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
         floor = self._floor()
         ratios = (square_sums + floor) / (self.reference + floor)
         cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)

@@ -75,6 +75,7 @@ def with_friction(
     *,
     load: NDArray[np.float64] | None = None,
     torque_offset: NDArray[np.float64] | None = None,
+    stribeck_asymmetry: NDArray[np.float64] | None = None,
 ) -> Robot:
     """Return the robot with this friction and no other term.
 
@@ -88,6 +89,8 @@ def with_friction(
     torque_offset : ndarray (n,), optional
         The torque that acts where none is logged [N m], in place of Coulomb friction that is as much smaller forward as
         backward is larger; as far as it is no more than c: beyond, it is no friction.
+    stribeck_asymmetry : ndarray (n,), optional
+        s forward less the mean of both directions [N m]; as far as it is no more than s.
     """
     n = robot.wheel_count
     b, c, s = (tuple(values[k * n : (k + 1) * n].tolist()) for k in range(3))
@@ -103,6 +106,9 @@ def with_friction(
             coulomb_asymmetry=()
             if torque_offset is None
             else tuple(np.clip(-torque_offset, np.negative(c), c).tolist()),
+            stribeck_asymmetry=()
+            if stribeck_asymmetry is None
+            else tuple(np.clip(stribeck_asymmetry, np.negative(s), s).tolist()),
             load=() if load is None else tuple(load.tolist()),
         )
     )
@@ -157,7 +163,7 @@ class Quantity:
     #: default bounds of each of its numbers; in shares of `of(robot)`, where that is given
     bounds: Limits
     of: Callable[[Robot], Sequence[float]] | None = None
-    #: the values before; zero where there is none
+    #: the values before; zero if there is none
     before: Callable[[Robot], Sequence[float]] | None = None
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:
@@ -234,6 +240,16 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="rolling friction of the ball on the floor",
         bounds=(0.0, 0.05),
         before=lambda robot: (robot.friction.rolling,),
+    ),
+    Quantity(
+        name="stribeck_asymmetry",
+        symbol="e",
+        unit="N m",
+        meaning="s forward less the mean of both directions, of each wheel",
+        each="wheels",
+        scale="signed",
+        bounds=(-0.2, 0.2),
+        before=lambda robot: robot.friction.stribeck_asymmetry or (0.0,) * robot.wheel_count,
     ),
     Quantity(
         name="load",
@@ -365,6 +381,8 @@ QUANTITIES: tuple[Quantity, ...] = (
 
 BY_NAME = MappingProxyType({quantity.name: quantity for quantity in QUANTITIES})
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling")
+#: further terms of the friction, beside the asymmetry that a torque offset stands for
+TERMS = ("stribeck_asymmetry", "load")
 #: names that stand for several
 GROUPS = MappingProxyType(
     {
@@ -383,7 +401,7 @@ def names_in(free: Sequence[str]) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        Where one is neither, or there is none.
+        If one is neither, or there is none.
     """
     if not free:
         raise InputError(f"Nothing is to be estimated. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
@@ -415,7 +433,7 @@ class Layout:
         return tuple(label for name in self.names for label in BY_NAME[name].labels(self.wheel_count))
 
     def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None where it is not among them."""
+        """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None if it is not among them."""
         first = 0
         for other in self.names:
             size = len(BY_NAME[other].labels(self.wheel_count))
@@ -430,11 +448,11 @@ class Layout:
 
     def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
-        return self._without((*FRICTION, "load"), values)
+        return self._without((*FRICTION, *TERMS), values)
 
     def viscous_part(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return parameters (..., p) with all friction taken out of them but the wheels' viscous one."""
-        return self._without((*(name for name in FRICTION if name != "viscous"), "load"), values)
+        return self._without((*(name for name in FRICTION if name != "viscous"), *TERMS), values)
 
     def _without(self, names: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
         result = values.copy()

@@ -20,7 +20,15 @@ from ballbot.findings import Finding, finding_results, warning
 from ballbot.fitting.intervals import Interval
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import BY_NAME, FRICTION, RIGID, Layout, with_friction, with_rigid_body
+from ballbot.identification.quantities import (
+    BY_NAME,
+    FRICTION,
+    RIGID,
+    TERMS,
+    Layout,
+    with_friction,
+    with_rigid_body,
+)
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Robot
@@ -97,10 +105,8 @@ class Identification:
 
     #: the robot with the friction found; a parameter without influence is as it was before, where that predicts as well
     robot: Robot
-    parameters: ParameterTable  #: SI units; NaN where a parameter has no influence
-    standard_errors: (
-        ParameterTable  #: alike; NaN where a parameter has none: no influence, at a bound, or held
-    )
+    parameters: ParameterTable  #: SI units; NaN if a parameter has no influence
+    standard_errors: ParameterTable  #: alike; NaN if a parameter has none: no influence, at a bound, or held
     predictor: Predictor  #: predicts windows with any such parameters
     values: NDArray[np.float64]  #: (p,), those that the verdict's predictions were made with, SI units
     bootstrap_errors: ParameterTable  #: alike, from a bootstrap of blocks of windows
@@ -113,11 +119,11 @@ class Identification:
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
     window: float  #: length of the windows [s]
-    left_out: tuple[str, ...]  #: states whose errors did not count in the fit
+    excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
     evolution_cost: tuple[
         float, ...
     ]  #: best cost after each generation, on the windows drawn for the evolution
-    polish_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
+    gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
     warnings: tuple[Finding, ...]  #: of the numbers
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
 
@@ -142,8 +148,8 @@ class Identification:
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
             "held_out": self.held_out.to_dict(),
             "fit": self.fit.to_dict(),
-            "left_out_of_cost": list(self.left_out),
-            "cost": {"evolution": list(self.evolution_cost), "polish": list(self.polish_cost)},
+            "excluded_states": list(self.excluded_states),
+            "cost": {"evolution": list(self.evolution_cost), "gauss_newton": list(self.gauss_newton_cost)},
             "windows": {
                 "fit": [[span.log, span.start, span.end] for span in self.fit_windows],
                 "held_out": [[span.log, span.start, span.end] for span in self.held_out_windows],
@@ -186,13 +192,13 @@ def found_robot(
     """Return the robot with friction and rigid body out of parameters (p,); its sources tell the standard errors (p,).
 
     Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
-    numbers; they stand in the result alone, and so does T_p. With the law "asymmetric" the offsets are friction.
+    numbers; they stand in the result alone, and so does T_p. With the laws "asymmetric" and "directed" the offsets
+    are friction.
     """
     rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
     logs = "1 log" if log_count == 1 else f"{log_count} logs"
     lines = {name: (f"friction.{name}",) for name in FRICTION} | {name: _LINES[name] for name in rigid}
-    if layout.part("load", values) is not None:
-        lines["load"] = ("friction.load",)
+    lines |= {name: (f"friction.{name}",) for name in TERMS if name in layout.extra}
     if asymmetric:
         lines["torque_offset"] = ("friction.coulomb_asymmetry",)
     sources = {}
@@ -213,7 +219,13 @@ def estimated_robot(
     """Return the robot with friction and rigid body out of parameters (p,); see `found_robot`."""
     rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
     offset = layout.part("torque_offset", values) if asymmetric else None
-    rubbing = with_friction(robot, values, load=layout.part("load", values), torque_offset=offset)
+    rubbing = with_friction(
+        robot,
+        values,
+        load=layout.part("load", values),
+        torque_offset=offset,
+        stribeck_asymmetry=layout.part("stribeck_asymmetry", values),
+    )
     return with_rigid_body(rubbing, rigid) if rigid else rubbing
 
 
@@ -371,7 +383,7 @@ def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) ->
 
 
 def _experiment(one: str, other: str) -> str:
-    """Return what would tell two parameters apart, by their labels; empty where nothing is known."""
+    """Return what would tell two parameters apart, by their labels; empty if nothing is known."""
     symbols = {_symbol(one), _symbol(other)}
     return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
 

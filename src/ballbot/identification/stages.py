@@ -47,7 +47,7 @@ def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
     Raises
     ------
     InputError
-        Where one is no state, or none is left.
+        If one is no state, or none is left.
     """
     for name in excluded:
         if name not in STATE_NAMES:
@@ -81,7 +81,7 @@ class IdentificationOptions:
     generations: int = 150  #: of the evolution, at most
     population: int = 24  #: sets of parameters in each generation
     evolution_windows: int = 64  #: windows that the evolution looks at; Gauss-Newton takes all
-    polish_steps: int = 25  #: Gauss-Newton steps, at most
+    gauss_newton_steps: int = 25  #: Gauss-Newton steps, at most
     step: float = 1e-3  #: longest inner step of the final simulations [s]
 
     def __post_init__(self) -> None:
@@ -93,7 +93,7 @@ class IdentificationOptions:
             ("generations", 1),
             ("population", 4),
             ("evolution_windows", 1),
-            ("polish_steps", 1),
+            ("gauss_newton_steps", 1),
         ):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
@@ -174,7 +174,7 @@ def prepare(
     Raises
     ------
     InputError
-        Where the logs cannot give the parameters.
+        If the logs cannot give the parameters.
     """
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
     fit_rows, held_rows = split(len(windows), held_out=options.held_out, seed=run.seed)
@@ -217,10 +217,12 @@ def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage
     search = options.population * _work(prepared.coarse)
     return (
         Stage(name="evolution", steps=options.generations, work=search),
-        Stage(name="polish", steps=options.polish_steps, work=polishing * _work(prepared.problem)),
+        Stage(
+            name="gauss_newton", steps=options.gauss_newton_steps, work=polishing * _work(prepared.problem)
+        ),
         Stage(
             name="starts",
-            steps=STEPS_WITH_STARTS * options.polish_steps,
+            steps=STEPS_WITH_STARTS * options.gauss_newton_steps,
             work=finishing * _work(prepared.problem),
         ),
     )
@@ -234,7 +236,7 @@ def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) 
     """Return a digest (32,) of all that the search and the polish depend on, as a checkpoint's first question."""
     problem = prepared.problem
     start = options.warm_start
-    counts = (options.generations, options.population, options.evolution_windows, options.polish_steps)
+    counts = (options.generations, options.population, options.evolution_windows, options.gauss_newton_steps)
     parts: list[object] = [counts, seed, None if start is None else (start.layout, start.values.tolist())]
     for one in (replace(problem.predictor, threads=None), problem.coordinates, prepared.fit):
         parts += [getattr(one, field.name) for field in fields(one)]
@@ -272,8 +274,8 @@ def refine(
 ) -> PointEstimate:
     """Polish, free the starts; then hold what turned out to be without influence, and finish the rest."""
     problem = prepared.problem
-    free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.polish_steps
-    polished = gauss_newton(problem, start, free=free, most_steps=options.polish_steps, run=run)
+    free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.gauss_newton_steps
+    polished = gauss_newton(problem, start, free=free, most_steps=options.gauss_newton_steps, run=run)
     finished = fit_with_initial_states(problem, polished.point, free=free, most_steps=steps, run=run)
     asleep = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
     no_influence = free & (asleep.dependent | without_influence(finished.equations.normal))

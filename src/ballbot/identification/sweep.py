@@ -45,7 +45,7 @@ class SweepFriction:
     """Free wheels' friction, by the torque that the sweep's log has."""
 
     values: NDArray[np.float64]  #: (n, 2), b [N m s/rad] and c [N m] of each wheel
-    covariances: NDArray[np.float64]  #: (n, 2, 2); NaN where a number has no standard error
+    covariances: NDArray[np.float64]  #: (n, 2, 2); NaN if a number has no standard error
 
     @property
     def digest(self) -> str:
@@ -78,7 +78,7 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
     Raises
     ------
     InputError
-        Where the file cannot be read, is not such a file, or is of a robot with another number of wheels.
+        If the file cannot be read, is not such a file, or is of a robot with another number of wheels.
     """
     results = cast("dict[str, dict]", read_json(path))
     try:

@@ -93,7 +93,7 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
     Raises
     ------
     InputError
-        Where the log has none of these, or no free swing in it.
+        If the log has none of these, or no free swing in it.
     """
     if column is not None:
         log.require(column)
@@ -132,7 +132,7 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     Raises
     ------
     InputError
-        Where nothing swings, in too few swings or samples, or the angle is none.
+        If nothing swings, in too few swings or samples, or the angle is none.
     """
     values = np.unwrap(values) if kind == "angle" else values
     centred = values - np.median(values)

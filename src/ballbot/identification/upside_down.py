@@ -97,7 +97,7 @@ def cut_ball_windows(logs: Sequence[Log], *, wheel_count: int, duration: float) 
     Raises
     ------
     InputError
-        Where there is no log, a column is missing, the sample times differ, or the window is no length or longer
+        If there is no log, a column is missing, the sample times differ, or the window is no length or longer
         than every log.
     """
     sample_time = common_sample_time(logs, duration=duration)
@@ -143,7 +143,7 @@ class UpsideDown:
 
     robot: Robot  #: with the friction found; rolling friction as it was, which has no part here
     parameters: ParameterTable  #: {b: [..], c: [..], s: [..], v_s, delta}, SI units; NaN without influence
-    standard_errors: ParameterTable  #: alike, clustered by window; NaN where there is none
+    standard_errors: ParameterTable  #: alike, clustered by window; NaN if there is none
     labels: tuple[str, ...]  #: (p,)
     correlation: NDArray[np.float64]  #: (p, p)
     #: root mean square error (3,) [rad/s] of Omega on the windows held out: with the friction "found", that of the
@@ -238,7 +238,7 @@ def identify_upside_down(
     Raises
     ------
     InputError
-        Where the logs cannot give the parameters, or an option makes no sense.
+        If the logs cannot give the parameters, or an option makes no sense.
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
@@ -253,7 +253,10 @@ def identify_upside_down(
         threads=run.executor.count if isinstance(run.executor, Threads) else None,
     )
     remarks = _check(problem)
-    stages = [Stage(name="evolution", steps=generations, work=1.0), Stage(name="polish", steps=1, work=1.0)]
+    stages = [
+        Stage(name="evolution", steps=generations, work=1.0),
+        Stage(name="gauss_newton", steps=1, work=1.0),
+    ]
     run = replace(run, progress=ProgressReporter(run.progress, stages))
     drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fit_rows))[:evolution_windows])
     coarse = replace(problem, windows=problem.windows.take(drawn), step=EVOLUTION_STEP)
@@ -265,8 +268,8 @@ def identify_upside_down(
         run=run,
     )
     start = coordinates.from_search(evolved.best)
-    point = run.memoize("polish", start, lambda: [_polished(problem, start)])[0]
-    run.progress(Progress(stage="polish", done=1, total=1, cost=float(problem.costs(point[None])[0])))
+    point = run.memoize("gauss_newton", start, lambda: [_polished(problem, start)])[0]
+    run.progress(Progress(stage="gauss_newton", done=1, total=1, cost=float(problem.costs(point[None])[0])))
     judged = {"found": coordinates.physical(point)}
     if robot.friction != Friction.none(robot.wheel_count):
         judged["robot file"] = coordinates.nominal

@@ -62,7 +62,7 @@ def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        Where the log has no wheel speeds.
+        If the log has no wheel speeds.
     """
     names = wheel_speed_names(robot.wheel_count)
     if not all(name in log for name in names):
@@ -91,7 +91,7 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
     Raises
     ------
     InputError
-        Where b_e is no number from zero up.
+        If b_e is no number from zero up.
     """
     if not (math.isfinite(back_emf) and back_emf >= 0.0):
         raise InputError(f"back_emf is {back_emf!r}; it must be n^2 k_t k_e / R in N m s/rad, zero or more.")
@@ -101,12 +101,12 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
 
 
 def back_emf_of(mapping: str | Path | None) -> float:
-    """Return b_e [N m s/rad] of the motors that a mapping file describes; zero where the log has torques or currents.
+    """Return b_e [N m s/rad] of the motors that a mapping file describes; zero if the log has torques or currents.
 
     Raises
     ------
     InputError
-        Where the file cannot be read or is no mapping.
+        If the file cannot be read or is no mapping.
     """
     motors = read_mapping(mapping).motors if mapping else None
     if motors is None or not isinstance(motors.drive, DutyInput):
@@ -145,7 +145,7 @@ class Windows:
     earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the starts
     spin: NDArray[
         np.float64
-    ]  #: (w,), the ball's spin about the vertical at the starts [rad/s]; NaN where not measured
+    ]  #: (w,), the ball's spin about the vertical at the starts [rad/s]; NaN if not measured
     spans: tuple[Span, ...]  #: (w,)
     sample_time: float  #: [s]
 
@@ -210,7 +210,7 @@ def cut_windows(
     Raises
     ------
     InputError
-        Where there is no log, a column is missing or empty, the sample times differ or the window is no length.
+        If there is no log, a column is missing or empty, the sample times differ or the window is no length.
     """
     sample_time = common_sample_time(logs, duration=duration)
     for number, log in enumerate(logs, start=1):
@@ -247,7 +247,7 @@ def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
     Raises
     ------
     InputError
-        Where there is no log or one of one row, the sample times differ or the window is no length.
+        If there is no log or one of one row, the sample times differ or the window is no length.
     """
     if not logs:
         raise InputError("Identification needs at least one log.")

@@ -209,6 +209,12 @@ def friction_places(wheel_count: int) -> NDArray[np.int64]:
     )
 
 
+def term_places(wheel_count: int) -> NDArray[np.int64]:
+    """Return where d, e and mu of each wheel stand in the packed row of a `DirectedLaw`: (3, n)."""
+    first = RIGID_SIZE + WHEEL_SIZE * wheel_count
+    return first + TERMS_SIZE * np.arange(wheel_count) + np.arange(TERMS_SIZE)[:, None]
+
+
 def _symmetric(S: NDArray[np.float64]) -> list[float]:
     return [S[0, 0], S[1, 1], S[2, 2], S[0, 1], S[0, 2], S[1, 2]]
 

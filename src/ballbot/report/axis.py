@@ -55,14 +55,14 @@ def panels_over_time(*, height: float, ratios: tuple[int, int]) -> tuple[Figure,
 def _drawn_laws(found: AxisIdentification) -> list[tuple[Estimate, str, str]]:
     drawn = [(found.estimate("inverse"), ORANGE, "--"), (found.best, BLUE, "-")]
     if found.chosen.symmetric:
-        drawn.append((found.rungs["asymmetric"], GREEN, ":"))
+        drawn.append((found.by_law["asymmetric"], GREEN, ":"))
     return drawn
 
 
 def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: Axes) -> None:
     speed = np.linspace(1e-4, 1.0, 200) * fastest
-    plus, minus = estimate.rung.laws(estimate.values)
-    label = f"{estimate.rung.name}, {estimate.method}"
+    plus, minus = estimate.law.laws(estimate.values)
+    label = f"{estimate.law.name}, {estimate.method}"
     for side, law in ((1.0, plus), (-1.0, minus)):
         axes.plot(
             side * speed,
@@ -103,7 +103,7 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
             sample_time=record.sample_time,
         )
         t, error = thinned(record.t[1:], 1e3 * (moved - record.position[1:]))
-        label = f"{estimate.rung.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
+        label = f"{estimate.law.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
         lower.plot(t, error, color=color, linestyle=dash, linewidth=1.2, label=label)
     lower.axhline(0.0, color=MUTED, linewidth=0.6)
     lower.set_ylabel(f"error [m{found.unit}]")
@@ -129,7 +129,7 @@ def ladder_figure(found: AxisIdentification) -> Figure:
 
 
 def _axis(estimate: Estimate) -> Axis:
-    return Axis(rung=estimate.rung, values=estimate.values)
+    return Axis(law=estimate.law, values=estimate.values)
 
 
 def axis_report(
@@ -149,9 +149,9 @@ def axis_report(
         "lead": f"{seconds:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}.",
         "remarks": texts(found.remarks),
         "parameters": parameter_rows(found),
-        "methods": [f"{one.method} ({one.rung.name})" for one in found.estimates],
+        "methods": [f"{one.method} ({one.law.name})" for one in found.estimates],
         "errors": [row for one in found.estimates for row in error_rows(one, found.unit)],
-        "laws": [row for one in found.rungs.values() for row in error_rows(one, found.unit)],
+        "laws": [row for one in found.by_law.values() for row in error_rows(one, found.unit)],
         "inverse": _inverse_rows(found),
         "closed_loop_figure": None,
         "made": made,
@@ -180,7 +180,7 @@ def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, str, str, str, 
     return [
         (
             estimate.method,
-            estimate.rung.name,
+            estimate.law.name,
             errors.record,
             f"{digits(1e3 * errors.open_loop_rmse)} m{unit}",
             _percent(errors.closed_loop_force),

@@ -130,7 +130,7 @@ def _prediction_results(
         else {
             "verdict": dict(zip(STATE_NAMES, found.whiteness.colours, strict=True)),
             "p_value": by_state(found.whiteness.p_value),
-            "foretold": by_state(found.whiteness.foretold),
+            "predicted_share": by_state(found.whiteness.predicted_share),
             "autocorrelation": _columns(found.whiteness.autocorrelation),
         },
         "spectrum": None
@@ -278,14 +278,14 @@ def _of_models(validation: Validation, found: list[str]) -> list[str]:
 
 
 def _whiteness_rows(found: Whiteness) -> list[tuple[str, ...]]:
-    """Return state, verdict, p, correlation with the sample before, and share foretold."""
+    """Return state, verdict, p, correlation with the sample before, and predicted share of the variance."""
     return [
         (
             f"ε({state_mark(name)})",
             found.colours[place],
             "< 0.001" if found.p_value[place] < 1e-3 else f"{found.p_value[place]:.3f}",
             f"{found.autocorrelation[1, place]:+.2f}",
-            f"{100 * found.foretold[place]:.0f} %",
+            f"{100 * found.predicted_share[place]:.0f} %",
         )
         for place, name in enumerate(STATE_NAMES)
     ]

@@ -60,7 +60,7 @@ def recover_gain(log: Log) -> RecoveredGain:
     Raises
     ------
     InputError
-        Where no linear law explains the torques.
+        If no linear law explains the torques.
     """
     errors, torques = heading_error(log.states, log.reference), log.torques
     limit = _clipping_limit(torques)
@@ -89,7 +89,7 @@ def delay_of(controller: Feedback, log: Log) -> int:
     Raises
     ------
     InputError
-        Where the controller is not the one that recorded the log, at any delay.
+        If the controller is not the one that recorded the log, at any delay.
     """
     references, states = log.reference, log.states
     controller.reset()
@@ -194,7 +194,7 @@ def closed_loop(
     Raises
     ------
     InputError
-        Where the controller's sample time is not the log's.
+        If the controller's sample time is not the log's.
     """
     check_wheels(models.first.model, log)
     if not np.isclose(controller.sample_time, log.sample_time, rtol=0.02):

@@ -86,7 +86,7 @@ def better_in(errors: ErrorPair, models: ModelPair) -> str:
 
 
 def describe_dither(validation: Validation) -> str | None:
-    """Return what the wheels' speeds show of the rollers' dither, or None where the log has no wheel speeds."""
+    """Return what the wheels' speeds show of the rollers' dither, or None if the log has no wheel speeds."""
     dither = validation.dither
     if dither is None:
         return None

@@ -38,7 +38,7 @@ class ModelPair:
     Raises
     ------
     InputError
-        Where they have the same name, are the same model, or have not as many wheels.
+        If they have the same name, are the same model, or have not as many wheels.
     """
 
     first: NamedModel
@@ -67,7 +67,7 @@ class ModelPair:
         Raises
         ------
         InputError
-            Where it has no friction.
+            If it has no friction.
         """
         robot = model.robot
         none = Friction.none(robot.wheel_count)
@@ -132,7 +132,7 @@ def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range
     Raises
     ------
     InputError
-        Where nothing of the log lies in `holdout`.
+        If nothing of the log lies in `holdout`.
     """
     counts = np.ones(len(log), dtype=bool)
     if holdout is not None:

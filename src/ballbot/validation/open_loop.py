@@ -69,7 +69,7 @@ def open_loop(
     Raises
     ------
     InputError
-        Where no run of ten samples fits.
+        If no run of ten samples fits.
     """
     samples = min(round(longest / log.sample_time), max(len(part) for part in parts) - 1)
     every = max(1, round(spacing / log.sample_time))

@@ -32,7 +32,7 @@ class Prediction:
     measured: NDArray[np.float64]  #: (steps, 10) the states that were predicted
     torques: NDArray[np.float64]  #: (steps, n)
     heading: NDArray[np.float64]  #: (steps,) psi [rad] that each step started from
-    wheel_angles: NDArray[np.float64] | None  #: (steps, n) [rad] by the encoders; None where a log lacks them
+    wheel_angles: NDArray[np.float64] | None  #: (steps, n) [rad] by the encoders; None if a log lacks them
     wheel_speeds: NDArray[np.float64] | None  #: (steps, n) [rad/s] by the encoders
     segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
     logs: tuple[int, ...]  #: how many steps are of each log

@@ -52,7 +52,7 @@ _STEPS, _LEAST_TURN = 3.0, 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualAnalysis:
-    """What a model's residuals show; None where the log is too short or lacks a column."""
+    """What a model's residuals show; None if the log is too short or lacks a column."""
 
     correlations: Correlations
     whiteness: Whiteness | None
@@ -181,7 +181,7 @@ _KINEMATIC = (("e_x_dot", "e_phi_dot"), ("e_y_dot", "e_theta_dot"))
 
 _COLOURS: dict[Colour, str] = {
     "white": "white",
-    "nearly white": "not white by the test, but their past foretells less than 2 % of them",
+    "nearly white": "not white by the test, but their past predicts less than 2 % of them",
     "noise of the start": "remember one sample and no more: the noise of the measured state, which two residuals share "
     "with opposite signs, not the model",
     "coloured": "are correlated with their past: a lasting effect is not modelled, or a sensor is filtered",
@@ -258,11 +258,11 @@ def _whiteness_finding(found: Whiteness | None) -> str:
         if not places:
             continue
         names = ", ".join(f"e_{STATE_NAMES[place]}" for place in places)
-        foretold = ""
+        share = ""
         if colour == "coloured":
-            shares = found.foretold[places]
-            foretold = f" ({100 * shares.min():.0f} to {100 * shares.max():.0f} % of the variance)"
-        parts.append(f"{names}: {words}{foretold}")
+            shares = found.predicted_share[places]
+            share = f" ({100 * shares.min():.0f} to {100 * shares.max():.0f} % of the variance)"
+        parts.append(f"{names}: {words}{share}")
     return f"Whiteness. {'; '.join(parts)}."
 
 

@@ -101,7 +101,7 @@ class Spectrum:
 def spectrum(
     residuals: NDArray[np.float64], segments: Sequence[int], *, sample_time: float
 ) -> Spectrum | None:
-    """Return the spectrum of columns (n, k) made of `segments`, or None where too few windows fit."""
+    """Return the spectrum of columns (n, k) made of `segments`, or None if too few windows fit."""
     rate = 1.0 / sample_time
     rows = min(round(_WINDOW * rate), 2 * sum(segments) // (_LEAST_WINDOWS + 1), max(segments))
     rows -= rows % 2

@@ -56,7 +56,7 @@ def autocovariance(values: NDArray[np.float64], segments: Sequence[int], *, lags
 
 
 def lagged(values: NDArray[np.float64], segments: Sequence[int], *, lag: int) -> NDArray[np.float64]:
-    """Return each row's value `lag` rows before (n, k), NaN where that lies before its segment."""
+    """Return each row's value `lag` rows before (n, k), NaN if that lies before its segment."""
     before = np.full_like(values, np.nan)
     for where in slices(segments):
         part = values[where]
@@ -158,8 +158,8 @@ LAGS = 20
 WHITENESS_LEVEL = 0.05
 #: fewer steps are too few for the test
 LEAST_STEPS = 25 * LAGS
-#: a share of the variance foretold below this is no more than a trifle
-_TRIFLE = 0.02
+#: a predicted share of the variance below this does not matter
+_NEGLIGIBLE = 0.02
 #: noise of the start: so much at one sample, so little beyond
 _OF_NOISE, _BEYOND = -0.2, 0.1
 
@@ -174,7 +174,7 @@ class Whiteness:
     statistic: NDArray[np.float64]  #: Q, about `LAGS` where white
     p_value: NDArray[np.float64]  #: of the column alone
     rejected: NDArray[np.bool_]  #: with Holm's correction over the columns
-    foretold: NDArray[np.float64]  #: share of the variance that the residuals before foretell
+    predicted_share: NDArray[np.float64]  #: share of the variance that the residuals before predict
 
     @property
     def colours(self) -> tuple[Colour, ...]:
@@ -185,7 +185,7 @@ class Whiteness:
         memory = self.autocorrelation[1:, place]
         if not self.rejected[place]:
             return "white"
-        if self.foretold[place] < _TRIFLE:
+        if self.predicted_share[place] < _NEGLIGIBLE:
             return "nearly white"
         if memory[0] < _OF_NOISE and np.abs(memory[1:]).max() < _BEYOND:
             return "noise of the start"
@@ -193,7 +193,7 @@ class Whiteness:
 
 
 def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiteness | None:
-    """Test residuals (n, k) made of `segments`, or return None where there are fewer than `LEAST_STEPS`."""
+    """Test residuals (n, k) made of `segments`, or return None if there are fewer than `LEAST_STEPS`."""
     count = len(residuals)
     if count < LEAST_STEPS:
         return None
@@ -211,12 +211,12 @@ def whiteness(residuals: NDArray[np.float64], segments: Sequence[int]) -> Whiten
         statistic=statistic,
         p_value=p_value,
         rejected=holm(p_value, level=WHITENESS_LEVEL),
-        foretold=np.array([_predicted_share(column) for column in (covariance / variance).T]),
+        predicted_share=np.array([_predicted_share(column) for column in (covariance / variance).T]),
     )
 
 
 def _predicted_share(memory: NDArray[np.float64]) -> float:
-    """Return the share of a series' variance that as many past values as there are lags foretell."""
+    """Return the share of a series' variance that as many past values as there are lags predict."""
     if memory[0] <= 0.0:
         return 0.0
     past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])

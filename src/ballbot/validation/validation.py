@@ -47,15 +47,15 @@ class Validation:
     """How well two models foretell a log; by default a robot's model with its friction and without any."""
 
     models: ModelPair
-    open_loop: OpenLoop | None  #: None where the log does not allow it; `no_open_loop` says why
+    open_loop: OpenLoop | None  #: None if the log does not allow it; `no_open_loop` says why
     no_open_loop: str | None
-    closed_loop: ClosedLoop | None  #: None where the log does not allow it; `no_closed_loop` says why
+    closed_loop: ClosedLoop | None  #: None if the log does not allow it; `no_closed_loop` says why
     no_closed_loop: str | None
     prediction: Prediction
     residuals: ResidualAnalysis  #: of the first model
     horizon: HorizonComparison
     recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
-    dither: Dither | None  #: None where the log lacks wheel speeds
+    dither: Dither | None  #: None if the log lacks wheel speeds
     duration: float  #: of the stretches compared [s]
     sample_time: float  #: of the log [s]
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the log

@@ -63,7 +63,7 @@ class Dither:
 
 
 def find_dither(model: Model, log: Log) -> Dither | None:
-    """Return what the wheels' speeds in the log show, or None where the log lacks them or is short."""
+    """Return what the wheels' speeds in the log show, or None if the log lacks them or is short."""
     from scipy.signal import butter, sosfiltfilt
 
     names = wheel_speed_names(model.robot.wheel_count)
@@ -134,7 +134,7 @@ class SpeedEffect:
     speeds: NDArray[np.float64]  #: (b,) [rad/s] mean of each bin
     torques: NDArray[np.float64]  #: (b,) [N m]
     half_widths: NDArray[np.float64]  #: (b,) of the 95 % intervals
-    p_value: float  #: of no torque at any speed; NaN where a speed was seldom had
+    p_value: float  #: of no torque at any speed; NaN if a speed was seldom had
 
     @property
     def largest(self) -> int:
@@ -199,7 +199,7 @@ def play_effect(
     Parameters
     ----------
     torques, speeds, angles : ndarray (n, wheels)
-        Residual torque, speed some rows earlier (NaN where there is none), encoders' angle.
+        Residual torque, speed some rows earlier (NaN if there is none), encoders' angle.
     blocks : ndarray (n,)
     segments : sequence of int
     least_turn : float
@@ -208,7 +208,7 @@ def play_effect(
     Returns
     -------
     PlayEffect or None
-        None where the wheels hardly turned back.
+        None if the wheels hardly turned back.
     """
     moved = [since_reversal(angle, segments, least_turn=least_turn) for angle in angles.T]
     travel, way = (np.concatenate(parts) for parts in zip(*moved, strict=True))
@@ -280,7 +280,7 @@ def position_effect(
 ) -> PositionEffect | None:
     """Return the orders of residual torques (n, wheels) over encoder angles (n, wheels) of one log.
 
-    They go up to twice the rollers of a wheel. None where a wheel turned less than `LEAST_TURNS`.
+    They go up to twice the rollers of a wheel. None if a wheel turned less than `LEAST_TURNS`.
     """
     turns = float(np.ptp(angles, axis=0).min()) / (2.0 * np.pi)
     if turns < LEAST_TURNS:

@@ -1,9 +1,4 @@
-"""One axis, identified by three methods, with a ladder of friction laws judged on windows held out.
-
-What identification of an axis gives.
-
-What an axis's identification has to say in plain words.
-"""
+"""Identification of one axis by three methods, with a friction law selected by its errors on held-out windows."""
 
 from __future__ import annotations
 
@@ -58,7 +53,7 @@ class AxisErrors:
 
     record: str
     open_loop_rmse: float  #: of the position over the whole record, from its start [m]
-    closed_loop_force: float | None  #: |F - F_hat| / |F| in closed loop; None where the loop is not known
+    closed_loop_force: float | None  #: |F - F_hat| / |F| in closed loop; None if the loop is not known
     closed_loop_position: float | None  #: alike for the position
 
 
@@ -67,16 +62,16 @@ class Estimate:
     """One method's parameters and what they predict."""
 
     method: str  #: "inverse", "closed loop" or "open loop"
-    rung: AxisLaw
+    law: AxisLaw
     values: dict[str, float]  #: SI units
-    standard_errors: dict[str, float]  #: clustered in time; NaN where there is none
-    errors: tuple[AxisErrors, ...]  #: on the record fitted, then on those held against it
+    standard_errors: dict[str, float]  #: clustered in time; NaN if there is none
+    errors: tuple[AxisErrors, ...]  #: on the record fitted, then on the others
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
             "method": self.method,
-            "law": self.rung.name,
+            "law": self.law.name,
             "parameters": self.values,
             "standard_errors": self.standard_errors,
             "errors": {
@@ -95,10 +90,10 @@ class AxisIdentification:
     ladder: ModelSelection[AxisLaw]  #: every law, by its errors on windows held out
     chosen: AxisLaw
     estimates: tuple[Estimate, ...]  #: the chosen law by every method
-    rungs: dict[str, Estimate]  #: every law by output error in open loop
+    by_law: dict[str, Estimate]  #: every law by output error in open loop
     asymmetry: NDArray[
         np.float64
-    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none where a part cannot tell
+    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none if a part cannot tell
     remarks: tuple[Finding, ...]
 
     def estimate(self, method: str) -> Estimate:
@@ -121,7 +116,7 @@ class AxisIdentification:
             "estimates": {one.method: one.to_dict() for one in self.estimates},
             "inverse": {form: fit.to_dict() for form, fit in self.inverse.items()},
             "ladder": [_ladder_result(one) for one in self.ladder.candidates],
-            "laws": {name: one.to_dict() for name, one in self.rungs.items()},
+            "laws": {name: one.to_dict() for name, one in self.by_law.items()},
             "asymmetry_over_time": self.asymmetry,
             "remarks": finding_results(self.remarks),
         }
@@ -148,24 +143,24 @@ def _ladder_result(one: Candidate[AxisLaw]) -> dict[str, object]:
 def axis_findings(
     record: AxisRecord,
     ladder: ModelSelection[AxisLaw],
-    rung: AxisLaw,
-    rungs: Mapping[str, Estimate],
+    chosen: AxisLaw,
+    by_law: Mapping[str, Estimate],
     asymmetry: NDArray[np.float64],
     *,
-    taken: bool,
+    by_user: bool,
 ) -> tuple[Finding, ...]:
-    """Return the findings; `taken` says that the user named the law."""
+    """Return the findings; `by_user`: whether the user named the law."""
     return (
-        _choice_finding(ladder, rung, taken=taken),
-        *_asymmetry_findings(record, ladder, rung, asymmetry),
-        *_open_parameters(rungs[rung.name]),
+        _choice_finding(ladder, chosen, by_user=by_user),
+        *_asymmetry_findings(record, ladder, chosen, asymmetry),
+        *_open_parameters(by_law[chosen.name]),
     )
 
 
-def _choice_finding(ladder: ModelSelection[AxisLaw], rung: AxisLaw, *, taken: bool) -> Finding:
+def _choice_finding(ladder: ModelSelection[AxisLaw], chosen: AxisLaw, *, by_user: bool) -> Finding:
     others = [one for one in ladder.candidates if one.within and one.model.symmetric]
-    failed = [one.name for one in others if not one.accepted and one.name != rung.name]
-    words = f"The law {rung.name} was {('asked for' if taken else 'taken')}"
+    failed = [one.name for one in others if not one.accepted and one.name != chosen.name]
+    words = f"The law {chosen.name} was {('requested' if by_user else 'selected')}"
     if not failed:
         return note("law", f"{words}; every law below it improves the prediction of held-out windows.")
     text = (
@@ -176,10 +171,10 @@ def _choice_finding(ladder: ModelSelection[AxisLaw], rung: AxisLaw, *, taken: bo
 
 
 def _asymmetry_findings(
-    record: AxisRecord, ladder: ModelSelection[AxisLaw], rung: AxisLaw, asymmetry: NDArray[np.float64]
+    record: AxisRecord, ladder: ModelSelection[AxisLaw], chosen: AxisLaw, asymmetry: NDArray[np.float64]
 ) -> list[Finding]:
     verdict = next(one for one in ladder.candidates if not one.model.symmetric)
-    if verdict.gain is None or not verdict.accepted or not rung.symmetric:
+    if verdict.gain is None or not verdict.accepted or not chosen.symmetric:
         return []
     over_time = _over_time(asymmetry, unit_for(PARAMETERS["viscous"], record.unit)) if len(asymmetry) else ""
     text = (
@@ -229,7 +224,7 @@ def identify_axis(
     bandwidth: float | None = None,
     window: float = 1.0,
     horizon: float | None = None,
-    held_against: Sequence[AxisRecord] = (),
+    validation_records: Sequence[AxisRecord] = (),
     run: Run = DEFAULT_RUN,
 ) -> AxisIdentification:
     """Identify an axis's mass and friction.
@@ -244,20 +239,20 @@ def identify_axis(
     bandwidth : float, optional
         Of the motion [Hz]; 20 by default, or less where the sampling is slow.
     window : float
-        Duration of the windows [s] that the ladder is judged by.
+        Duration of the windows [s] of the cross-validation.
     horizon : float, optional
         Duration of the windows [s] that the final open-loop fit predicts; the whole record by default.
-    held_against : sequence of AxisRecord
-        Other records of the axis: every estimate is held against them, none is fitted to them.
+    validation_records : sequence of AxisRecord
+        Other records of the axis, which every estimate predicts and none is fitted to.
     run : Run, optional
         Its checkpoint answers for each law on the ladder and each fit. Its seed is not used.
 
     Raises
     ------
     InputError
-        Where the record cannot give the parameters, there is no such law, or an option makes no sense.
+        If the record does not determine the parameters, there is no such law, or an option is invalid.
     """
-    _check(record, held_against, window=window, horizon=horizon)
+    _check(record, validation_records, window=window, horizon=horizon)
     wanted = axis_law_named(law) if law else None
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     inverse = {
@@ -268,14 +263,14 @@ def identify_axis(
     starts = _initial_values(record, motion, inverse)
     of_ladder = replace(run, progress=part_of(run.progress, _LADDER_FROM, _LADDER_TO))
     ladder = cross_validate_laws(record, motion, starts, window=window, run=of_ladder)
-    rung = wanted or ladder.best.model
-    bench = _Bench(records=(record, *held_against), bandwidth=band)
-    rungs = {}
+    chosen = wanted or ladder.best.model
+    bench = _Bench(records=(record, *validation_records), bandwidth=band)
+    by_law = {}
     for number, name in enumerate(AXIS_LAWS):
         stage = Progress(stage=f"open loop, law {name}", done=number, total=len(AXIS_LAWS))
         part_of(run.progress, _LADDER_TO, _FITS_TO)(stage)
         fit = partial(_open_loop, record, motion, AXIS_LAWS[name], starts[name], horizon)
-        rungs[name] = bench.estimate(
+        by_law[name] = bench.estimate(
             "open loop", memoized(run, "open loop", AXIS_LAWS[name], starts[name], fit)
         )
     run.progress(Progress(stage="closed loop", done=_FITS_TO, total=1.0))
@@ -284,10 +279,10 @@ def identify_axis(
         start = first_row(record, bandwidth=band)
         residuals = closed_loop_residuals(record, start=start, block=BLOCK)
         usual = float(np.std(record.force)) * 0.05
-        begin = starts[rung.name]
-        fit = partial(fit_output_error, rung, begin, residuals, scale=usual)
-        estimates.append(bench.estimate("closed loop", memoized(run, "closed loop", rung, begin, fit)))
-    estimates.append(rungs[rung.name])
+        begin = starts[chosen.name]
+        fit = partial(fit_output_error, chosen, begin, residuals, scale=usual)
+        estimates.append(bench.estimate("closed loop", memoized(run, "closed loop", chosen, begin, fit)))
+    estimates.append(by_law[chosen.name])
     asymmetry = asymmetry_over_time(record)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
     return AxisIdentification(
@@ -295,17 +290,17 @@ def identify_axis(
         unit=record.unit,
         inverse=inverse,
         ladder=ladder,
-        chosen=rung,
+        chosen=chosen,
         estimates=tuple(estimates),
-        rungs=rungs,
+        by_law=by_law,
         asymmetry=asymmetry,
-        remarks=axis_findings(record, ladder, rung, rungs, asymmetry, taken=wanted is not None),
+        remarks=axis_findings(record, ladder, chosen, by_law, asymmetry, by_user=wanted is not None),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Bench:
-    """The records that every estimate is held against, that which is fitted first."""
+    """The records that every estimate predicts, the fitted one first."""
 
     records: tuple[AxisRecord, ...]
     bandwidth: float
@@ -313,7 +308,7 @@ class _Bench:
     def estimate(self, method: str, fit: OutputErrorFit) -> Estimate:
         return Estimate(
             method=method,
-            rung=fit.rung,
+            law=fit.law,
             values=fit.values,
             standard_errors=fit.standard_errors,
             errors=tuple(axis_errors(fit.axis, record, bandwidth=self.bandwidth) for record in self.records),
@@ -342,12 +337,12 @@ def axis_errors(axis: Axis, record: AxisRecord, *, bandwidth: float) -> AxisErro
 
 
 def _check(
-    record: AxisRecord, held_against: Sequence[AxisRecord], *, window: float, horizon: float | None
+    record: AxisRecord, validation_records: Sequence[AxisRecord], *, window: float, horizon: float | None
 ) -> None:
     for name, value in (("window", window), ("horizon", horizon)):
         if value is not None and not 10.0 * record.sample_time <= value < np.inf:
             raise InputError(f"The {name} is {value:g} s; it must be at least ten samples.")
-    names = [one.name for one in (record, *held_against)]
+    names = [one.name for one in (record, *validation_records)]
     if len(set(names)) < len(names):
         raise InputError(
             f"Two of the records have the same name ({', '.join(names)}); give each its own name."
@@ -368,7 +363,7 @@ def _inverse_estimate(bench: _Bench, inverse: dict[str, InverseFit]) -> Estimate
     return bench.estimate(
         "inverse",
         OutputErrorFit(
-            rung=AXIS_LAWS["coulomb"],
+            law=AXIS_LAWS["coulomb"],
             values=dict(zip(fit.names, fit.values.tolist(), strict=True)),
             standard_errors=dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True)),
             rms=fit.relative_force_error,
@@ -377,17 +372,17 @@ def _inverse_estimate(bench: _Bench, inverse: dict[str, InverseFit]) -> Estimate
 
 
 def _open_loop(
-    record: AxisRecord, motion: Motion, rung: AxisLaw, start: Values, horizon: float | None
+    record: AxisRecord, motion: Motion, chosen: AxisLaw, start: Values, horizon: float | None
 ) -> OutputErrorFit:
     spans = equal_spans(record, np.inf if horizon is None else horizon)
     residuals = open_loop_residuals(record, motion, spans, block=BLOCK)
-    return search_output_error(rung, start, residuals, scale=1e-3 * float(np.ptp(record.position)))
+    return search_output_error(chosen, start, residuals, scale=1e-3 * float(np.ptp(record.position)))
 
 
 def _initial_values(
     record: AxisRecord, motion: Motion, inverse: dict[str, InverseFit]
 ) -> dict[str, dict[str, float]]:
-    """Return where each rung's search starts: at the inverse model's parameters."""
+    """Return where each law's search starts: at the inverse model's parameters."""
     least = 1e-3 * float(np.std(record.force))
     symmetric = inverse["coulomb"]
     values = dict(zip(symmetric.names, symmetric.values.tolist(), strict=True))
@@ -403,4 +398,4 @@ def _initial_values(
     values["micro_damping"] = 0.1 * float(np.sqrt(values["stiffness"] * values["mass"]))
     asymmetric = dict(zip(inverse["asymmetric"].names, inverse["asymmetric"].values.tolist(), strict=True))
     asymmetric = {name: max(value, least) for name, value in asymmetric.items()}
-    return {name: (values if rung.symmetric else asymmetric) for name, rung in AXIS_LAWS.items()}
+    return {name: (values if law.symmetric else asymmetric) for name, law in AXIS_LAWS.items()}

@@ -68,7 +68,7 @@ def smoothed_motion(record: AxisRecord, *, bandwidth: float) -> Motion:
     Raises
     ------
     InputError
-        Where that is beyond half the sampling rate.
+        If that is beyond half the sampling rate.
     """
     rate = 1.0 / record.sample_time
     cutoff = _FILTER_RATIO * bandwidth
@@ -196,7 +196,7 @@ def free_inverse_fit(
     Raises
     ------
     InputError
-        Where the bandwidth does not suit the sampling, or the record cannot give the parameters.
+        If the bandwidth does not suit the sampling, or the record cannot give the parameters.
     """
     band = default_bandwidth(record) if bandwidth is None else bandwidth
     motion_columns = _columns(smoothed_motion(record, bandwidth=band), form)

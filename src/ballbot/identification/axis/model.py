@@ -89,7 +89,7 @@ class AxisLaw:
     """One law of the ladder."""
 
     name: str
-    below: str | None  #: the rung that it has to beat
+    below: str | None  #: the law within it
     names: tuple[str, ...]  #: its parameters
 
     @property
@@ -126,7 +126,7 @@ class AxisLaw:
             stribeck_exponent=1.0,
             stiffness=values["stiffness"],
             micro_damping=values.get("micro_damping", 0.0),
-            may_drive=True,  # a search passes such values; what it ends with is looked at
+            may_drive=True,  # a search passes such values; its end is checked
         )
 
 
@@ -134,8 +134,8 @@ _COULOMB = ("mass", "viscous", "coulomb", "offset")
 
 AXIS_LAWS: Mapping[str, AxisLaw] = MappingProxyType(
     {
-        rung.name: rung
-        for rung in (
+        law.name: law
+        for law in (
             AxisLaw(name="viscous", below=None, names=("mass", "viscous", "offset")),
             AxisLaw(name="coulomb", below="viscous", names=_COULOMB),
             AxisLaw(name="stribeck", below="coulomb", names=(*_COULOMB, "stribeck", "stribeck_speed")),
@@ -156,7 +156,7 @@ AXIS_LAWS: Mapping[str, AxisLaw] = MappingProxyType(
 
 
 def axis_law_named(name: str) -> AxisLaw:
-    """Return the rung of that name; InputError where there is none."""
+    """Return the law of that name; InputError if there is none."""
     if name not in AXIS_LAWS:
         raise InputError(f"There is no friction law {name!r}; the laws are {', '.join(AXIS_LAWS)}.")
     return AXIS_LAWS[name]
@@ -245,7 +245,7 @@ class Trajectory:
 class Axis:
     """A mass with friction and a constant force against it."""
 
-    rung: AxisLaw
+    law: AxisLaw
     values: Values
 
     def open_loop(
@@ -262,7 +262,7 @@ class Axis:
         acting = real_array(forces, ("n",), "The row of forces")
         sample_time = positive_number(sample_time, "The sample time")
         position, speed = real_number(position, "The position"), real_number(speed, "The speed")
-        (plus, minus), steps = self.rung.laws(self.values), self._steps(sample_time)
+        (plus, minus), steps = self.law.laws(self.values), self._steps(sample_time)
         positions = np.empty(len(acting))
         follow_forces(
             plus.numbers(),
@@ -284,7 +284,7 @@ class Axis:
         Raises
         ------
         InputError
-            Where the record has no loop or no reference.
+            If the record has no loop or no reference.
         """
         loop = record.loop
         if loop is None or record.reference is None:
@@ -292,7 +292,7 @@ class Axis:
                 f"{record.name} does not contain the control loop; give its gains and its reference."
             )
         speed = real_number(speed, "The speed")
-        (plus, minus), steps = self.rung.laws(self.values), self._steps(record.sample_time)
+        (plus, minus), steps = self.law.laws(self.values), self._steps(record.sample_time)
         positions, forces = np.empty((2, len(record)))
         # a limit that is not finite is one that is never reached
         limit = loop.limit if math.isfinite(loop.limit) else np.finfo(float).max
@@ -320,6 +320,6 @@ class Axis:
         return self.values.get("offset", 0.0)
 
     def _steps(self, sample_time: float) -> int:
-        slope = max(law.explicit_slope() for law in self.rung.laws(self.values))
+        slope = max(law.explicit_slope() for law in self.law.laws(self.values))
         wanted = sample_time * slope / self.values["mass"] / _LARGEST_RATE_STEP
         return min(max(1, math.ceil(wanted)), _MOST_STEPS)

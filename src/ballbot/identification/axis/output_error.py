@@ -1,4 +1,4 @@
-"""Output error, and the ladder of friction laws fitted by it and judged on windows held out.
+"""Output error, and the friction laws fitted by it and compared on held-out windows.
 
 Output error: the parameters whose simulation comes closest to the record, in open or in closed loop.
 
@@ -6,8 +6,8 @@ In open loop the recorded force moves the axis from the state at a window's star
 closed loop the recorded reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with
 central differences wide enough to average over single events of sticking.
 
-The ladder: each law is fitted to all windows but those of one fold, and predicts these, so that every window is held
-out once; `ballbot.fitting.model_selection` says which law they support.
+Selection: each law is fitted to all windows but those of one fold, and predicts these, so that every window is held
+out once; `ballbot.fitting.model_selection` selects the law that they support.
 """
 
 from __future__ import annotations
@@ -61,15 +61,15 @@ class Residuals:
 class OutputErrorFit:
     """What output error gives."""
 
-    rung: AxisLaw
+    law: AxisLaw
     values: dict[str, float]  #: SI units
-    standard_errors: dict[str, float]  #: NaN where a parameter stands at a bound
+    standard_errors: dict[str, float]  #: NaN if a parameter stands at a bound
     rms: float  #: of the residuals: [m] in open loop, [N] in closed loop
 
     @property
     def axis(self) -> Axis:
         """The axis with these parameters."""
-        return Axis(rung=self.rung, values=self.values)
+        return Axis(law=self.law, values=self.values)
 
 
 def equal_spans(record: AxisRecord, duration: float) -> list[Span]:
@@ -117,14 +117,14 @@ def closed_loop_residuals(record: AxisRecord, *, start: int, block: float) -> Ca
 
 
 def fit_output_error(
-    rung: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
+    law: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
 ) -> OutputErrorFit:
     """Descend from `start`; `scale` is a usual size of the residuals."""
-    space = space_about(rung, start)
+    space = space_about(law, start)
     lower, upper = space.bounds()
 
     def axis_at(z: NDArray[np.float64]) -> Axis:
-        return Axis(rung=rung, values=values_of(rung, space.physical(z)))
+        return Axis(law=law, values=values_of(law, space.physical(z)))
 
     def errors(z: NDArray[np.float64]) -> NDArray[np.float64]:
         return residuals_of(axis_at(z)).values / scale
@@ -137,7 +137,7 @@ def fit_output_error(
             columns.append((errors(ahead) - errors(behind)) / (ahead - behind)[i])
         return np.column_stack(columns)
 
-    begin = np.maximum(space.scaled(np.array([start[name] for name in rung.names])), lower + _INSIDE)
+    begin = np.maximum(space.scaled(np.array([start[name] for name in law.names])), lower + _INSIDE)
     found = minimize_squares(
         errors,
         begin,
@@ -148,65 +148,65 @@ def fit_output_error(
     )
     last = residuals_of(axis_at(found.point))
     return OutputErrorFit(
-        rung=rung,
-        values=values_of(rung, space.physical(found.point)),
-        standard_errors=values_of(rung, _standard_errors(space, found.point, found.jacobian, last, scale)),
+        law=law,
+        values=values_of(law, space.physical(found.point)),
+        standard_errors=values_of(law, _standard_errors(space, found.point, found.jacobian, last, scale)),
         rms=float(np.sqrt(np.mean(last.values**2))),
     )
 
 
 def memoized(
-    run: Run, stage: str, rung: AxisLaw, start: Values, fit: Callable[[], OutputErrorFit]
+    run: Run, stage: str, law: AxisLaw, start: Values, fit: Callable[[], OutputErrorFit]
 ) -> OutputErrorFit:
-    """Return a rung's fit from `start`, from a checkpoint where that has it."""
+    """Return a law's fit from `start`, from a checkpoint if that has it."""
 
     def answer() -> list[NDArray[np.float64]]:
         found = fit()
         tables = (found.values, found.standard_errors)
-        return [*(np.array([table[name] for name in rung.names]) for table in tables), np.array(found.rms)]
+        return [*(np.array([table[name] for name in law.names]) for table in tables), np.array(found.rms)]
 
-    asked = np.array([start[name] for name in rung.names])
-    values, errors, rms = run.memoize(f"{stage}, {rung.name}", asked, answer)
+    asked = np.array([start[name] for name in law.names])
+    values, errors, rms = run.memoize(f"{stage}, {law.name}", asked, answer)
     return OutputErrorFit(
-        rung=rung,
-        values=dict(zip(rung.names, values.tolist(), strict=True)),
-        standard_errors=dict(zip(rung.names, errors.tolist(), strict=True)),
+        law=law,
+        values=dict(zip(law.names, values.tolist(), strict=True)),
+        standard_errors=dict(zip(law.names, errors.tolist(), strict=True)),
         rms=float(rms),
     )
 
 
 def search_output_error(
-    rung: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
+    law: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
 ) -> OutputErrorFit:
     """Descend from the best of an evolution strategy around where a descent from `start` ends.
 
     Over long windows single events of sticking make many small valleys, of which a descent finds the nearest.
     """
-    near = fit_output_error(rung, start, residuals_of, scale=scale)
-    space = space_about(rung, near.values)
+    near = fit_output_error(law, start, residuals_of, scale=scale)
+    space = space_about(law, near.values)
     middle, (lower, upper) = (
-        space.scaled(np.array([near.values[name] for name in rung.names])),
+        space.scaled(np.array([near.values[name] for name in law.names])),
         space.bounds(),
     )
-    logarithmic = space.logarithmic & np.array([name != "mass" for name in rung.names])
+    logarithmic = space.logarithmic & np.array([name != "mass" for name in law.names])
     reach = np.where(logarithmic, _REACH_LOGARITHMIC, _REACH)
 
-    def z_of(sought: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.clip(middle + (2.0 * sought - 1.0) * reach, lower, upper)
+    def z_of(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.clip(middle + (2.0 * drawn - 1.0) * reach, lower, upper)
 
     def costs(population: NDArray[np.float64]) -> NDArray[np.float64]:
-        axes = [Axis(rung=rung, values=values_of(rung, space.physical(z_of(one)))) for one in population]
+        axes = [Axis(law=law, values=values_of(law, space.physical(z_of(one)))) for one in population]
         return np.array([0.5 * np.log(np.mean(residuals_of(axis).values ** 2)) for axis in axes])
 
     evolved = evolve(
         costs,
-        size=len(rung.names),
+        size=len(law.names),
         generations=_GENERATIONS,
         population=_POPULATION,
         run=DEFAULT_RUN,
     )
-    start_again = values_of(rung, space.physical(z_of(evolved.best)))
-    found = fit_output_error(rung, start_again, residuals_of, scale=scale)
+    start_again = values_of(law, space.physical(z_of(evolved.best)))
+    found = fit_output_error(law, start_again, residuals_of, scale=scale)
     return min(near, found, key=lambda fit: fit.rms)
 
 
@@ -242,7 +242,7 @@ def cross_validate_laws(
     motion : Motion
         The record's, filtered: windows start from it.
     starts : mapping of str to mapping
-        By the rung's name, where its search starts.
+        By the law's name, where its search starts.
     window : float
         Duration of the windows [s].
     run : Run, optional
@@ -251,7 +251,7 @@ def cross_validate_laws(
     Raises
     ------
     InputError
-        Where the record has too few such windows.
+        If the record has too few such windows.
     """
     spans = equal_spans(record, window)
     if len(spans) < LEAST_WINDOWS:
@@ -279,7 +279,7 @@ def cross_validate_laws(
 
 
 def _held_out(
-    record: AxisRecord, motion: Motion, rung: AxisLaw, start: Values, spans: Sequence[Span]
+    record: AxisRecord, motion: Motion, law: AxisLaw, start: Values, spans: Sequence[Span]
 ) -> NDArray[np.float64]:
     """Return each window's mean square error (w,) [m^2] by the fit that did not see it."""
     squares = np.empty(len(spans))
@@ -287,7 +287,7 @@ def _held_out(
     for fold in range(FOLDS):
         seen = [span for i, span in enumerate(spans) if i % FOLDS != fold]
         fit = fit_output_error(
-            rung, start, open_loop_residuals(record, motion, seen, block=np.inf), scale=scale
+            law, start, open_loop_residuals(record, motion, seen, block=np.inf), scale=scale
         )
         for i in range(fold, len(spans), FOLDS):
             errors = open_loop_residuals(record, motion, [spans[i]], block=np.inf)(fit.axis).values

@@ -57,7 +57,7 @@ class AxisRecord:
     Raises
     ------
     InputError
-        Where lengths differ, values are missing, the axis never moves, or there are too few rows.
+        If lengths differ, values are missing, the axis never moves, or there are too few rows.
     """
 
     name: str
@@ -122,7 +122,7 @@ def even_sample_time(name: str, t: NDArray[np.float64]) -> float:
     Raises
     ------
     InputError
-        Where time does not increase, or not by even steps.
+        If time does not increase, or not by even steps.
     """
     if len(t) < 2 or not np.isfinite(t).all():
         raise InputError(f"{name}: the time has fewer than two rows or missing values.")
@@ -162,7 +162,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     Raises
     ------
     InputError
-        Where the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
+        If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
     variables = read_variables(path)
     name = Path(path).name

@@ -89,7 +89,7 @@ def align(log: Log, mocap: Log) -> Alignment:
     Raises
     ------
     InputError
-        Where they lack what is needed or are not of the same run.
+        If they lack what is needed or are not of the same run.
     """
     turning, poses = log_turning(log), read_poses(mocap).seen_only()
     best, rival = _best(turning, poses)
@@ -148,7 +148,7 @@ def _best(turning: Turning, poses: Poses) -> tuple[_Candidate, Clock | None]:
 def _fitted(
     turning: Turning, poses: Poses, cameras: Turning, parts: list[tuple[int, int]], clock: Clock
 ) -> _Candidate | None:
-    """Return the fit that starts from a clock, flips undone; None where they share too little."""
+    """Return the fit that starts from a clock, flips undone; None if they share too little."""
     try:
         # the longest stretch within the log's time
         begin, end = clock.to_cameras(turning.t[[0, -1]])

@@ -68,7 +68,7 @@ def log_turning(log: Log) -> Turning:
     Raises
     ------
     InputError
-        Where it has neither, or hardly any values of them.
+        If it has neither, or hardly any values of them.
     """
     if has_gyro(log):
         rate = np.column_stack([log[name] for name in GYRO_NAMES])
@@ -190,7 +190,7 @@ def candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
     Raises
     ------
     InputError
-        Where the two have too little in common to be compared.
+        If the two have too little in common to be compared.
     """
     start, end = _liveliest(log)
     speeds, known = _speeds(log, np.arange(start, end, _STEP))

@@ -64,8 +64,8 @@ class PositionError:
     by_heading: (
         float  #: share of the error's square that the heading's error explains; below 0, it makes it worse
     )
-    predicted: NDArray[np.float64]  #: (N, 2) [m] the error that the heading's makes; NaN where not seen
-    scale: PathScale | None  #: None where the path is too short to tell
+    predicted: NDArray[np.float64]  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
+    scale: PathScale | None  #: None if the path is too short to tell
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +79,7 @@ class SensorErrors:
 
 
 def sensor_errors(log: Log, columns: dict[str, NDArray[np.float64]]) -> SensorErrors | None:
-    """Return the errors, or None where log and cameras have hardly a row together.
+    """Return the errors, or None if log and cameras have hardly a row together.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _sensor_error(name: str, log: Log, error: NDArray[np.float64]) -> SensorErro
 
 
 def _delay(log: Log, name: str, error: NDArray[np.float64]) -> tuple[float, float] | None:
-    """Return how late an angle is logged [s] and the 95 % half width, or None where too little is known."""
+    """Return how late an angle is logged [s] and the 95 % half width, or None if too little is known."""
     t = log.t
     known = np.isfinite(log[name])
     times, angle = t[known], np.unwrap(log[name][known])

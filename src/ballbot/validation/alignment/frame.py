@@ -42,8 +42,8 @@ class Common:
     t: NDArray[np.float64]  #: (k,) [s], the log's clock
     camera_body: Rotation  #: k of them: the log's body as the cameras saw it
     world_body: Rotation  #: k of them, by the log's angles
-    places: NDArray[np.float64]  #: (k, 3) [m], the cameras' frame; NaN where there is none
-    positions: NDArray[np.float64]  #: (k, 2) [m], the log's x and y; NaN where there is none
+    places: NDArray[np.float64]  #: (k, 3) [m], the cameras' frame; NaN if there is none
+    positions: NDArray[np.float64]  #: (k, 2) [m], the log's x and y; NaN if there is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +52,7 @@ class Frame:
 
     camera_world: Rotation
     tilt_half_width: float  #: 95 % [rad]
-    heading_half_width: float  #: 95 % [rad]; infinite where not told
+    heading_half_width: float  #: 95 % [rad]; infinite if not told
     origin: (
         NDArray[np.float64] | None
     )  #: (3,) [m] the world's, at the ball centre's height; None without positions
@@ -64,7 +64,7 @@ def common_rows(log: Log, poses: Poses, motion: MotionFit) -> Common:
     Raises
     ------
     InputError
-        Where there are hardly any.
+        If there are hardly any.
     """
     rotations, known = log_rotations(log)
     t = motion.clock.to_log(poses.t)
@@ -109,7 +109,7 @@ def fit_origin(common: Common, frame: Frame, lever: NDArray[np.float64], motion:
     Raises
     ------
     InputError
-        Where the first two seconds have no position.
+        If the first two seconds have no position.
     """
     level = np.column_stack([common.positions, np.zeros(len(common.t))])
     rise = (common.camera_body * motion.body_marker).apply(lever)
@@ -138,13 +138,13 @@ class Lever:
 
     arm: NDArray[np.float64]  #: (3,) [m] as fitted
     half_width: NDArray[np.float64]  #: (3,) 95 % [m], of chance alone
-    used: NDArray[np.float64]  #: (3,) [m], what is taken off: the arm, or zero where it is not believed
+    used: NDArray[np.float64]  #: (3,) [m], what is taken off: the arm, or zero if it is not believed
 
 
 def fit_lever(
     common: Common, frame: Frame, motion: MotionFit, heading_error: NDArray[np.float64]
 ) -> Lever | None:
-    """Return the lever arm, or None where log or cameras have hardly any positions.
+    """Return the lever arm, or None if log or cameras have hardly any positions.
 
     Parameters
     ----------

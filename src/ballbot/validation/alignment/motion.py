@@ -103,7 +103,7 @@ class MotionFit:
     bias: NDArray[np.float64]  #: (3,) of the log's gyro [rad/s], body frame
     offset_half_width: float  #: [s]
     rate_half_width: float  #: [s/s]
-    rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]; infinite where not told
+    rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]; infinite if not told
     untold_axis: NDArray[np.float64] | None  #: (3,) axis of the body about which the turning is not told
     error: float  #: rms of an increment's error, a component [rad]
     motion: float  #: rms of an increment, a component [rad]
@@ -134,7 +134,7 @@ def wahba(log: Turning, cameras: Turning, clock: Clock, *, rows: tuple[int, int]
     Raises
     ------
     InputError
-        Where there are too few increments that both have.
+        If there are too few increments that both have.
     """
     increments = _cut(log, cameras, clock, rows)
     s0, s1 = clock.to_log(increments.start), clock.to_log(increments.end)
@@ -150,7 +150,7 @@ def fit_motion(log: Turning, cameras: Turning, clock: Clock, body_marker: Rotati
     Raises
     ------
     InputError
-        Where there are too few increments that both have, or the fit runs away from the start.
+        If there are too few increments that both have, or the fit runs away from the start.
     """
     increments = _cut(log, cameras, clock, None)
     middle = float(np.mean(clock.to_log(increments.start)))
