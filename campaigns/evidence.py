@@ -45,6 +45,7 @@ CAMPAIGNS = {
     "ablation": "campaigns.controller_choice:ablation",
     "friction_share": "campaigns.controller_choice:friction_share",
     "adaptation": "campaigns.adaptation",
+    "adaptation_courses": "campaigns.adaptation:courses",
     "delay": "campaigns.delay",
     "feedback_options": "campaigns.feedback_options",
     "coverage": "campaigns.coverage",

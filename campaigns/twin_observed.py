@@ -428,9 +428,9 @@ def recommendations() -> Section:
     return Section(
         title="The thesis's recommendations, tested",
         before=f"Two rounds of a 0.5 m square, {RECOMMENDATION_DURATION:g} s, {len(RECOMMENDATION_SEEDS)} seeds, the "
-        "nominal gain, without compensation and with partial compensation of the true friction. True position from the reference once "
-        "settled, means over the seeds; torque noise is the torque's RMS change from sample to sample. Chapter 6 "
-        "recommends the single row, the stiffer ball and less play, Appendix IV the fused fix.",
+        "nominal gain, without compensation and with partial compensation of the true friction. True position from "
+        "the reference once settled, means over the seeds; torque noise is the torque's RMS change from sample to "
+        "sample. Chapter 6 recommends the single row, the stiffer ball and less play, Appendix IV the fused fix.",
         columns=list(HEADINGS),
         rows=rows(found),
         after="A fix corrects drift, which is small in a minute. The filter that fuses it has larger errors here "
