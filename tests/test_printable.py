@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from ballbot.cli.main import main
-from ballbot.cli.output import PlainConsole, progress_bar, table
+from ballbot.cli.output import progress_bar
 from ballbot.files import write_text
 from ballbot.printable import printable, printable_line, shell_line
+from ballbot.report.console import PlainConsole, table
 from ballbot.report.page import render
 from ballbot.report.style import drawn, label_of
 from ballbot.results import as_json

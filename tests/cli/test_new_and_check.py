@@ -45,7 +45,7 @@ def test_new_writes_beside_you_by_default(tmp_path: Path, monkeypatch: pytest.Mo
 def test_new_overwrites_only_when_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("precious")
-    assert "exists already" in refused(capsys, "new", "mine", "--out", str(path))
+    assert "already exists" in refused(capsys, "new", "mine", "--out", str(path))
     assert path.read_text() == "precious"
     assert main(["new", "mine", "--out", str(path), "--force"]) == 0
     assert Robot.load(path).name == "mine"

@@ -15,8 +15,7 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.thesis.published import alten, page
-from ballbot.thesis.published.__main__ import main
-from ballbot.thesis.published.page import published_page
+from ballbot.thesis.published.page import main, published_page
 from ballbot.thesis.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
 from ballbot.thesis.symbols import Corrections, corrections_of
 from tests.support.paths import ROOT

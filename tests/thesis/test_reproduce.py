@@ -34,11 +34,18 @@ pytest.importorskip("mujoco")
 pytest.importorskip("cv2")
 
 from ballbot.report.page import provenance
-from ballbot.thesis.reproduce import appendices, chapter3, chapter5, recordings
+from ballbot.thesis.reproduce import (
+    appendices,
+    chapter5,
+    chapters_2_to_4,
+    mistaken_equations,
+    mistakes,
+    recordings,
+)
 from ballbot.thesis.reproduce.bench import Bench, linear_run
 from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
 from ballbot.thesis.reproduce.item import Check, Item, Mistake, run_seed
-from ballbot.thesis.reproduce.mistakes import MISTAKES, conclusions, equations, mechanics, numbers
+from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.page import (
     DRAWINGS,
     friction_line,
@@ -97,7 +104,7 @@ def test_verdict_counts_what_agrees(agreeing: list[bool]) -> None:
     item = item_of(*(check(value=1.0 if one else -1.0, lowest=0.0) for one in agreeing))
     expected = {len(agreeing): "agrees", 0: "does not agree"}.get(sum(agreeing), "agrees in part")
     assert item.verdict == expected
-    assert item.sentence.count("asked is at least 0 m") == agreeing.count(False)
+    assert item.sentence.count("required: at least 0 m") == agreeing.count(False)
 
 
 def test_nan_never_agrees() -> None:
@@ -172,25 +179,26 @@ def test_mistakes_are_numbered_as_in_the_list() -> None:
 @pytest.mark.parametrize(
     ("make", "number", "place", "value"),
     [
-        (equations.rotation_about_y, 1, 0, 0.0),  # cos(2 * 45 degrees)
-        (equations.velocity_over_ground, 2, 0, 1.0 / 0.063),
-        (equations.derivative_of_angles, 3, 0, 0.0),
-        (mechanics.rates_of_angles, 4, 0, math.sqrt(2.0)),  # two unit vectors at right angles
-        (mechanics.inertia_counted_twice, 5, 0, 17.076 * 0.393**2),
-        (mechanics.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),  # docs/generated/published_models.md
-        (mechanics.inertia_counted_twice, 5, 2, 5.2015 / 5.2676),
-        (mechanics.no_counter_torque, 6, 0, 0.173 / 0.11),
-        (mechanics.no_counter_torque, 6, 1, 9.5038 / 5.8293),
-        (mechanics.rotors_left_out, 7, 0, 27.6**2 * (2.42e-6 + 1.6e-7) / 1e-3),
-        (mechanics.friction_on_absolute_spin, 8, 2, 0.173 / 0.11),
-        (equations.seam_curve, 10, 2, 0.0),
-        (numbers.ball_inertia, 11, 0, 2.0 / 3.0 * 3.0 * 0.11**2),
-        (equations.nonholonomic_rates, 16, 2, 0.0),
-        (equations.locked_wheels_twice, 17, 0, 1.5),  # 3 wheels of 1 g m^2, sin^2(45 degrees) each
-        (equations.locked_wheels_twice, 17, 1, 100.0 * 1.5e-3 / 0.193),
-        (equations.undefined_inverses, 18, 0, 2.0),
-        (equations.undefined_inverses, 18, 1, 2.0),
-        (conclusions.reference_and_stability, 19, 4, 1.0),
+        (mistaken_equations.rotation_about_y, 1, 0, 0.0),  # cos(2 * 45 degrees)
+        (mistaken_equations.velocity_over_ground, 2, 0, 1.0 / 0.063),
+        (mistaken_equations.derivative_of_angles, 3, 0, 0.0),
+        (mistaken_equations.rates_of_angles, 4, 0, math.sqrt(2.0)),  # two unit vectors at right angles
+        (mistaken_equations.inertia_counted_twice, 5, 0, 17.076 * 0.393**2),
+        # docs/generated/published_models.md
+        (mistaken_equations.inertia_counted_twice, 5, 1, 5.2015 / 3.6250),
+        (mistaken_equations.inertia_counted_twice, 5, 2, 5.2015 / 5.2676),
+        (mistaken_equations.no_counter_torque, 6, 0, 0.173 / 0.11),
+        (mistaken_equations.no_counter_torque, 6, 1, 9.5038 / 5.8293),
+        (mistaken_equations.rotors_left_out, 7, 0, 27.6**2 * (2.42e-6 + 1.6e-7) / 1e-3),
+        (mistaken_equations.friction_on_absolute_spin, 8, 2, 0.173 / 0.11),
+        (mistaken_equations.seam_curve, 10, 2, 0.0),
+        (mistakes.ball_inertia, 11, 0, 2.0 / 3.0 * 3.0 * 0.11**2),
+        (mistaken_equations.nonholonomic_rates, 16, 2, 0.0),
+        (mistaken_equations.locked_wheels_twice, 17, 0, 1.5),  # 3 wheels of 1 g m^2, sin^2(45 degrees) each
+        (mistaken_equations.locked_wheels_twice, 17, 1, 100.0 * 1.5e-3 / 0.193),
+        (mistaken_equations.undefined_inverses, 18, 0, 2.0),
+        (mistaken_equations.undefined_inverses, 18, 1, 2.0),
+        (mistakes.reference_and_stability, 19, 4, 1.0),
     ],
 )
 def test_mistakes_are_shown_by_their_numbers(
@@ -216,14 +224,14 @@ def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> No
         derived(robot, replace(printed, nonholonomic_wheels=mended)).bias(q, q_dot)
         for mended in (False, True)
     )
-    force = equations.nonholonomic_force(robot, q, q_dot)
+    force = mistaken_equations.nonholonomic_force(robot, q, q_dot)
     # central differences at 1e-5: truncation and rounding are 1e-10 of numbers up to 0.1
     np.testing.assert_allclose(force, first - second, rtol=0.0, atol=1e-9)
 
 
 def test_clamp_of_the_thesis_winds_up(bench: Bench) -> None:
     """x_2 is the integral of 1 N m sin(2 pi t / 62.83 s) over 1 g m^2: at most 2 * 62.83 / (2 pi * 1e-3) rad/s."""
-    mistake = numbers.speed_clamp_printed(bench)
+    mistake = mistakes.speed_clamp_printed(bench)
     assert mistake.proven
     assert mistake.shown_by[1].value == pytest.approx(62.83 / (math.pi * 1e-3), rel=1e-3)
     # the wheel is back at 27.7 rad/s just before the period's end: cos(2 pi t / T) = 1 - 27.7 * 2 pi * 1e-3 / T
@@ -232,7 +240,7 @@ def test_clamp_of_the_thesis_winds_up(bench: Bench) -> None:
 
 
 def test_gain_of_one_heading_falls_where_the_turned_one_stands(bench: Bench) -> None:
-    mistake = conclusions.gain_at_other_headings(bench)
+    mistake = mistakes.gain_at_other_headings(bench)
     assert mistake.proven
     last = mistake.shown_by[0].value
     # beyond 90 degrees the unstable pair of a gain that is not turned feeds back the wrong way
@@ -287,7 +295,12 @@ def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
     for make in MISTAKES:
         if make.__name__ not in recorded:
             assert mistake_markdown(make(bench)) in page
-    for make in (chapter3.figure_2_1, chapter5.figure_5_2, appendices.figure_i_1, appendices.figure_iii_1):
+    for make in (
+        chapters_2_to_4.figure_2_1,
+        chapter5.figure_5_2,
+        appendices.figure_i_1,
+        appendices.figure_iii_1,
+    ):
         assert item_markdown(make(bench)) in page
     friction = documented_friction(page)
     assert friction_line(friction) in page
@@ -375,9 +388,9 @@ def test_recordings_are_made_once_and_read_back_bit_for_bit(
 
 
 def test_page_has_figures_beside_words(bench: Bench, tmp_path: Path) -> None:
-    items = (chapter3.figure_2_1(bench), chapter5.figure_5_2(bench), appendices.figure_i_1(bench))
+    items = (chapters_2_to_4.figure_2_1(bench), chapter5.figure_5_2(bench), appendices.figure_i_1(bench))
     items = (*items, replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"))
-    made = Reproduction(bench=bench, items=items, mistakes=(equations.seam_curve(bench),))
+    made = Reproduction(bench=bench, items=items, mistakes=(mistaken_equations.seam_curve(bench),))
     index = write_reproduction(
         made, tmp_path, provenance=provenance(command="ballbot", files=[], seed=0), progress=ignore_progress
     )

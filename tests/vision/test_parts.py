@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.vision.rendering import Scene, motion_of, render, view_of, wandering, write_video
 from ballbot.vision.seam import SEAMS, exponential, logarithm, seam_named, seam_table, thesis_seam
-from ballbot.vision.tracking import Track
-from ballbot.vision.velocity import angular_velocity
+from ballbot.vision.tracking import Track, angular_velocity
 from ballbot.vision.video import frame_times
 from ballbot.vision.view import View, view_of_outline
 from tests.support.vision_examples import SMALL

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ballbot import Controller, Log, Model, simulate
-from ballbot.cli.excite import gain_sentence
 from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import sampled_reference, square
@@ -18,6 +17,7 @@ from ballbot.fitting.run import Run, Threads
 from ballbot.identification import identify
 from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import STATE_NAMES
+from ballbot.report.excitation import gain_sentence
 from ballbot.workflows.excitation_design import DesignEffort, criterion, design, multisine_family
 from ballbot.workflows.excitation_task import Law, RunLimits, expected_errors, peaks_of, run_on_model, task
 from ballbot.workflows.excite import deviations_found

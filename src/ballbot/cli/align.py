@@ -6,11 +6,11 @@ from pathlib import Path
 
 from ballbot.cli.context import input_files, open_result
 from ballbot.cli.findings import Accept, check_input
-from ballbot.cli.output import table
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.report.alignment import alignment_report, alignment_results, error_rows
+from ballbot.report.console import table
 from ballbot.validation.alignment import align as align_log
 from ballbot.validation.alignment import alignment_findings
 
@@ -20,12 +20,12 @@ _WRITTEN = ("report.html", "results.json", "aligned.csv")
 def align(
     log: Path, mocap: Path, /, *, out: Path, mapping: Path | None = None, accept: Accept = None
 ) -> None:
-    """Compare a log's sensors with motion capture of the same run, on any clock and in any frame.
+    """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
 
     Estimates the clock's offset and rate, both frames, the lever arm and jumps of the markers' frame, then errors and
     drifts. Writes report.html (Figures IV.1 to IV.4), results.json and aligned.csv: the log with mocap_x, mocap_y,
-    mocap_z, mocap_theta, mocap_phi, mocap_psi at its own times and in its own world frame, empty while the
-    cameras see nothing.
+    mocap_z, mocap_theta, mocap_phi, mocap_psi at its own times and in its own world frame, empty while the cameras
+    do not see the robot.
 
     Example: ballbot align run.csv run_mocap.csv --out aligned
 
@@ -35,7 +35,8 @@ def align(
         The robot's log, with gyro_x, gyro_y, gyro_z or theta, phi, psi. Errors are computed for the angles and x, y if
         the log has them.
     mocap
-        The cameras' file: t, qw qx qy qz of the body and x y z of the ball's centre or of any point of the body.
+        The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
+        body.
     out
         The folder to write into.
     mapping

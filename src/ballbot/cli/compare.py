@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result, parse_seeds
 from ballbot.cli.controllers import warn_of_idle_compensation, warn_of_overcompensation
-from ballbot.cli.output import standard_output, table
-from ballbot.control.interface import Feedback
+from ballbot.cli.output import standard_output
 from ballbot.control.references import is_reference_file
 from ballbot.errors import InputError
 from ballbot.files import write_text
-from ballbot.fitting.checkpoint import identity_of
-from ballbot.report.comparison import (
-    OVERALL_HEADINGS,
-    STANDING_HEADINGS,
-    league_report,
-    overall_rows,
-    standing_rows,
-)
+from ballbot.report.comparison import league_parts, league_report
 from ballbot.robot import Robot
-from ballbot.workflows.candidates import Candidate, UserController, parse_candidates
+from ballbot.workflows.candidates import Candidate, parse_candidates
 from ballbot.workflows.courses import Course, PlantName, choose_courses
-from ballbot.workflows.league import League, league_results, run_league
+from ballbot.workflows.league import league_identity, league_results, run_league, user_files
 
 _WRITTEN = ("report.html", "results.json")
 
@@ -57,12 +45,13 @@ def compare(
     Parameters
     ----------
     robot
-        A preset's name or a robot file. Its friction is compensated, and acts in the model.
+        A preset's name or a robot file. Its friction acts in the model and is what the controllers compensate.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, controller files, or your own in
-        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. On the twin each feeds
-        back the state of the estimator that it names (estimator = "kalman" in its file, or an attribute of your
-        class), else the thesis's; a trailing @kalman or @onboard changes that. The others are compared with the first.
+        Python as FILE.py:NAME, where NAME(robot) returns the controller. LABEL=... renames one. On the twin, each
+        uses the estimator that it names (estimator = "kalman" in its file, or an attribute of your class),
+        otherwise the thesis's; a trailing @kalman or @onboard overrides this. All others are compared with the
+        first.
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
     scenarios
@@ -71,7 +60,7 @@ def compare(
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
     processes
-        Number of parallel processes; by default one for each core. Results do not depend on it.
+        Number of parallel processes; by default one per core. Results do not depend on it.
     resume
         Continue an interrupted comparison in the same folder.
     out
@@ -83,10 +72,10 @@ def compare(
     candidates, courses = parse_candidates(controllers), choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
-    own = _own_files(made.values())
+    own = user_files(made.values())
     files = _files(robot, candidates, courses, scenarios)
     files += [path for path in own if path.resolve() not in {one.resolve() for one in files}]
-    belongs_to = _identity(described, candidates, courses, numbers)
+    belongs_to = league_identity(described, candidates, courses, numbers)
     belongs_to |= {str(path): checksum for path, checksum in own.items()}
     console = standard_output()
     warn_of_overcompensation({one.name: made[one.name] for one in candidates if one.file}, described, console)
@@ -114,18 +103,8 @@ def compare(
         with result.replaced() as new:
             result.write_json(league_results(league), new)
             write_text(new / "report.html", league_report(league, result.origin))
-    _show(league, console)
+    result.show(league_parts(league, framed=console.is_terminal))
     result.show_file("report.html")
-
-
-def _own_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
-    """Return the checksums of the files that users' controllers are made of, by their paths from here."""
-    return {
-        Path(os.path.relpath(path)): checksum
-        for one in controllers
-        if isinstance(one, UserController)
-        for path, checksum in one.checksums.items()
-    }
 
 
 def _files(
@@ -135,32 +114,3 @@ def _files(
     given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
     references = [one.asked.name for one in courses if is_reference_file(one.asked.name)]
     return input_files(robot, [one.file for one in candidates if one.file], given, references)
-
-
-def _identity(
-    robot: Robot, candidates: tuple[Candidate, ...], courses: tuple[Course, ...], seeds: list[int]
-) -> dict[str, str]:
-    """Return what the games' scores depend on, each by a plain name."""
-    files = [one.file.read_bytes() for one in candidates if one.file]
-    references = [Path(one.asked.name).read_bytes() for one in courses if is_reference_file(one.asked.name)]
-    inputs = {
-        "robot": [robot],
-        "controllers": [candidates, *files],
-        "courses": [courses, *references],
-        "seeds": [seeds],
-    }
-    try:
-        mujoco = version("mujoco")
-    except PackageNotFoundError:  # the model needs none
-        mujoco = "not installed"
-    return identity_of(inputs, {"mujoco": mujoco})
-
-
-def _show(league: League, console: Console) -> None:
-    framed = console.is_terminal
-    for course in league.courses:
-        rows = standing_rows(league, course.name)
-        console.print(table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows, framed=framed))
-    first = league.controllers[0]
-    title = f"Over all courses, relative to {first} (95 % intervals)"
-    console.print(table(title, OVERALL_HEADINGS, overall_rows(league), framed=framed))

@@ -15,17 +15,17 @@ Ctrl-C. Logs and lists of seeds are read here, too.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, Token
-from rich.console import Console
+from rich.console import Console, RenderableType
 
 from ballbot.cli import ARGV
-from ballbot.cli.output import Bar, progress_bar, standard_output
+from ballbot.cli.output import Bar, print_parts, progress_bar, standard_output
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
@@ -124,6 +124,10 @@ class CommandResult:
         if findings is not None:
             whole["findings"] = finding_results(findings)
         write_text(folder / "results.json", as_json(whole | {"provenance": self.origin}))
+
+    def show(self, parts: Iterable[RenderableType]) -> None:
+        """Print tables and lines."""
+        print_parts(parts, self.console)
 
     def show_file(self, *names: str) -> None:
         """Print where files of the result are."""

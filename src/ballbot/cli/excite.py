@@ -1,4 +1,4 @@
-"""`ballbot excite`: a run that is informative about friction, designed within limits and tried on the twin."""
+"""`ballbot excite`: an excitation that is informative about friction, within limits, tried on the twin."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from cyclopts import Parameter
-from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
 from ballbot.cli.context import (
     CommandResult,
@@ -20,7 +16,6 @@ from ballbot.cli.context import (
     input_files,
     open_long_result,
 )
-from ballbot.cli.output import table
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, read_controller, write_controller
 from ballbot.control.presets import nominal_controller
@@ -28,100 +23,14 @@ from ballbot.control.references import write_reference
 from ballbot.files import write_text
 from ballbot.fitting.checkpoint import digest, identity
 from ballbot.identification import read_bounds
-from ballbot.report.excitation import errors_figure, followed_run, run_figure
+from ballbot.report.excitation import errors_figure, excitation_parts, followed_run, run_figure
 from ballbot.report.style import drawn
-from ballbot.report.tables import digits
 from ballbot.robot import Robot
 from ballbot.twin.scenario import load_scenario, scenario_text
 from ballbot.workflows.excitation_design import DesignEffort
 from ballbot.workflows.excitation_task import Law, RunLimits
-from ballbot.workflows.excite import Excitation, ExcitationOptions, Trial, deviations_found
+from ballbot.workflows.excite import Excitation, ExcitationOptions, deviations_found
 from ballbot.workflows.excite import excite as find
-
-#: how a limit is shown: its unit, and by what its SI number is multiplied
-_SHOWN = {"lean": ("degrees", 180.0 / np.pi), "floor": ("m", 1.0), "torque": ("N m", 1.0)}
-
-
-def limits_table(result: Excitation, *, framed: bool) -> Table:
-    """Return each limit with the peaks of the square and of the design, on the model and on the twin."""
-    trials = result.trials
-    runs = {"square": result.square.run.peaks, "designed": result.design.peaks}
-    runs |= {f"{name}, twin": trial.peaks for name, trial in trials.items()}
-    rows = [
-        (
-            f"{name} [{unit}]",
-            *(_shown(name, getattr(one, name)) for one in (result.task.limits, *runs.values())),
-        )
-        for name, (unit, _) in _SHOWN.items()
-    ]
-    return table("Limits, and the largest values of each run", ("limit", "", *runs), rows, framed=framed)
-
-
-def errors_table(result: Excitation, *, framed: bool) -> Table:
-    """Return the standard errors: expected, and of identifications from the twin's logs; the worst of each last."""
-    question = result.task.question
-    believed = question.coordinates.physical(question.point)[question.coordinates.free]
-    scaled = {"square": result.square.errors, "designed": result.design.errors}
-    columns = {name: question.in_units(errors) for name, errors in scaled.items()}
-    for name, trial in result.trials.items():
-        scaled[f"{name}, twin"] = trial.errors
-        columns[f"{name}, twin"] = _errors_in_units(trial)[question.coordinates.free]
-    rows = [
-        (label, digits(float(believed[i])), *(digits(float(one[i]), 2) for one in columns.values()))
-        for i, label in enumerate(question.labels)
-    ]
-    rows.append(("worst, % of bounds", "", *(_worst(errors) for errors in scaled.values())))
-    headings = ("parameter", "believed", *columns)
-    return table("Standard errors: expected, and from the twin's logs", headings, rows, framed=framed)
-
-
-def verdict(result: Excitation) -> list[str]:
-    """Return what to know of the design, in sentences."""
-    sentences = [gain_sentence(float(result.square.errors.max() / result.design.errors.max()))]
-    if not result.trials:
-        return [*sentences, "The design has not been tried on the twin."]
-    trial = result.trials["designed"]
-    if trial.log.ended:
-        return [*sentences, f"On the twin the run ended early: {trial.log.ended}. Lower the limits."]
-    exceeded = result.task.limits.exceeded(trial.peaks)
-    kept = (
-        f"The twin exceeded the limit on {' and '.join(exceeded)}; lower that limit"
-        if exceeded
-        else "The twin stayed within all limits"
-    )
-    return [*sentences, f"{kept}."]
-
-
-def gain_sentence(gain: float) -> str:
-    """Return the sentence on the ratio of a square's worst standard error to the design's."""
-    if not np.isfinite(gain):
-        return (
-            "With a square of the same length some parameters cannot be identified; with the design all can."
-        )
-    if gain < 1.0:
-        return (
-            f"The worst expected standard error is {1.0 / gain:.1f} times a square's, so the "
-            "square is more informative. Search for longer (--generations, --population)."
-        )
-    return f"The worst expected standard error is {gain:.1f} times smaller than a square's."
-
-
-def _errors_in_units(trial: Trial) -> NDArray[np.float64]:
-    return np.concatenate([np.atleast_1d(one) for one in trial.found.standard_errors.values()])
-
-
-def _shown(name: str, value: float) -> str:
-    return digits(value * _SHOWN[name][1])
-
-
-def _worst(errors: NDArray[np.float64]) -> str:
-    """Return the worst of scaled errors, and how many parameters got none where some did."""
-    none = int(np.count_nonzero(~np.isfinite(errors)))
-    if none == len(errors):
-        return "none identified"
-    text = f"{100.0 * float(errors[np.isfinite(errors)].max()):.1f}"
-    return f"{text} ({none} not identified)" if none else text
-
 
 _WRITTEN = ("reference.csv", "controller.toml", "results.json", "run.svg", "errors.svg")
 
@@ -129,7 +38,7 @@ _WRITTEN = ("reference.csv", "controller.toml", "results.json", "run.svg", "erro
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions:
-    """What the run must stay within."""
+    """Limits of the run."""
 
     lean: float = 8.0
     """Largest lean of the axis from the vertical [degrees]."""
@@ -165,7 +74,7 @@ class TrialOptions:
     """The trial on the twin."""
 
     on_twin: Annotated[bool, Parameter(name="--try", negative="--no-try")] = True
-    """Run it and a square of the same length on the twin, and identify friction from both logs."""
+    """Run the excitation and a square of the same length on the twin, and identify friction from both logs."""
 
     scenario: str = "nominal"
     """The twin's scenario: a name or a scenario file, as in ballbot record."""
@@ -177,8 +86,8 @@ class IdentificationOptions:
     """The identification that the run is for."""
 
     found: Path | None = None
-    """results.json of `ballbot identify`, which shows how well the robot's states can be predicted. If not given, the
-    twin's are used."""
+    """results.json of `ballbot identify`, from which the accuracy of predicted states is taken. If not given, that
+    of the twin is used."""
 
     law: Law = "stribeck"
     """The friction law that will be identified."""
@@ -206,7 +115,7 @@ def excite(
     resume: Annotated[bool, Parameter(negative="")] = False,
     out: Path,
 ) -> None:
-    """Design an informative excitation within limits on lean, floor and torque, and try it on the twin.
+    """Design an informative excitation within limits on lean, floor space and torque, and try it on the twin.
 
     Example: ballbot excite alten --lean 8 --floor 1 --torque 3 --out experiment
 
@@ -218,7 +127,7 @@ def excite(
     Parameters
     ----------
     robot
-        A preset's name or a robot file, with identified friction or without any.
+        A preset's name or a robot file, with or without identified friction.
     controller
         The controller file that the robot will use. If not given, the nominal controller without compensation.
     resume
@@ -278,7 +187,7 @@ def excite(
             )
         with result.replaced() as new:
             _write(found, chosen, result, new)
-    _show(found, result.console)
+    result.show(excitation_parts(found, framed=result.console.is_terminal))
     result.show_file("reference.csv")
 
 
@@ -290,11 +199,3 @@ def _write(found: Excitation, controller: Controller, result: CommandResult, fol
     write_text(folder / "run.svg", drawn(lambda: run_figure(shown, limits), name="run"))
     write_text(folder / "errors.svg", drawn(lambda: errors_figure(found), name="errors"))
     result.write_json(found.results(), folder)
-
-
-def _show(result: Excitation, console: Console) -> None:
-    framed = console.is_terminal
-    console.print(limits_table(result, framed=framed))
-    console.print(errors_table(result, framed=framed))
-    for sentence in verdict(result):
-        console.print(sentence, soft_wrap=True)

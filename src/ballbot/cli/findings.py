@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.text import Text
 
 from ballbot.cli.output import standard_output
 from ballbot.findings import Finding, as_options, check_codes, no_command, stop_on_errors
 from ballbot.printable import shell_line
+from ballbot.report.console import finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import named_robot_findings
 
 if TYPE_CHECKING:
     from ballbot.log import Log
-
-_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 #: the option of every command that checks its input
 Accept = Annotated[
@@ -138,10 +136,3 @@ def show_findings(
         if finding.severity != "note":
             accepted = finding.severity == "error" and (accept is None or finding.code in accept)
             console.print(finding_line(finding, accepted=accepted), soft_wrap=True)
-
-
-def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
-    """Return a finding as a line: its severity, the file, the sentence and, of an error, its code."""
-    file = f"{finding.where.file}: " if finding.where.file else ""
-    word = f"{finding.severity}{' (accepted)' if accepted else ''}"
-    return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")

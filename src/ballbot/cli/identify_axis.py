@@ -4,61 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from ballbot.cli.context import RunOptions, input_files, open_long_result
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.cli.output import table
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.checkpoint import identity_of
-from ballbot.identification.axis import AxisIdentification, AxisRecord
+from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
 from ballbot.identification.axis.inverse import record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from ballbot.report.axis import axis_report, error_rows, parameter_rows
+from ballbot.report.axis import axis_parts, axis_report
 
 _WRITTEN = ("report.html", "results.json")
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ColumnOptions:
-    """The variables of the record."""
-
-    time: str = "t"
-    """The variable with the time, in seconds."""
-
-    position: str = "position"
-    """The variable with the position, in metres or radians."""
-
-    force: str = "force"
-    """The variable with the force, torque, current or voltage that drives the axis."""
-
-    force_scale: str = "1"
-    """Factor from that variable to newtons or newton metres: a number, or a variable of the file."""
-
-    added_force: str | None = None
-    """The variable with a further force on the axis, in newtons (newton metres)."""
-
-    reference: str | None = None
-    """The variable with the reference of the position; with both gains (--reference qg --position-gain kp --velocity-
-    gain kv in the example), the closed loop is simulated as well."""
-
-    position_gain: str | None = None
-    """Position gain of the loop, in 1/s: a number, or a variable of the file."""
-
-    velocity_gain: str | None = None
-    """Velocity gain of the loop, from velocity to the force variable: a number, or a variable of the file."""
-
-    limit: str | None = None
-    """Limit of the force variable: a number, or a variable of the file."""
-
-    unit: Literal["m", "rad"] = "m"
-    """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
 
 
 @Parameter(name="*")
@@ -79,7 +40,7 @@ class MethodOptions:
     """Length of the windows that the open-loop fit predicts, in seconds; the whole record if not given."""
 
 
-_COLUMNS, _METHOD = ColumnOptions(), MethodOptions()
+_COLUMNS, _METHOD = AxisColumns(), MethodOptions()
 
 
 def identify_axis(
@@ -87,7 +48,7 @@ def identify_axis(
     /,
     *against: Path,
     out: Path,
-    variables: ColumnOptions = _COLUMNS,
+    columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
     method: MethodOptions = _METHOD,
     accept: Accept = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
@@ -111,7 +72,6 @@ def identify_axis(
     resume
         Continue an interrupted run in the same folder.
     """
-    columns = AxisColumns(**vars(variables))
     read = read_axis_record(record, columns)
     others = [read_axis_record(path, columns) for path in against]
     findings = _checked(dict(zip((record, *against), (read, *others), strict=True)), method.bandwidth, accept)
@@ -139,7 +99,7 @@ def identify_axis(
         with result.replaced() as new:
             result.write_json(found.to_dict(), new, findings=findings)
             write_text(new / "report.html", axis_report(found, read, result.origin, findings))
-    _show(found, result.console)
+    result.show(axis_parts(found, framed=result.console.is_terminal))
     result.show_file("report.html")
 
 
@@ -154,14 +114,3 @@ def _checked(
     )
     stop_or_show(findings, accept=accept)
     return findings
-
-
-def _show(found: AxisIdentification, console: Console) -> None:
-    framed = console.is_terminal
-    headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
-    console.print(table(f"law {found.chosen.name}", headings, parameter_rows(found), framed=framed))
-    headings = ("method", "law", "record", "open loop, RMS", "closed loop, force", "position")
-    rows = [row for one in found.estimates for row in error_rows(one, found.unit)]
-    console.print(table("errors", headings, rows, framed=framed))
-    for remark in found.remarks:
-        console.print(remark.text, markup=False, soft_wrap=True)

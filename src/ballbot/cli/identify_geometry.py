@@ -1,20 +1,16 @@
-"""`ballbot identify-geometry`: radii, tilt, azimuths and the IMU's mounting, from logs alone."""
+"""`ballbot identify-geometry`: radii, tilt, azimuths and the IMU's mounting, from logs."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from ballbot.cli.context import input_files, open_result, read_logs
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.cli.output import standard_output, table
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, note
 from ballbot.identification.geometry import (
-    Geometry,
-    Measured,
     geometry_findings,
     robot_with_geometry,
     survey_geometry,
@@ -22,6 +18,7 @@ from ballbot.identification.geometry import (
 from ballbot.identification.upside_down_checks import encoder_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
+from ballbot.report.bench import geometry_parts
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 
@@ -43,9 +40,10 @@ def identify_geometry(
 ) -> None:
     """Identify radii, tilt, azimuths and the mounting of the IMU from logs, by kinematics alone.
 
-    Writes results.json and robot.toml (the geometry found, with its standard deviations).
+    Writes results.json and robot.toml (the identified geometry, with its standard deviations).
 
-    Example: ballbot identify-geometry alten --upside-down up.csv --balancing run.csv --motion-capture film.csv --out g
+    Example: ballbot identify-geometry alten --upside-down up.csv --balancing run.csv --motion-capture mocap.csv
+    --out geometry
 
     Parameters
     ----------
@@ -93,7 +91,7 @@ def identify_geometry(
                 )
                 remarks.append(note("no-robot-file", text))
             result.write_json(found.to_dict() | {"remarks": finding_results(remarks)}, new, findings=findings)
-    _show(found, remarks)
+    result.show(geometry_parts(found, remarks, framed=result.console.is_terminal))
     result.show_file("results.json")
 
 
@@ -113,29 +111,3 @@ def _checked(
     findings = by_severity([*of_bench, *encoders])
     stop_or_show(findings, accept=accept)
     return findings
-
-
-def _show(found: Geometry, remarks: list[Finding]) -> None:
-    console = standard_output()
-    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
-    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
-    headings = ("quantity", "by the logs", "+-", "in the file", "unit", "off by", "from")
-    console.print(table("Geometry", headings, rows, framed=console.is_terminal))
-    for remark in remarks:
-        console.print(remark.text, markup=False, soft_wrap=True)
-
-
-def _row(one: Measured) -> list[str]:
-    scale, unit = (math.degrees(1.0), "deg") if one.unit == "rad" else (1.0, one.unit)
-    unit = "" if unit == "1" else unit
-    off = f"{one.deviation:+.1f} s.e."
-    error = scale * one.standard_error
-    decimals = max(0, 1 - math.floor(math.log10(error)))
-    numbers = (f"{scale * one.value:.{decimals}f}", f"{error:.2g}", f"{scale * one.in_file:.{decimals}f}")
-    return [
-        one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel"),
-        *numbers,
-        unit,
-        off,
-        one.kind,
-    ]

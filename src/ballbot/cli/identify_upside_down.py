@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
 from ballbot.cli.context import (
     CommandResult,
@@ -20,9 +18,8 @@ from ballbot.cli.context import (
     read_logs,
 )
 from ballbot.cli.findings import Accept, stop_or_show
-from ballbot.cli.output import table
 from ballbot.files import write_text
-from ballbot.findings import Finding, by_severity, texts
+from ballbot.findings import Finding, by_severity
 from ballbot.fitting.checkpoint import identity
 from ballbot.identification import Progress, read_bounds
 from ballbot.identification.upside_down import UpsideDown
@@ -30,15 +27,13 @@ from ballbot.identification.upside_down import identify_upside_down as find_fric
 from ballbot.identification.upside_down_checks import upside_down_findings
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
-from ballbot.report.bench import movement_figure, prediction_figure
+from ballbot.report.bench import movement_figure, prediction_figure, upside_down_parts
 from ballbot.report.style import drawn
-from ballbot.report.tables import digits
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
 from ballbot.workflows.ball_movement import ball_movement
 
 _WRITTEN = ("robot.toml", "results.json", "prediction.svg", "movement.svg")
-_UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
 
 
 def identify_upside_down(
@@ -56,10 +51,10 @@ def identify_upside_down(
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
 
     The second of the thesis's three stages: the ball lies on the wheels, and a camera gives its angular velocity. If
-    the robot file has friction already, as after `ballbot identify`, both are validated on the same windows.
+    the robot file already has friction, as after `ballbot identify`, both are validated on the same windows.
 
-    Writes robot.toml (the robot with the friction found), results.json, prediction.svg and movement.svg (the thesis's
-    Figure 3.4).
+    Writes robot.toml (the robot with the identified friction), results.json, prediction.svg and movement.svg
+    (the thesis's Figure 3.4).
 
     Example: ballbot identify-upside-down alten upside_down.csv --out found
 
@@ -111,7 +106,7 @@ def identify_upside_down(
             )
         with result.replaced() as new:
             _write(found, next(iter(named.values())), result, findings, new)
-    _show(found, described, result.console)
+    result.show(upside_down_parts(found, described, framed=result.console.is_terminal))
     result.show_file("robot.toml", "prediction.svg", "movement.svg")
 
 
@@ -136,52 +131,3 @@ def _write(
     write_robot(found.robot, folder / "robot.toml")
     write_text(folder / "prediction.svg", drawn(lambda: prediction_figure(found, log), name="prediction"))
     write_text(folder / "movement.svg", drawn(lambda: movement_figure(movement), name="movement"))
-
-
-def _show(found: UpsideDown, described: Robot, console: Console) -> None:
-    console.print(_parameter_table(found, described, framed=console.is_terminal))
-    console.print(_error_table(found, framed=console.is_terminal))
-    for sentence in (*texts(found.warnings), *_comparison(described)):
-        console.print(sentence, markup=False, soft_wrap=True)
-
-
-def _comparison(described: Robot) -> list[str]:
-    """Return what to make of a friction that stood in the robot's file before."""
-    if described.friction == Friction.none(described.wheel_count):
-        return []
-    return [
-        "The friction identified while balancing differs from this one for two reasons: "
-        "there the weight of the robot rests on the contacts, which adds to c and s, "
-        "and what the model neglects (play, slip, rollers) is absorbed by whichever "
-        "parameter predicts best. Use each in the situation where it was identified."
-    ]
-
-
-def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Table:
-    friction = described.friction
-    before = {
-        "b": friction.viscous,
-        "c": friction.coulomb,
-        "s": friction.stribeck,
-        "v_s": (friction.stribeck_speed,),
-        "delta": (friction.stribeck_exponent,),
-    }
-    rows = []
-    for symbol, value in found.parameters.items():
-        values = value if isinstance(value, list) else [value]
-        error = found.standard_errors[symbol]
-        errors = error if isinstance(error, list) else [error]
-        for i, (one, its_error, old) in enumerate(zip(values, errors, before[symbol], strict=True), start=1):
-            name = f"{symbol}{i}" if isinstance(value, list) else symbol
-            rows.append((name, digits(one), digits(its_error, 2), digits(old), _UNITS[symbol]))
-    headings = ("parameter", "upside down", "standard error", "robot file", "unit")
-    return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
-
-
-def _error_table(found: UpsideDown, *, framed: bool) -> Table:
-    rows = [
-        (f"Omega_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
-        for i, axis in enumerate("xyz")
-    ]
-    title = f"Open-loop RMSE in rad/s on {len(found.held_out_windows)} held-out windows of {found.window:g} s"
-    return table(title, ("state", *(f"friction: {name}" for name in found.held_out)), rows, framed=framed)

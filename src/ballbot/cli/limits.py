@@ -1,23 +1,25 @@
-"""`ballbot limits`: how far a robot may lean and how hard it may be hit."""
+"""`ballbot limits`: the largest tilts and impulses that a robot recovers from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from rich.console import Console
-
 from ballbot.cli.context import CommandResult, WholeNumber, input_files, open_result
-from ballbot.cli.output import table
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.fitting.run import Run, check_seed
 from ballbot.progress import Progress
-from ballbot.report.limits import MOST_CONTROLLERS, directions_figure, heights_figure, planes_figure
+from ballbot.report.limits import (
+    MOST_CONTROLLERS,
+    directions_figure,
+    heights_figure,
+    limit_parts,
+    planes_figure,
+)
 from ballbot.report.style import drawn
 from ballbot.results import to_results
 from ballbot.robot import Robot
@@ -56,8 +58,8 @@ def limits(
 ) -> None:
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
-    Two limits are computed, and the true one lies between them: up to the first no wheel slips on the ball; the second
-    assumes that wheels never slip. Both respect the torque limit and the motors' highest speed.
+    Computes a lower and an upper bound of each limit: up to the lower bound, no wheel slips on the ball; the upper
+    bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit.
 
     Writes planes.svg (lean and lean rate in the worst direction), directions.svg, heights.svg and results.json.
 
@@ -69,11 +71,12 @@ def limits(
         A preset's name or a robot file, with its friction.
     controllers
         none, full and partial (the nominal gain with that compensation), precise, and controller files. As in
-        compare, LABEL=... renames one, and a trailing @kalman changes the estimator that it is given on the twin.
+        compare, LABEL=... renames one, and a trailing @kalman selects the estimator used on the twin.
     grip
         Friction coefficient of the wheels on the ball.
     refinements
-        How many times the coarse grid of the planes is halved along the edge, 0 to 6. 5 give a million points.
+        How many times the coarse grid of the planes is refined by half along the boundary, 0 to 6; 5 gives a
+        million points.
     twin
         Also find the limits on the twin, in four directions.
     scenario
@@ -103,12 +106,12 @@ def limits(
                     found.twin[one.name] = _on_twin(loop, truth, found.model[one.name], seed)
         with result.replaced() as new:
             _write(found, described, grip, result, new)
-    _show(found, result.console)
+    result.show(limit_parts(found.model, found.twin, framed=result.console.is_terminal))
     result.show_file("results.json")
 
 
 def _check(controllers: int, *, grip: float, refinements: int, seed: int) -> None:
-    """Refuse numbers that cannot be."""
+    """Raise InputError unless the numbers are in range."""
     if controllers > MOST_CONTROLLERS:
         raise InputError(f"There are {controllers} controllers; at most {MOST_CONTROLLERS} can be compared.")
     if not grip > 0.0:
@@ -152,34 +155,3 @@ def _write(found: _Found, robot: Robot, grip: float, result: CommandResult, fold
         drawn(lambda: directions_figure(found.model, found.twin), name="directions"),
     )
     write_text(folder / "heights.svg", drawn(lambda: heights_figure(found.model), name="heights"))
-
-
-def _show(found: _Found, console: Console) -> None:
-    framed = console.is_terminal
-    headings = ("controller", "tilt at rest (degrees)", "impulse (N s)")
-    title = "Recovered from in every direction: no wheel slips / if wheels never slip"
-    console.print(table(title, headings, limit_rows(found.model), framed=framed))
-    if found.twin:
-        headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
-        console.print(table("On the twin", headings, twin_rows(found.twin), framed=framed))
-
-
-def limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
-    """Return a row for each controller: least tilt and impulse at the centre of mass over all directions."""
-    rows = []
-    for name, one in found.items():
-        leans = [np.degrees(bound.min()) for bound in (one.lean.lower, one.lean.upper)]
-        impulses = [bound.min() for bound in (one.central_impulse.lower, one.central_impulse.upper)]
-        rows.append([name, f"{leans[0]:.1f} / {leans[1]:.1f}", f"{impulses[0]:.1f} / {impulses[1]:.1f}"])
-    return rows
-
-
-def twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
-    """Return a row for each limit that was found on the twin."""
-    rows = []
-    for name, limits in on_twin.items():
-        for limit in limits:
-            unit, word = (180.0 / np.pi, "tilt (degrees)") if limit.kind == "lean" else (1.0, "impulse (N s)")
-            sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
-            rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
-    return rows

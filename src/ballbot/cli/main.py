@@ -1,4 +1,4 @@
-"""The `ballbot` command: its list of commands and what becomes of errors.
+"""The `ballbot` command: the list of commands, and how errors are reported.
 
 A command's module is imported only when that command runs or prints its help, so that
 `ballbot --help` is there at once.
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from cyclopts import App, CycloptsError, Group, UnknownCommandError
+from cyclopts import App, CycloptsError, Group, Parameter, UnknownCommandError
 
 from ballbot.cli import ARGV
 from ballbot.errors import InputError, suggest
@@ -64,7 +64,7 @@ class Command:
 COMMANDS = (
     Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
     Command("new", "Robot", "Write a robot file to start from."),
-    Command("check", "Robot", "Check a robot and print what follows from its parameters."),
+    Command("check", "Robot", "Check a robot's parameters and print derived quantities."),
     Command("check-log", "Logs", "Check a log and show what it can be used for."),
     Command("simulate", "Logs", "Simulate a robot in closed loop and write a log."),
     Command("record", "Logs", "Record logs from the physics-engine twin."),
@@ -80,7 +80,11 @@ COMMANDS = (
     Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
     Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),
     Command("excite", "Experiments", "Design an informative excitation within limits; try it on the twin."),
-    Command("twin", "Experiments", "Write the twin's MuJoCo model or a scenario."),
+    Command(
+        "twin",
+        "Experiments",
+        "Write the twin's MuJoCo model or a scenario; try the thesis's recommendations.",
+    ),
     Command("reproduce", "Thesis", "Reproduce the thesis's figures and tables."),
 )
 
@@ -107,6 +111,7 @@ def build_app(tokens: Sequence[str] = ()) -> App:
         help=_ABOUT,
         help_format="markdown",
         version=_version,
+        default_parameter=Parameter(negative_iterable=()),  # no --empty-OPTION
         suppress_keyboard_interrupt=False,
     )
     groups = {name: Group.create_ordered(name) for name in dict.fromkeys(one.group for one in COMMANDS)}
@@ -209,7 +214,7 @@ def _say(sentence: str) -> None:
 
 
 def _close_standard_output() -> None:
-    """Let Python not find out again at exit that nothing can be written there."""
+    """Redirect standard output to nowhere, so that Python's exit does not fail to flush it again."""
     with suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

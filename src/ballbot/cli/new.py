@@ -46,7 +46,7 @@ def new(
         raise InputError(f"{name!r} cannot be both a robot's name and a file name; give the file with --out.")
     check_file(path)
     if path.exists() and not force:
-        raise InputError(f"{path} exists already; choose another name, or replace it with --force.")
+        raise InputError(f"{path} already exists. Choose another name, or replace it with --force.")
     write_robot(robot, path)
     hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
     standard_output().print(hint, soft_wrap=True)

@@ -1,50 +1,37 @@
-"""How commands print: tables framed on a terminal and plain where the output is piped or kept, and progress bars."""
+"""Where commands print, and how they show progress: a bar on a terminal, lines on standard error if piped."""
 
 from __future__ import annotations
 
-import io
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from threading import Timer
 from time import monotonic
-from typing import IO, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-from rich import box
-from rich.console import Console, ConsoleOptions, RenderableType
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as RichProgress
-from rich.segment import Segment
 from rich.table import Table
-from rich.text import Text
 
-from ballbot.printable import printable, printable_line
+from ballbot.printable import printable_line
 from ballbot.progress import EtaEstimator, Progress, as_clock
+from ballbot.report.console import PLAIN_WIDTH, PlainConsole
 
-_WIDTH = 100  #: columns if no terminal states its width
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
-
-
-class PlainConsole(Console):
-    """A console that shows text as it is: what looks like markup, emoji or an escape sequence is not obeyed."""
-
-    def __init__(self, *, file: IO[str] | None = None, width: int | None = None) -> None:
-        """Print to a file, standard output by default; the width is the terminal's by default."""
-        super().__init__(file=file, width=width, highlight=False, markup=False, emoji=False)
-
-    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """Render as rich does, what a terminal would obey in texts escaped."""
-        for segment in super().render(renderable, options):
-            yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
 def standard_output() -> PlainConsole:
     """Return the console that commands print to, plain where it is no terminal."""
     console = PlainConsole()
-    return console if console.is_terminal else PlainConsole(width=_WIDTH)
+    return console if console.is_terminal else PlainConsole(width=PLAIN_WIDTH)
+
+
+def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
+    """Print tables, which keep to the width, and lines, which are not broken."""
+    for part in parts:
+        console.print(part, markup=False, soft_wrap=not isinstance(part, Table))
 
 
 class Bar(Protocol):
@@ -145,50 +132,3 @@ def progress_bar(console: Console, doing: str) -> Iterator[Bar]:
     )
     with RichProgress(*columns, console=console, transient=True) as progress:
         yield _DrawnBar(progress, progress.add_task(printable_line(doing), total=1.0, note="", left=""))
-
-
-def as_text(parts: Sequence[RenderableType]) -> str:
-    """Return what printing these parts would put into a file: no frames, no colours."""
-    buffer = io.StringIO()
-    console = PlainConsole(file=buffer, width=_WIDTH)
-    for part in parts:
-        console.print(part)
-    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
-
-
-def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, framed: bool) -> Table:
-    """Return a table of texts; the columns after the first are set flush right where they hold numbers."""
-    made = Table(
-        title=Text(printable_line(title)),
-        title_justify="left",
-        title_style="bold",
-        box=box.ROUNDED if framed else None,
-    )
-    for index, heading in enumerate(headings):
-        numeric = bool(rows) and all(_is_number(row[index]) for row in rows)
-        made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
-    for row in rows:
-        made.add_row(*(Text(printable(cell)) for cell in row))
-    return made
-
-
-def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) -> str:
-    """Return a matrix as lines of fixed decimals, its name before the middle row."""
-    scale = 10.0**decimals
-    # rounding first and adding zero keeps a minus sign off what prints as nothing
-    cells = [[f"{value:.{decimals}f}" for value in row] for row in np.round(matrix * scale) / scale + 0.0]
-    width = max(len(cell) for row in cells for cell in row)
-    middle = (len(cells) - 1) // 2
-    lines = []
-    for index, row in enumerate(cells):
-        label = f"{name} =" if index == middle else ""
-        lines.append(f"{label:<{len(name) + 3}}[ {'  '.join(f'{cell:>{width}}' for cell in row)} ]")
-    return "\n".join(lines)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

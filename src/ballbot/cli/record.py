@@ -1,4 +1,4 @@
-"""`ballbot record`: runs of the twin, as files."""
+"""`ballbot record`: runs of the twin, written as log files."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class ExperimentOptions:
     wheels)."""
 
     reference: str = "square"
-    """The motion that a balancing robot is to follow: hold, square, change_pose, circle, figure_eight, or a file with
+    """The reference motion of a balancing robot: hold, square, change_pose, circle, figure_eight, or a file with
     t, ref_x, ref_y and ref_psi, as ballbot excite writes it."""
 
     duration: float | None = None
-    """How long [s]; 40 s of balancing, 125.66 s of the sweep or 60 s upside down if not given."""
+    """Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down."""
 
     format: str = "csv"
     """File format of the log, the truth and the motion capture: csv or parquet."""
@@ -54,17 +54,17 @@ class ExperimentOptions:
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SeedOptions:
-    """Random seeds, and runs that are there already."""
+    """Random seeds, and existing runs."""
 
     seed: WholeNumber = 1
     """Random seed. The same seed gives the same recording, bit for bit."""
 
     seeds: str | None = None
-    """Several seeds, such as 1-200 or 1,4,7-9, recorded on all cores, each into its own folder. Complete runs found
-    there are kept, with or without --resume."""
+    """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Complete runs are kept,
+    with or without --resume."""
 
     resume: Annotated[bool, Parameter(negative="")] = False
-    """Keep a complete run in the folder: made with the same settings, and every file as it was written."""
+    """Keep a complete run that is already in the folder, if it has the same settings and its files are unchanged."""
 
 
 _EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
@@ -94,7 +94,8 @@ def record(
         The twin's true properties, unknown to the controller: nominal, ideal, wide_rows, single_row, single_point,
         resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
     robot
-        A preset's name or a robot file. The controller compensates its friction; the twin has its scenario's.
+        A preset's name or a robot file. The controller compensates this robot's friction; the twin has the friction
+        of its scenario.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard, as in the thesis (a sum of
         wheel speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the

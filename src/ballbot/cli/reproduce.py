@@ -1,13 +1,13 @@
-"""`ballbot reproduce`: every figure and table of the thesis, remade."""
+"""`ballbot reproduce`: every figure and table of the thesis."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from ballbot.cli.context import WholeNumber, open_result
-from ballbot.cli.output import table
 from ballbot.fitting.run import check_seed
 from ballbot.progress import part_of
+from ballbot.report.console import table
 
 #: share of the work that is done when drawing begins
 _MEASURED = 0.9
@@ -16,7 +16,7 @@ _MEASURED = 0.9
 def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
     """Reproduce every figure and table of the thesis from the twin and the models, and show its mistakes.
 
-    Writes index.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Give the
+    Writes index.html, results.json, reproduce.md and figures/*.svg, and keeps its recordings in runs/. Run the
     command again to continue an interrupted run. The same seed gives the same result.
 
     Example: ballbot reproduce --out thesis
@@ -35,7 +35,7 @@ def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
 
     with (
         open_result(out, command="reproduce", writes=REPRODUCTION_FILES, seed=seed) as result,
-        result.progress("the thesis remade") as bar,
+        result.progress("reproducing the thesis") as bar,
     ):
         found = remake(
             result.folder.path / "runs",
@@ -51,7 +51,7 @@ def reproduce(*, out: Path, seed: WholeNumber = 0) -> None:
             )
     console = result.console
     rows = [[item.name, item.title, item.verdict] for item in found.items]
-    console.print(table("The thesis remade", ("", "shows", "ours"), rows, framed=console.is_terminal))
+    console.print(table("The thesis reproduced", ("", "title", "verdict"), rows, framed=console.is_terminal))
     proven = sum(mistake.proven for mistake in found.mistakes)
     console.print(f"{proven} of {len(found.mistakes)} misprints and mistakes are confirmed by numbers.")
     result.show_file("index.html")

@@ -39,9 +39,9 @@ class PlantOptions:
     """exact, or thesis (Appendix II as printed)."""
 
     scenario: str | None = None
-    """Sensors, delay, play, torque noise and floor of this scenario of the twin, a name or a file, on the equations of
-    motion; the friction stays the robot's. The controller gets the state of the estimator that its file names.
-    Perfect sensors if not given."""
+    """A scenario of the twin (name or file), whose sensors, delay, play, torque noise and floor are added to the
+    equations of motion; friction is the robot's own. The controller uses the estimator that its file names. If not
+    given, sensors are perfect."""
 
     seed: WholeNumber = 1
     """Random seed of a scenario's noise. The same seed gives the same run."""
@@ -75,7 +75,7 @@ def simulate(
     robot
         A preset's name or a robot file, with its friction.
     reference
-        The motion that the robot is to follow: hold, square, change_pose, circle, figure_eight, or a file with t,
+        The reference motion: hold, square, change_pose, circle, figure_eight, or a file with t,
         ref_x, ref_y and ref_psi, as ballbot excite writes it.
     duration
         Length of the run [s].

@@ -18,9 +18,18 @@ from ballbot.log.checks import bench_findings
 from ballbot.report.spin import difference_figure, spin_results, velocity_figure
 from ballbot.report.style import drawn
 from ballbot.robot import Robot
-from ballbot.vision.comparison import WheelComparison, compare_with_wheels, log_with_spin, spin_findings
 from ballbot.vision.seam import seam_named
-from ballbot.vision.spin import Setup, Spin, facing, measure_spin, overlay
+from ballbot.vision.spin import (
+    Setup,
+    Spin,
+    WheelComparison,
+    compare_with_wheels,
+    facing,
+    log_with_spin,
+    measure_spin,
+    overlay,
+    spin_findings,
+)
 from ballbot.vision.video import open_video
 
 _WRITTEN = ("spin.csv", "results.json", "velocity.svg", "overlay.png", "difference.svg", "log.csv")
@@ -49,7 +58,7 @@ class CameraOptions:
     estimated from the log; without a log, velocities are in the camera's frame: x to the right, y down, z away."""
 
     frame_rate: float | None = None
-    """Frames per second of the camera, if the file states another number, as for slow motion."""
+    """Frame rate of the camera [1/s], if the file states a different one, as for slow motion."""
 
 
 _CAMERA = CameraOptions()

@@ -42,10 +42,11 @@ class TrialOptions:
     if MuJoCo is installed."""
 
     scenario: str = "nominal"
-    """Delay, play, noise, sensors and floor of these robots: nominal, another scenario of the twin, or its file."""
+    """Delay, play, noise, sensors and floor of the simulated robots: nominal, another scenario of the twin, or a
+    scenario file."""
 
     draws: WholeNumber = StudyOptions.draws
-    """Number of these robots. Fewer than 20 are quicker and leave the choice less certain."""
+    """Number of simulated robots. Fewer than 20 take less time and make the choice less certain."""
 
 
 @Parameter(name="*")
@@ -55,7 +56,7 @@ class FitOptions:
 
     exclude_states: str = ""
     """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
-    floor. They are validated all the same."""
+    floor. They are still validated."""
 
     mapping: Path | None = None
     """A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."""
@@ -78,12 +79,13 @@ def study(
     accept: Accept = None,
     run: RunOptions = RUN_HERE,
 ) -> None:
-    """Identify a robot's friction from its logs, validate the model, and choose the controller that does best on it.
+    """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 
     Writes report.html, results.json, robot.toml (with the identified friction), controller.toml, and
-    previous_controller.toml to go back to. The candidates (nominal gain with no, full and partial compensation, and the
+    previous_controller.toml to revert to. The candidates (nominal gain with no, full and partial compensation, and the
     precise controller) run on 20 simulated robots drawn from the identified uncertainty. With 6 robots or more
-    results.json also predicts the chosen controller's next run; `ballbot validate --prediction` compares a log with it.
+    results.json also predicts the next run with the chosen controller; `ballbot validate --prediction` compares a
+    log with it.
 
     Example: ballbot study alten square.csv hold.csv --out found
 

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from cyclopts import App
 
-from ballbot.cli.context import parse_seeds
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.context import input_files, open_result, parse_seeds
+from ballbot.cli.output import standard_output
 from ballbot.files import check_file, write_text
-from ballbot.result_folder import result_folder
-from ballbot.results import as_json
+from ballbot.report.console import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
@@ -21,6 +20,8 @@ _ABOUT = """The twin's MuJoCo model, its scenarios, and the thesis's recommendat
 
 Example: ballbot twin export alten --out twin.xml
 """
+
+_WRITTEN = ("results.json",)
 
 twin = App(name="twin", help=_ABOUT)
 
@@ -38,8 +39,8 @@ def export(
 
     Example: ballbot twin export alten --scenario nominal --out twin.xml
 
-    Everything that depends on speed or time is left out: dry friction has its value at rest, and motors, supply and
-    pushes are missing.
+    Effects that depend on speed or time are left out: dry friction has its value at rest; motors, supply and pushes
+    are missing.
 
     Parameters
     ----------
@@ -60,7 +61,7 @@ def export(
 
 @twin.command
 def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> None:
-    """Write a scenario file to start from, with all faults that are on and an example of each fault that is off.
+    """Write a scenario file to start from, with every active fault and an example of each inactive one.
 
     Example: ballbot twin scenario nominal --out mine.toml
 
@@ -73,7 +74,9 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> 
     out
         The file to write.
     """
-    write_scenario(load_scenario(source, Robot.load(robot)), out)
+    described = Robot.load(robot)
+    check_file(out)
+    write_scenario(load_scenario(source, described), out)
     standard_output().print(str(out), soft_wrap=True)
 
 
@@ -101,20 +104,22 @@ def recommendations(
     """
     from ballbot.workflows.twin_recommendations import HEADINGS, rows, try_recommendations
 
-    console = standard_output()
-    inputs = [] if robot in Robot.presets() else [Path(robot)]
-    with result_folder(out, command="twin recommendations", names=("results.json",), inputs=inputs) as folder:
-        with progress_bar(console, "trying the recommendations") as bar:
+    described, numbers = Robot.load(robot), parse_seeds(seeds)
+    inputs = input_files(robot)
+    with open_result(
+        out, command="twin recommendations", writes=_WRITTEN, inputs=inputs, seed=seeds
+    ) as result:
+        with result.progress("trying the recommendations") as bar:
             found = try_recommendations(
-                Robot.load(robot),
-                seeds=parse_seeds(seeds),
+                described,
+                seeds=numbers,
                 duration=duration,
                 threads=os.cpu_count() or 1,
                 progress=lambda now: bar.show(now.share),
             )
         scores = {name: comparison.scores for name, comparison in found.items()}
-        with folder.replaced() as new:
-            write_text(new / "results.json", as_json(scores))
+        with result.replaced() as new:
+            result.write_json(scores, new)
     title = "Position error after settling, and torque noise"
-    console.print(table(title, HEADINGS, rows(found), framed=console.is_terminal))
-    console.print(str(folder.path / "results.json"), soft_wrap=True)
+    result.show([table(title, HEADINGS, rows(found), framed=result.console.is_terminal)])
+    result.show_file("results.json")

@@ -8,46 +8,35 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
 
-import numpy as np
 from cyclopts import Parameter
-from rich.table import Table
-from rich.text import Text
 
 from ballbot.cli.context import WholeNumber, input_files, open_result, read_balancing_log, read_balancing_logs
 from ballbot.cli.findings import Accept, check_input, show_findings
-from ballbot.cli.output import progress_bar, standard_output, table
+from ballbot.cli.output import print_parts, standard_output
 from ballbot.control.controller import Controller
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.findings import Finding
 from ballbot.fitting.run import Run, check_seed
-from ballbot.log import STATE_NAMES, Log
 from ballbot.log.formats import is_log_file
-from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Progress
 from ballbot.report.prediction import (
     StudyFolder,
-    cause_lines,
-    headline,
     next_steps,
     prediction_report,
     prediction_results,
-    quantity_rows,
+    verdict_parts,
 )
-from ballbot.report.tables import digits
-from ballbot.report.validation import validation_report, validation_results
+from ballbot.report.validation import validation_parts, validation_report, validation_results
 from ballbot.robot import Robot
-from ballbot.validation import ErrorPair, ModelPair, Validation, findings, join_validations, validate_pair
+from ballbot.validation import ModelPair, join_validations, validate_logs
 from ballbot.workflows.controller_causes import EXPLAINED_CODES
 from ballbot.workflows.controller_prediction import Prediction, read_prediction
 from ballbot.workflows.controller_verdict import Verdict, check_controller, evaluate_log
 
 _WRITTEN = ("report.html", "results.json")
-_PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
 
 
 def validate_prediction(
@@ -59,7 +48,7 @@ def validate_prediction(
     mapping: Path | None,
     accept: Accept,
 ) -> None:
-    """Judge one log by a study's prediction, print the verdict and write it if a folder is given.
+    """Compare one log with a study's prediction, print the verdict, and write it if a folder is given.
 
     Parameters
     ----------
@@ -73,7 +62,7 @@ def validate_prediction(
     mapping : Path, optional
         Of the log.
     accept : list of str, optional
-        Codes of errors of the log to go on in spite of.
+        Codes of errors of the log to ignore.
 
     Raises
     ------
@@ -99,7 +88,8 @@ def validate_prediction(
     except InputError as error:
         raise InputError(f"{log_path}: {error}") from None
     steps = next_steps(verdict, prediction, files)
-    _show_verdict(verdict, steps)
+    console = standard_output()
+    print_parts(verdict_parts(verdict, steps, framed=console.is_terminal), console)
     show_findings(found)
     if out is not None:
         used = [results, files.controller, log_path, *([mapping] if mapping else [])]
@@ -131,20 +121,6 @@ def _predicted_controller(path: Path, prediction: Prediction, robot: Robot) -> C
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return controller
-
-
-def _show_verdict(verdict: Verdict, steps: Sequence[str]) -> None:
-    console = standard_output()
-    console.print(Text(headline(verdict), style="bold"), soft_wrap=True)
-    for remark in verdict.remarks:
-        console.print(remark.text, markup=False, soft_wrap=True)
-    rows = quantity_rows(verdict)
-    console.print(table("Predicted and measured", _PREDICTION_HEADINGS, rows, framed=console.is_terminal))
-    lines = cause_lines(verdict)
-    if lines:
-        console.print(Text("Likely causes", style="bold"))
-    for line in (*lines, *steps):
-        console.print(line, markup=False, soft_wrap=True)
 
 
 def _write_verdict(
@@ -196,7 +172,8 @@ def validate(
     seed: WholeNumber = 0,
     accept: Accept = None,
 ) -> None:
-    """Validate a robot's model against logs it was not fitted to: with and without friction, or any two models.
+    """Validate a robot's model against logs that it was not fitted to: with and without friction, or any two
+    models.
 
     Writes report.html and results.json: errors in open loop, in closed loop and over the prediction horizon, with
     95 % intervals on their ratio for each state, and an analysis of the one-step residuals.
@@ -207,20 +184,21 @@ def validate(
 
     Example: ballbot validate found/robot.toml step.csv --against thesis --out formulations
 
-    With --prediction it compares a log with what a study predicts of its controller on the course that it names:
-    each quantity inside or outside its 95 % interval, likely causes, and keep, weaken or revert.
+    With --prediction, compare a log with a study's prediction for its controller on the same course: which
+    quantities lie outside their 95 % intervals, likely causes, and whether to keep, weaken or revert the
+    controller.
 
     Example: ballbot validate --prediction found/results.json new.csv
 
     Parameters
     ----------
     robot
-        A preset's name or a robot file, with friction: `ballbot study` and `ballbot identify` write one. May be left
-        out with --prediction; it is then robot.toml beside the results.
+        A preset's name or a robot file, with friction: `ballbot study` and `ballbot identify` write one. Optional
+        with --prediction: if left out, robot.toml beside the results.
     logs
-        One or more logs of the robot balancing, with torques and states; one with --prediction.
+        One or more logs of the robot balancing, with torques and states; exactly one with --prediction.
     out
-        The folder to write into. May be left out with --prediction; nothing is then written.
+        The folder to write into. Optional with --prediction: without it, nothing is written.
     prediction
         The results.json of a study, with the prediction for its controller.
     controller
@@ -241,7 +219,7 @@ def validate(
     if out is None:
         raise InputError("--out is missing; name the folder to write into, such as --out checked.")
     check_seed(seed)
-    models = _models(robot, pair.against, pair.formulation)
+    models = ModelPair.load(robot, against=pair.against, formulation=pair.formulation)
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
@@ -254,7 +232,8 @@ def validate(
     )
     inputs = input_files(logs, controller, mapping)
     with open_result(out, command="validate", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
-        parts = _validate(models, named, driver, seed)
+        with result.progress("validating") as bar:
+            parts = validate_logs(models, named, controller=driver, run=Run(seed=seed, progress=bar.report))
         validation = replace(join_validations(tuple(parts.values())), log_findings=found)
         results = validation_results(validation)
         results["by_log"] = {name: validation_results(part) for name, part in parts.items()}
@@ -270,7 +249,7 @@ def validate(
         with result.replaced() as new:
             result.write_json({"validation": results}, new, findings=found)
             write_text(new / "report.html", page)
-    _show(validation)
+    result.show(validation_parts(validation, framed=result.console.is_terminal))
     result.show_file("report.html")
 
 
@@ -286,73 +265,3 @@ def _refuse_models(pair: ModelOptions, seed: int) -> None:
             raise InputError(
                 f"{option} does not go with --prediction, which compares no models; leave it out."
             )
-
-
-def _models(robot: str, against: str | None, formulation: Formulation) -> ModelPair:
-    """Return the two models that the command line names."""
-    model = Model(Robot.load(robot), formulation=formulation)
-    if against is None:
-        return ModelPair.by_friction(model)
-    if against in get_args(Formulation):
-        if against == formulation:
-            raise InputError(
-                f"--against {against} compares the {formulation} formulation with "
-                "itself. Choose the other one with --formulation or --against."
-            )
-        return ModelPair.by_formulation(model)
-    other = Model(Robot.load(against), formulation=formulation)
-    return ModelPair.of_two(model, other, files=(robot, against))
-
-
-def _validate(
-    models: ModelPair, logs: dict[str, Log], controller: Controller | None, seed: int
-) -> dict[str, Validation]:
-    """Return the validation on each log; an error names the log."""
-    console = standard_output()
-    parts: dict[str, Validation] = {}
-    with progress_bar(console, "validating") as bar:
-        for number, (name, log) in enumerate(logs.items()):
-
-            def report(now: Progress, number: int = number, name: str = name) -> None:
-                bar.show((number + now.share) / len(logs), doing=f"validating {name}", note=now.stage)
-
-            run = Run(seed=seed, progress=report)
-            try:
-                parts[name] = validate_pair(models, log, controller=controller, run=run)
-            except InputError as error:
-                raise InputError(f"{name}: {error}") from None
-    return parts
-
-
-def _show(validation: Validation) -> None:
-    console = standard_output()
-    loops = {
-        "open loop": validation.open_loop and validation.open_loop.errors,
-        "closed loop": validation.closed_loop and validation.closed_loop.restarted,
-    }
-    for what, errors in loops.items():
-        if errors is not None:
-            console.print(_error_table(what, errors, validation.models, framed=console.is_terminal))
-    for finding in findings(validation):
-        console.print(finding.text, markup=False, soft_wrap=True)
-
-
-def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool) -> Table:
-    lower, upper = pair.ratio_interval()
-    verdicts = pair.verdicts()
-    rows = [
-        (
-            name,
-            digits(pair.first.error[i]),
-            digits(pair.second.error[i]),
-            digits(pair.ratio[i]),
-            f"{digits(lower[i])} to {digits(upper[i])}" if np.isfinite(lower[i]) else "too few runs",
-            verdicts[i] if np.isfinite(lower[i]) else "",
-            digits(pair.first.rmse[i]),
-            digits(pair.second.rmse[i]),
-        )
-        for i, name in enumerate(STATE_NAMES)
-    ]
-    headings = ("state", "(4.1) A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
-    title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
-    return table(title, headings, rows, framed=framed)

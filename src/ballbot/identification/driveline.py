@@ -17,8 +17,9 @@ Whether the wheels of a sweep turned freely: what a log shows where the ball was
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,8 @@ from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.identification.quantities import BY_NAME, FRICTION
 from ballbot.log import Log
 from ballbot.mechanics.friction_laws.classical import Classical
-from ballbot.robot import Robot
+from ballbot.progress import Progress, part_of
+from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
 
 #: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
@@ -430,3 +432,43 @@ def _covariance(
 
 def _rms(errors: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(errors**2)))
+
+
+def fit_drivelines(
+    sweeps: Sequence[Sweep], *, space: ParameterSpace, run: Run = DEFAULT_RUN
+) -> tuple[list[DrivelineFit], list[PrintedFit]]:
+    """Fit every wheel twice: to the pieces of its sweep, and with the clamp (3.2) as printed.
+
+    The note of the progress is the error so far.
+    """
+    fits: list[DrivelineFit] = []
+    printed: list[PrintedFit] = []
+
+    def report(now: Progress) -> None:
+        run.progress(replace(now, note=f"error {math.exp(now.cost):.3g}"))
+
+    for i, sweep in enumerate(sweeps):
+        of_wheel = part_of(report, i / len(sweeps), (i + 1) / len(sweeps), stage=f"wheel {i + 1}")
+        of_pieces, of_printed = part_of(of_wheel, 0.0, 0.5), part_of(of_wheel, 0.5, 1.0)
+        fit = fit_driveline(sweep, space=space, run=replace(run, progress=of_pieces))
+        fits.append(fit)
+        printed.append(fit_as_printed(sweep, fit, space=space, run=replace(run, progress=of_printed)))
+    return fits, printed
+
+
+def drivelines_friction(fits: Sequence[DrivelineFit], *, rolling: float) -> Friction:
+    """Return each wheel's b, c and s, the means of v_s and delta, and the given C_rr."""
+    return Friction(
+        viscous=tuple(float(fit.values[0]) for fit in fits),
+        coulomb=tuple(float(fit.values[1]) for fit in fits),
+        stribeck=tuple(float(fit.values[2]) for fit in fits),
+        stribeck_speed=_mean_of_known(fits, 3),
+        stribeck_exponent=_mean_of_known(fits, 4),
+        rolling=rolling,
+    )
+
+
+def _mean_of_known(fits: Sequence[DrivelineFit], place: int) -> float:
+    """Return the mean over the wheels whose sweep determines a parameter; over all, where it has no effect."""
+    known = [fit for fit in fits if not fit.unknown[place]] or fits
+    return sum(float(fit.values[place]) for fit in known) / len(known)

@@ -7,18 +7,21 @@ polish, standard errors and held-out windows added.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import assess
+from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
-from ballbot.identification.laws import LawName, bounds_of, law_named
+from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import FRICTION, names_in
@@ -53,7 +56,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
-from ballbot.progress import ProgressReporter
+from ballbot.progress import Progress, ProgressReporter, part_of
 from ballbot.robot import Robot
 
 
@@ -140,6 +143,64 @@ def identify(
         options=options,
         run=run,
     )
+
+
+def identify_by_law(
+    robot: Robot,
+    logs: CheckedLogs,
+    *,
+    free: Sequence[str],
+    law: LawName | Literal["best"],
+    bounds: Bounds,
+    window: float,
+    options: IdentificationOptions = DEFAULT_OPTIONS,
+    run: Run = DEFAULT_RUN,
+) -> tuple[Identification, ModelSelection[Identification] | None]:
+    """Identify by one law; or by each law in turn, each begun from the law that it contains, and select the best.
+
+    Parameters
+    ----------
+    robot, logs, free, bounds, window, options, run
+        As for `identify`.
+    law : str
+        The friction law, or "best".
+
+    Returns
+    -------
+    Identification
+        By the given law, or by the selected one.
+    ModelSelection, optional
+        The laws that were compared; None if one is given.
+
+    Raises
+    ------
+    InputError
+        As `identify`.
+    """
+    laws = [one.name for one in LAWS] if law == "best" else [law]
+
+    def fit(one: LawName, start: Identification | None) -> Identification:
+        place = laws.index(one)
+        callback = part_of(run.progress, place / len(laws), (place + 1) / len(laws))
+
+        def report(now: Progress) -> None:
+            callback(replace(now, note=f"{one}, error x {math.exp(now.cost):.3f}"))
+
+        return identify(
+            robot,
+            logs,
+            free=free,
+            law=one,
+            bounds=bounds,
+            window=window,
+            options=replace(options, warm_start=start),
+            run=replace(run, progress=report),
+        )
+
+    if law == "best":
+        selection = select_law(fit)
+        return selection.best.model, selection
+    return fit(law, options.warm_start), None
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str], law: LawName, bounds: Bounds) -> Coordinates:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from rich.console import RenderableType
+from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import Estimate
 from ballbot.identification.axis.inverse import default_bandwidth, smoothed_motion, speed_at_start
 from ballbot.identification.axis.model import PARAMETERS, Axis, unit_for
+from ballbot.report.console import table
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, drawn, thinned
 from ballbot.report.tables import digits, with_error
@@ -209,3 +212,14 @@ def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
             )
         rows.append((form, "force error", f"{100.0 * fit.relative_force_error:.4f} %", "", "", ""))
     return rows
+
+
+def axis_parts(found: AxisIdentification, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the parameters by each method, their errors, and the findings."""
+    headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
+    yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found), framed=framed)
+    headings = ("method", "law", "record", "open loop, RMS", "closed loop, force", "position")
+    rows = [row for one in found.estimates for row in error_rows(one, found.unit)]
+    yield table("Errors", headings, rows, framed=framed)
+    for finding in found.remarks:
+        yield Text(finding.text)

@@ -1,20 +1,30 @@
-"""Figures of the tests on the bench: the robot upside down, and a body that swings freely.
+"""What is identified on the bench: friction upside down (figures and tables), geometry (table), a free swing (figure).
 
 Upside down: the ball's measured and predicted velocity, and the thesis's Figure 3.4. Swing: the record, the pendulum
-fitted to it, and what the fit leaves.
+fitted to it, and the residual.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
 
+from ballbot.findings import Finding, texts
+from ballbot.identification.geometry import Geometry, Measured
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
 from ballbot.log import Log
+from ballbot.report.console import table
 from ballbot.report.style import MEASURED, REFERENCE, SHADE, WITH_FRICTION, WITHOUT_FRICTION, thinned
-from ballbot.robot import Friction
+from ballbot.report.tables import digits
+from ballbot.robot import Friction, Robot
 from ballbot.simulation.upside_down import ClampedBall, friction_row, simulate_balls
 from ballbot.workflows.ball_movement import BallMovement
 
@@ -106,3 +116,82 @@ def swing_figure(fit: SwingFit, *, label: str = "measured") -> Figure:
     lower.set_ylabel(f"difference\n[{unit}]")
     lower.set_xlabel("time [s]")
     return figure
+
+
+_UNITS = {"b": "N m s/rad", "c": "N m", "s": "N m", "v_s": "rad/s", "delta": ""}
+
+
+def upside_down_parts(found: UpsideDown, robot: Robot, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the friction identified upside down beside the robot file's, the errors and the findings."""
+    yield _parameter_table(found, robot, framed=framed)
+    yield _error_table(found, framed=framed)
+    for sentence in (*texts(found.warnings), *_comparison(robot)):
+        yield Text(sentence)
+
+
+def _comparison(described: Robot) -> list[str]:
+    """Return how this friction differs from the one in the robot file, if there is any."""
+    if described.friction == Friction.none(described.wheel_count):
+        return []
+    return [
+        "The friction identified while balancing differs from this one for two reasons: "
+        "there the weight of the robot rests on the contacts, which adds to c and s, "
+        "and what the model neglects (play, slip, rollers) is absorbed by whichever "
+        "parameter predicts best. Use each in the situation where it was identified."
+    ]
+
+
+def _parameter_table(found: UpsideDown, described: Robot, *, framed: bool) -> Table:
+    friction = described.friction
+    before = {
+        "b": friction.viscous,
+        "c": friction.coulomb,
+        "s": friction.stribeck,
+        "v_s": (friction.stribeck_speed,),
+        "delta": (friction.stribeck_exponent,),
+    }
+    rows = []
+    for symbol, value in found.parameters.items():
+        values = value if isinstance(value, list) else [value]
+        error = found.standard_errors[symbol]
+        errors = error if isinstance(error, list) else [error]
+        for i, (one, its_error, old) in enumerate(zip(values, errors, before[symbol], strict=True), start=1):
+            name = f"{symbol}{i}" if isinstance(value, list) else symbol
+            rows.append((name, digits(one), digits(its_error, 2), digits(old), _UNITS[symbol]))
+    headings = ("parameter", "upside down", "standard error", "robot file", "unit")
+    return table("Friction of drivelines and ball-wheel contacts", headings, rows, framed=framed)
+
+
+def _error_table(found: UpsideDown, *, framed: bool) -> Table:
+    rows = [
+        (f"Omega_{axis}", *(digits(float(errors[i])) for errors in found.held_out.values()))
+        for i, axis in enumerate("xyz")
+    ]
+    title = f"Open-loop RMSE in rad/s on {len(found.held_out_windows)} held-out windows of {found.window:g} s"
+    return table(title, ("state", *(f"friction: {name}" for name in found.held_out)), rows, framed=framed)
+
+
+def geometry_parts(found: Geometry, findings: Sequence[Finding], *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the table of quantities and the findings."""
+    more = [one for one in (found.camera_delay, found.leaning_seen) if one]
+    rows = [_row(one) for one in (*found.measured, *found.wheel_ratios, *more)]
+    headings = ("quantity", "from the logs", "+-", "in the file", "unit", "difference", "from")
+    yield table("Geometry", headings, rows, framed=framed)
+    for finding in findings:
+        yield Text(finding.text)
+
+
+def _row(one: Measured) -> list[str]:
+    scale, unit = (math.degrees(1.0), "deg") if one.unit == "rad" else (1.0, one.unit)
+    unit = "" if unit == "1" else unit
+    off = f"{one.deviation:+.1f} s.e."
+    error = scale * one.standard_error
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    numbers = (f"{scale * one.value:.{decimals}f}", f"{error:.2g}", f"{scale * one.in_file:.{decimals}f}")
+    return [
+        one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel"),
+        *numbers,
+        unit,
+        off,
+        one.kind,
+    ]

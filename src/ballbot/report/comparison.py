@@ -7,7 +7,7 @@ with the first seed; and the page.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,8 +16,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
+from rich.console import RenderableType
 
 from ballbot.log import Log
+from ballbot.report.console import table
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import (
     BLUE,
@@ -408,3 +410,12 @@ def _sentence(found: Overall, league: League) -> str:
 def _ratio_phrase(key: str, ratio: Estimate, *, of: str) -> str:
     interval = "" if math.isnan(ratio.low) else f" ({digits(ratio.low)} to {digits(ratio.high)})"
     return f"{METRIC_BY_KEY[key].words} {digits(ratio.mean)} times that of {of}{interval}"
+
+
+def league_parts(league: League, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the standings on each course, and those over all courses relative to the first controller."""
+    for course in league.courses:
+        rows = standing_rows(league, course.name)
+        yield table(f"{course.name}: {course.about}", STANDING_HEADINGS, rows, framed=framed)
+    title = f"Over all courses, relative to {league.controllers[0]} (95 % intervals)"
+    yield table(title, OVERALL_HEADINGS, overall_rows(league), framed=framed)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from rich.console import RenderableType
+from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, note, texts
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.axis import panels_over_time
+from ballbot.report.console import table
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import (
     BLUE,
@@ -259,3 +262,22 @@ def driveline_results(
         "remarks": finding_results(driveline_findings(fits, printed)),
         "provenance": made,
     }
+
+
+def driveline_parts(
+    fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit], *, framed: bool
+) -> Iterator[RenderableType]:
+    """Yield the friction of each wheel, the errors of the speed, and the findings."""
+    headings = ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits))
+    yield table("Friction of the drivelines", headings, parameter_rows(fits), framed=framed)
+    headings = (
+        "",
+        "cost (3.5)",
+        "RMS [rad/s]",
+        "without friction",
+        "(3.2) as printed",
+        "same friction in (3.2)",
+    )
+    yield table("Speed errors", headings, error_rows(fits, printed), framed=framed)
+    for finding in driveline_findings(fits, printed):
+        yield Text(finding.text)

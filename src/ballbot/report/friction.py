@@ -1,4 +1,4 @@
-"""Figures of the logs, of the friction identified from them, and of the friction laws that were compared.
+"""The identified friction: figures of the logs, the friction and the compared laws, and its tables as text.
 
 A wheel's friction is drawn over its speed, with the band in which the standard errors leave it.
 
@@ -10,18 +10,27 @@ covariance; parameters that have no standard error count as known.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
 
-from ballbot.fitting.model_selection import Candidate, ModelSelection
+from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
+from ballbot.identification.holdout import HoldoutResult
+from ballbot.identification.laws import law_named
+from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
+from ballbot.report.console import table
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
+from ballbot.report.tables import digits
 from ballbot.workflows.study import StudiedLog
 
 
@@ -160,3 +169,120 @@ def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
 
 def _law_label(one: Candidate[Identification]) -> str:
     return f"{'taken' if one.accepted else 'not taken'}, over {one.within or 'no friction'}"
+
+
+def identification_parts(
+    found: Identification,
+    selection: ModelSelection[Identification] | None,
+    holdouts: Sequence[HoldoutResult],
+    *,
+    framed: bool,
+) -> Iterator[RenderableType]:
+    """Yield the compared laws if there are any, the parameters, the errors on held-out windows, and the findings."""
+    if selection:
+        yield _selection_table(selection, framed=framed)
+    yield _parameter_table(found, framed=framed)
+    yield _error_table(found, holdouts, framed=framed)
+    for one in holdouts:
+        if one.horizons:
+            yield _horizon_table(one, framed=framed)
+    for finding in (*found.warnings, *(remark for one in holdouts for remark in one.remarks)):
+        yield Text(finding.text)
+
+
+def _parameter_table(found: Identification, *, framed: bool) -> Table:
+    """Return each parameter with its standard error, 95 % interval and unit."""
+    units = [
+        BY_NAME[name].unit
+        for name in found.layout.names
+        for _ in BY_NAME[name].labels(found.layout.wheel_count)
+    ]
+    values, errors = _flat(found.parameters), _flat(found.standard_errors)
+    rows = [
+        (label, digits(value), digits(error, 2), _interval(found, label), unit)
+        for label, value, error, unit in zip(found.labels, values, errors, units, strict=True)
+    ]
+    headings = ("parameter", "value", "standard error", "95 % interval", "unit")
+    return table("Identified parameters", headings, rows, framed=framed)
+
+
+def _error_table(found: Identification, holdouts: Sequence[HoldoutResult], *, framed: bool) -> Table:
+    """Return the open-loop errors of each state: on windows held out, and their ratios on other logs."""
+    ours = found.held_out
+    rows = [
+        (
+            state,
+            digits(ours.with_friction[state]),
+            digits(ours.without_friction[state]),
+            f"{ratio:.2f}",
+            *(f"{one.errors.ratios[state]:.2f}" for one in holdouts),
+        )
+        for state, ratio in ours.ratios.items()
+    ]
+    title = f"Open-loop error (4.1) on {ours.windows} held-out windows" + (
+        "; ratio on other logs" * bool(holdouts)
+    )
+    headings = ("state", "with friction", "without", "ratio", *(one.name for one in holdouts))
+    return table(title, headings, rows, framed=framed)
+
+
+def _horizon_table(holdout: HoldoutResult, *, framed: bool) -> Table:
+    """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
+    rows = [
+        (
+            f"{one.horizon:.3g}",
+            digits(one.wheel_speed.with_friction),
+            digits(one.wheel_speed.viscous_part),
+            digits(one.wheel_speed.without_friction),
+            digits(one.wheel_speed.share, 2),
+            digits(math.degrees(one.lean.with_friction)),
+            digits(math.degrees(one.lean.without_friction)),
+            digits(one.lean.share, 2),
+        )
+        for one in holdout.horizons
+    ]
+    known = "past rows" if holdout.causal else "its rows"
+    title = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
+    headings = (
+        "after, s",
+        "wheel speed, rad/s",
+        "viscous part",
+        "without friction",
+        "missing friction",
+        "lean, deg",
+        "without friction",
+        "missing friction",
+    )
+    return table(title, headings, rows, framed=framed)
+
+
+def _selection_table(selection: ModelSelection[Identification], *, framed: bool) -> Table:
+    """Return the laws with their errors and gains on windows held out."""
+    rows = [
+        (
+            one.name,
+            law_named(one.name).formula,
+            f"{one.error:.3f}",
+            one.within or "no friction",
+            _gain(one.gain) if one.gain else "",
+            "best" if one is selection.best else "taken" if one.accepted else "not selected",
+        )
+        for one in selection.candidates
+    ]
+    headings = ("law", "friction", "error", "compared with", "gain, 95 % interval", "")
+    return table(
+        "Friction laws on held-out windows: error relative to no friction", headings, rows, framed=framed
+    )
+
+
+def _flat(values: dict[str, list[float] | float]) -> list[float]:
+    return [one for value in values.values() for one in (value if isinstance(value, list) else [value])]
+
+
+def _interval(found: Identification, label: str) -> str:
+    interval = found.intervals.get(label)
+    return "" if interval is None else f"{digits(interval.lower)} .. {digits(interval.upper)}"
+
+
+def _gain(gain: Gain) -> str:
+    return f"{100 * gain.share:.1f} % ({100 * gain.lower:.1f} .. {100 * gain.upper:.1f})"

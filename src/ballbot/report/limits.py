@@ -1,8 +1,8 @@
-"""Figures of a robot's limits: the plane of lean and lean rate, and tilts and impulses over all directions."""
+"""A robot's limits: figures of the recovery region and of tilts and impulses over all directions, and tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +11,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.projections.polar import PolarAxes
 from numpy.typing import NDArray
+from rich.console import RenderableType
 
+from ballbot.report.console import table
 from ballbot.report.style import BLUE, GREEN, INK, MUTED, ORANGE, label_of
 from ballbot.workflows.limits import Bounds, Kind, RobotLimits, TwinLimit
 from ballbot.workflows.recovery_region import Region
@@ -140,3 +142,36 @@ def _draw_polar(
             axes.plot([direction], [size], color=color, marker=mark, markersize=5, mec=INK, mew=0.6)
     axes.set_ylim(bottom=0.0)
     axes.set_title(title, loc="center", pad=14)
+
+
+def limit_parts(
+    found: Mapping[str, RobotLimits], on_twin: Mapping[str, Sequence[TwinLimit]], *, framed: bool
+) -> Iterator[RenderableType]:
+    """Yield the table of each controller's limits on the model, and that of the twin if it was run."""
+    headings = ("controller", "tilt at rest (degrees)", "impulse (N s)")
+    title = "Recovered from in every direction: no wheel slips / if wheels never slip"
+    yield table(title, headings, _limit_rows(found), framed=framed)
+    if on_twin:
+        headings = ("controller", "limit", "towards", "no wheel slips", "on the twin", "wheels never slip")
+        yield table("On the twin", headings, _twin_rows(on_twin), framed=framed)
+
+
+def _limit_rows(found: Mapping[str, RobotLimits]) -> list[list[str]]:
+    """Return a row for each controller: least tilt and impulse at the centre of mass over all directions."""
+    rows = []
+    for name, one in found.items():
+        leans = [np.degrees(bound.min()) for bound in (one.lean.lower, one.lean.upper)]
+        impulses = [bound.min() for bound in (one.central_impulse.lower, one.central_impulse.upper)]
+        rows.append([name, f"{leans[0]:.1f} / {leans[1]:.1f}", f"{impulses[0]:.1f} / {impulses[1]:.1f}"])
+    return rows
+
+
+def _twin_rows(on_twin: Mapping[str, Sequence[TwinLimit]]) -> list[list[str]]:
+    """Return a row for each limit that was found on the twin."""
+    rows = []
+    for name, limits in on_twin.items():
+        for limit in limits:
+            unit, word = (180.0 / np.pi, "tilt (degrees)") if limit.kind == "lean" else (1.0, "impulse (N s)")
+            sizes = [f"{unit * size:.1f}" for size in (limit.lower, limit.twin, limit.upper)]
+            rows.append([name, word, f"{np.degrees(limit.direction):.0f}°", *sizes])
+    return rows

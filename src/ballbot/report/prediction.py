@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.printable import shell_line
+from ballbot.report.console import table
 from ballbot.report.page import Provenance, render
 from ballbot.results import to_results
 from ballbot.workflows.controller_causes import CAUSE_MEANINGS, Cause
@@ -212,3 +215,19 @@ def _number(name: str, value: float) -> str:
 
 def _interval(name: str, one: PredictionInterval) -> str:
     return f"{_number(name, one.low)} to {_number(name, one.high)}"
+
+
+_PREDICTION_HEADINGS = ("quantity", "measured", "predicted", "95 % interval", "", "without compensation")
+
+
+def verdict_parts(verdict: Verdict, steps: Sequence[str], *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the verdict, its findings, the predicted and measured quantities, likely causes, and the next steps."""
+    yield Text(headline(verdict), style="bold")
+    for finding in verdict.remarks:
+        yield Text(finding.text)
+    yield table("Predicted and measured", _PREDICTION_HEADINGS, quantity_rows(verdict), framed=framed)
+    lines = cause_lines(verdict)
+    if lines:
+        yield Text("Likely causes", style="bold")
+    for line in (*lines, *steps):
+        yield Text(line)

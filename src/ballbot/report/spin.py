@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
 from ballbot.report.style import GREEN, MEASURED, SHADE, WITHOUT_FRICTION, thinned
-from ballbot.vision.comparison import WheelComparison, spin_findings
-from ballbot.vision.spin import Spin
+from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
 _AXES = ("x", "y", "z")
 

@@ -6,20 +6,24 @@ In results.json a model's numbers stand under its name, with_friction and withou
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from ballbot.findings import finding_results
 from ballbot.fitting.comparison import LEAST_RUNS, verdicts
 from ballbot.log import STATE_NAMES
+from ballbot.report.console import table
 from ballbot.report.page import Provenance, by_state, figure_markup, render
 from ballbot.report.style import STATE_UNITS, drawn
-from ballbot.report.tables import error_rows, state_mark, with_symbols
+from ballbot.report.tables import digits, error_rows, state_mark, with_symbols
 from ballbot.report.validation_figures import (
     correlation_figure,
     horizon_figure,
@@ -302,3 +306,37 @@ def _controller_words(validation: Validation) -> str:
 
 def _svg(name: str, draw: Callable[[], Figure]) -> Markup:
     return figure_markup(drawn(draw, name=name))
+
+
+def validation_parts(validation: Validation, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the errors in open and in closed loop, and the findings."""
+    loops = {
+        "open loop": validation.open_loop and validation.open_loop.errors,
+        "closed loop": validation.closed_loop and validation.closed_loop.restarted,
+    }
+    for what, errors in loops.items():
+        if errors is not None:
+            yield _error_table(what, errors, validation.models, framed=framed)
+    for finding in findings(validation):
+        yield Text(finding.text)
+
+
+def _error_table(what: str, pair: ErrorPair, models: ModelPair, *, framed: bool) -> Table:
+    lower, upper = pair.ratio_interval()
+    verdicts = pair.verdicts()
+    rows = [
+        (
+            name,
+            digits(pair.first.error[i]),
+            digits(pair.second.error[i]),
+            digits(pair.ratio[i]),
+            f"{digits(lower[i])} to {digits(upper[i])}" if np.isfinite(lower[i]) else "too few runs",
+            verdicts[i] if np.isfinite(lower[i]) else "",
+            digits(pair.first.rmse[i]),
+            digits(pair.second.rmse[i]),
+        )
+        for i, name in enumerate(STATE_NAMES)
+    ]
+    headings = ("state", "(4.1) A", "B", "B/A", "95 %", "A is", "RMSE A", "B")
+    title = f"{what}, {pair.runs} runs; A {models.first.name}, B {models.second.name}"
+    return table(title, headings, rows, framed=framed)

@@ -1,7 +1,8 @@
-"""The thesis: every figure and table remade, its mistakes, published models, and the Lagrangian in symbols.
+"""The thesis: its figures and tables reproduced, its mistakes, published models, and the Lagrangian in symbols.
 
-reproduce/      the figures and tables, from the twin and the models, beside what the thesis shows
-                and its misprints and mistakes, each with the number that shows it
+reproduce/      the figures and tables from the twin and the models, compared with the thesis,
+                and
+its misprints and mistakes, each with the number that shows it
 published/      other ball-balancing robots: what their sources print, and what our equations give
 lagrangian.py   Appendix II derived by SymPy; the compiled equations are tested against it
 

@@ -1,8 +1,8 @@
 """The equations of motion, derived by SymPy along the thesis's Appendix II, equation by equation.
 
-Each function is one of the appendix's steps and cites its equations. If `Corrections` says so, the step goes the
-physically exact way instead, and says what it changes. The derivation is slow and plain on purpose: the compiled
-equations are tested against it. `equations` evaluates it in numbers for one robot.
+Each function is one of the appendix's steps and cites its equations. If a correction of `Corrections` is on, the
+step is physically exact instead; its docstring states the change. The derivation is deliberately slow and plain: the
+compiled equations are tested against it. `equations` evaluates it in numbers for one robot.
 
 Needs SymPy: `pip install ballbot[symbolic]`.
 """

@@ -19,7 +19,7 @@ from ballbot.robot import Robot
 class Corrections:
     """What of Appendix II's physics is corrected; its misprints (II.6), (II.15), (II.30) always are.
 
-    Any mixture can be derived, so that the share of each approximation in a pole or a gain can be told.
+    Any mixture can be derived, so that the share of each approximation in a pole or a gain can be computed.
     """
 
     body_rates: bool
@@ -75,7 +75,7 @@ def corrections_of(formulation: Formulation) -> Corrections:
     Raises
     ------
     InputError
-        Where the name is neither.
+        If the name is neither of the two.
     """
     named: dict[str, Corrections] = {"exact": _ALL_CORRECTIONS, "thesis": _NO_CORRECTIONS}
     if formulation not in named:

@@ -4,7 +4,7 @@ from ballbot.validation.closed_loop import RecoveredGain, recover_gain
 from ballbot.validation.errors import ErrorPair, StateErrors
 from ballbot.validation.findings import findings
 from ballbot.validation.models import ModelPair, NamedModel
-from ballbot.validation.validation import Validation, join_validations, validate, validate_pair
+from ballbot.validation.validation import Validation, join_validations, validate, validate_logs, validate_pair
 
 __all__ = [
     "ErrorPair",
@@ -17,5 +17,6 @@ __all__ = [
     "join_validations",
     "recover_gain",
     "validate",
+    "validate_logs",
     "validate_pair",
 ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from ballbot.log import Log
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
-from ballbot.robot import Friction
+from ballbot.mechanics.parameters import Formulation
+from ballbot.robot import Friction, Robot
 
 #: the two formulations, as sentences call them
 _FORMULATIONS = {"exact": "in the exact formulation", "thesis": "in the thesis's formulation"}
@@ -102,6 +104,38 @@ class ModelPair:
             first=NamedModel(name=f"of {names[0]}", model=first),
             second=NamedModel(name=f"of {names[1]}", model=second),
         )
+
+    @staticmethod
+    def load(robot: str, *, against: str | None = None, formulation: Formulation = "exact") -> ModelPair:
+        """Return the model of a preset or robot file and the one that it is compared with.
+
+        Parameters
+        ----------
+        robot : str
+            A preset's name or a robot file.
+        against : str, optional
+            A preset's name or a robot file; a formulation, for the same robot in that formulation; if not given, the
+            same robot without friction.
+        formulation : {"exact", "thesis"}
+            Of the equations of motion.
+
+        Raises
+        ------
+        InputError
+            If a file is not valid or both models are the same.
+        """
+        model = Model(Robot.load(robot), formulation=formulation)
+        if against is None:
+            return ModelPair.by_friction(model)
+        if against in get_args(Formulation):
+            if against == formulation:
+                raise InputError(
+                    f"--against {against} compares the {formulation} formulation with "
+                    "itself. Choose the other one with --formulation or --against."
+                )
+            return ModelPair.by_formulation(model)
+        other = Model(Robot.load(against), formulation=formulation)
+        return ModelPair.of_two(model, other, files=(robot, against))
 
     @property
     def names(self) -> tuple[str, str]:

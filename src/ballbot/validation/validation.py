@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
-from ballbot.progress import Progress
+from ballbot.progress import Progress, part_of
 from ballbot.robot import Robot
 from ballbot.validation.closed_loop import (
     ClosedLoop,
@@ -195,6 +195,37 @@ _STAGES = ("one step ahead", "closed loop", "open loop", "horizons", "residuals"
 
 def _report(run: Run, done: int) -> None:
     run.progress(Progress(stage=_STAGES[done], done=done, total=len(_STAGES)))
+
+
+def validate_logs(
+    models: ModelPair,
+    logs: Mapping[str, Log],
+    *,
+    controller: Feedback | None = None,
+    run: Run = DEFAULT_RUN,
+) -> dict[str, Validation]:
+    """Return the validation on each log, by the logs' names; an error names its log.
+
+    Parameters
+    ----------
+    models, controller, run
+        As for `validate_pair`.
+    logs : mapping of str to Log
+
+    Raises
+    ------
+    InputError
+        As `validate_pair`.
+    """
+    parts: dict[str, Validation] = {}
+    for number, (name, log) in enumerate(logs.items()):
+        stage = f"validating {name}"
+        of_log = part_of(run.progress, number / len(logs), (number + 1) / len(logs), stage=stage)
+        try:
+            parts[name] = validate_pair(models, log, controller=controller, run=replace(run, progress=of_log))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+    return parts
 
 
 def join_validations(parts: Sequence[Validation]) -> Validation:

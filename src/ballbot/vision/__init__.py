@@ -1,4 +1,5 @@
-"""What a camera tells: the ball's angular velocity by its seam (`spin`), a body's swing (`swing`).
+"""Motion measured from video: the ball's angular velocity from its seam (`spin`), a body's swing (`swing`).
 
-Nothing is imported here, for OpenCV, which some of it needs, is an extra.
+Nothing
+is imported here, because OpenCV is an extra.
 """

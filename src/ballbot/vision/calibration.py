@@ -3,8 +3,8 @@
     minimise over the view g and each frame's turn d_k    sum_k sum_j w (r - d_k . (q x n) + n . R_k^T (dp/dg) g)^2
                                                           + h^T P h s^2
 
-h = g - g_outline(closeness): place and size are held against the outline's under the same closeness, for what the
-same outline says of them depends on it where the ball is not in the middle of the picture. r, q x n and the rest are
+h = g - g_outline(closeness): place and size are compared with the outline's under the same closeness, because the
+estimate from the outline depends on it if the ball is not in the middle of the picture. r, q x n and the rest are
 means over each short piece j of the seam, in which the seam's width cancels: point by point, a view that makes the
 seam narrower would seem to fit better.
 
@@ -29,14 +29,14 @@ from ballbot.vision.tracking import follow, orientation_search
 from ballbot.vision.video import Video
 from ballbot.vision.view import CLOSENESS, View, view_of_outline
 
-#: how well an outline tells the view: x, y as shares of the radius, ln radius, and closeness where nobody told it
+#: accuracy of the view from an outline: x, y as fractions of the radius, ln radius, and closeness if it is not given
 _OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
 #: and how well a circle that was given
 _GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
-#: a distance that was given is right to this share
+#: a given distance is right to this fraction
 _GIVEN = 0.01
 #: what no scatter between frames shows, for it is the same in all: pixels move a seam's edges [pixels], as standard
-#: errors of x, y and the radius, and of the closeness as a share of the radius. On rendered videos of balls of 20 to
+#: errors of x, y and the radius, and of the closeness as a fraction of the radius. On rendered videos of balls of 20 to
 #: 135 pixels radius these are what was missing (`tests/vision/test_spin.py`)
 _EDGES, _EDGES_CLOSENESS = 0.1, 0.2
 _ROUNDS = 6
@@ -114,8 +114,8 @@ def _off_outline(
     """Return h (4,), how far the view is from the outline's and from the closeness assumed, and its slopes (4, 4)."""
 
     def by_outline(closeness: float) -> NDArray[np.float64]:
-        told = view_of_outline(points, size=size, closeness=closeness)
-        return np.array([told.x, told.y, np.log(told.radius)])
+        outline = view_of_outline(points, size=size, closeness=closeness)
+        return np.array([outline.x, outline.y, np.log(outline.radius)])
 
     here = np.array([view.x, view.y, np.log(view.radius)]) - by_outline(view.closeness)
     step = 0.25 * CLOSENESS[0]

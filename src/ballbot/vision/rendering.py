@@ -96,10 +96,10 @@ Colour = tuple[int, int, int]
 class Light:
     """How the scene is lit."""
 
-    uneven: float = 0.0  #: how much darker the far corner is, as a share of the light
-    highlight: float = 0.0  #: height of the lamp's reflection on the ball, as a share of full white
+    uneven: float = 0.0  #: how much darker the far corner is, as a fraction of the light
+    highlight: float = 0.0  #: height of the lamp's reflection on the ball, as a fraction of full white
     shadow: float = (
-        0.0  #: share of the light that a shadow with a sharp edge takes; it moves over the ball and back
+        0.0  #: fraction of the light that a shadow with a sharp edge takes; it moves over the ball and back
     )
     shadow_period: float = 7.0  #: of that [s]
 
@@ -113,7 +113,7 @@ class Camera:
     distance: float = 7.0  #: from the lens to the ball's centre [ball radii]
     centre: tuple[float, float] = (246.0, 172.0)  #: of the ball in the picture [pixels]
     radius: float = 135.0  #: of the ball, as `View` has it [pixels]
-    exposure: float = 0.05  #: share of the time between frames in which light is gathered: motion blur
+    exposure: float = 0.05  #: fraction of the time between frames in which light is gathered: motion blur
     blur: float = 0.6  #: of the lens, standard deviation [pixels]
     noise: float = 1.0  #: standard deviation [grey levels of 255]
 
@@ -135,9 +135,9 @@ _GAMMA = 2.2
 _SIDE = 1024
 #: points of a pixel and instants of an exposure: a sharp frame takes few
 _SAMPLES_STILL, _SAMPLES_MOVING = 4, 10
-#: an exposure below this share is still
+#: an exposure below this fraction is still
 _STILL = 0.2
-#: darkest that the ball's shading gets at its rim, as a share
+#: darkest that the ball's shading gets at its rim, as a fraction
 _RIM = 0.35
 #: width of a shadow's edge [pixels]
 _PENUMBRA = 6.0
@@ -268,7 +268,7 @@ def _light(scene: Scene) -> NDArray[np.float32]:
 
 
 def _shadow(scene: Scene, t: float) -> NDArray[np.float32] | np.float32:
-    """Return the share of light (height, width) that a shadow leaves: a slanting band that swings across the ball."""
+    """Return the fraction of light (height, width) left by a shadow: a slanting band that moves across the ball."""
     light, camera = scene.light, scene.camera
     if light.shadow == 0.0:
         return np.float32(1.0)

@@ -46,7 +46,7 @@ _POINTS = 4096
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Seam:
-    """Where a ball's seam runs."""
+    """The curve of a ball's seam."""
 
     name: str
     curves: tuple[NDArray[np.float64], ...]  #: each (n, 3), unit vectors, closed: the last meets the first
@@ -74,7 +74,7 @@ def thesis_seam(a: float = 0.65) -> Seam:
     Raises
     ------
     InputError
-        Where a is outside of that.
+        If a is outside of that range.
     """
     if not 0.5 < a < 1.0:
         raise InputError(f"a of the seam is {a:g} ball radii; (V.4) needs a value between 0.5 and 1.")
@@ -116,7 +116,7 @@ def seam_named(name: str) -> Seam:
     Raises
     ------
     InputError
-        Where there is none.
+        If there is no such seam.
     """
     if name not in SEAMS:
         raise InputError(f"There is no seam {name!r}; the seams are {', '.join(SEAMS)}.")
@@ -198,7 +198,8 @@ def logarithm(R: NDArray[np.float64]) -> NDArray[np.float64]:
     return odd if sine < 1e-12 else odd * (angle / sine)
 
 
-#: of the start, as a share of the points' mean information: what they do not tell stays as it was predicted
+#: of the start, as a fraction of the points' mean information: directions that they do not determine keep the
+#: prediction
 TRUST = 5e-4
 #: cells along a diameter of the ball, that cut its seam into pieces
 _PIECES = 5
@@ -208,7 +209,7 @@ _SMALL = 2e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeamPoints:
-    """Where the seam was seen in a frame."""
+    """The seam as observed in a frame."""
 
     p: NDArray[np.float32]  #: (k, 3) unit vectors, camera frame
     area: NDArray[np.float32]  #: (k,) of the ball's surface, relative
@@ -226,7 +227,7 @@ class Fit:
         np.float64
     ]  #: (3, 3) sum of w (q x n)(q x n)^T, camera frame, as if each point erred by 1 rad
     bias: NDArray[np.float64]  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
-    inliers: float  #: share of the weight that is within reach of the curve
+    inliers: float  #: fraction of the weight that is within reach of the curve
     spread: float  #: rms distance of those from the curve [rad]
     step: float  #: length of the last step [rad]
 
@@ -236,7 +237,8 @@ def fit_rotation(
 ) -> Fit:
     """Return the rotation near a start (3, 3) that brings the points onto the curve best.
 
-    Points on one circle, all that is seen of some seams at times, do not tell a turn about its axis; the start does
+    Points on one circle, sometimes all that is visible of a seam, do not determine a turn about its axis; the start
+    does
     then.
 
     Parameters
@@ -308,7 +310,7 @@ def _disagreement(
     H: NDArray[np.float64], pulls: NDArray[np.float64], feet: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the rotation's covariance (3, 3) by the pulls (k, 3) of points, in whatever way those of one piece of
-    the seam go together; the pieces are told by the points' feet (k, 3).
+    the seam go together; the pieces are identified by the points' feet (k, 3).
 
     The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: what blur, shadows, a wrong view or a
     wrong curve do to one piece they do otherwise to the next.

@@ -27,7 +27,7 @@ _FLOOR = 12.0
 #: before anything else, standard deviation [pixels]
 _BLUR = 0.8
 #: what a video may have where its first seconds show less, as standard deviations: noise in each channel [grey
-#: levels], shadow, as a share of the light, and reflected white [grey levels]
+#: levels], shadow, as a fraction of the light, and reflected white [grey levels]
 _COLOUR_NOISE, _SHADOW, _REFLECTION = 3.0, 0.3, 15.0
 #: side of the surroundings that a pixel is compared with, in radii of the ball
 _AROUND = 0.5
@@ -46,7 +46,7 @@ _LOGS = np.log(np.arange(256, dtype=np.float32) + np.float32(_FLOOR))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeamColour:
-    """What tells seam from ball."""
+    """Discriminates seam from ball by colour."""
 
     table: NDArray[np.float32]  #: (256, 3) w log(level), by channel
     around: int  #: side of the surroundings [pixels]
@@ -86,13 +86,13 @@ def learn_colour(
     radius: float,
     colour: tuple[int, int, int] | None = None,
 ) -> SeamColour:
-    """Return what tells seam from ball in pictures (rows, columns, 3) of the ball.
+    """Learn the colour that discriminates seam from ball in pictures (rows, columns, 3) of the ball.
 
     Parameters
     ----------
     pictures : sequence of ndarray of uint8
     inside : ndarray of bool (rows, columns)
-        Where the ball is.
+        Pixels of the ball.
     radius : float
         The ball's [pixels].
     colour : tuple of int, optional
@@ -101,7 +101,7 @@ def learn_colour(
     Raises
     ------
     InputError
-        Where nothing stands out enough.
+        If no colour stands out enough.
     """
     around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
     sample = _Sample.of(pictures, inside, around)
@@ -257,7 +257,7 @@ def _no_seam(colour: tuple[int, int, int] | None) -> str:
     )
 
 
-#: pixels are joined until the ball's radius is below this: more points cost time and tell little more [pixels]
+#: pixels are joined until the ball's radius is below this: more points cost time and add little information [pixels]
 _LARGEST_RADIUS = 160.0
 #: least cosine between surface and picture of a pixel that is used: nearer the rim a pixel is a wide piece of the
 #: ball

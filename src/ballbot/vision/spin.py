@@ -1,4 +1,4 @@
-"""The ball's angular velocity from a video of its seam, as in the thesis's Appendix V; a picture to check it by eye.
+"""The ball's angular velocity from a video of its seam (the thesis's Appendix V), and its comparison with the wheels.
 
 Camera frame: x to the right of the picture, y down, z away from the camera. The camera looks down on the robot that
 lies upside down, so that its z is the robot's own z, which points from the ball to the body. Robot and camera
@@ -6,10 +6,16 @@ differ by a turn about z: `forward` is the angle of the robot's x in the picture
 the camera's tilt).
 
 The picture shows the ball's outline and the fitted seam drawn over frames.
+
+Video and log are on clocks of their own, and the camera's orientation relative to the robot is unknown. Both are
+estimated as for motion capture (`ballbot.validation.alignment`), from the ball's rotation over half a second by
+either.
+The findings say how well the ball was followed, how it was seen, and whether the wheels agree with the video.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -19,13 +25,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding, note
 from ballbot.log import Log
+from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_of
+from ballbot.robot import Robot
+from ballbot.validation.alignment import Clock, MotionFit
+from ballbot.validation.alignment.clock import Turning, candidate_clocks
+from ballbot.validation.alignment.motion import fit_linear, fit_motion, wahba
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
-from ballbot.vision.tracking import Track, follow, orientation_search
-from ballbot.vision.velocity import Velocity, angular_velocity
+from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow, orientation_search
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
 from ballbot.vision.view import (
     ASSUMED_CLOSENESS,
@@ -50,13 +61,13 @@ class Setup:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spin:
-    """What a video tells of its ball."""
+    """The ball's motion measured from a video."""
 
     video: Video
     seam: Seam
     colour: SeamColour
     calibration: Calibration
-    calibrated: bool  #: whether the seam told of the view, or the outline alone
+    calibrated: bool  #: whether the view is calibrated by the seam, or estimated from the outline alone
     t: NDArray[np.float64]  #: (n,) of the frames [s]
     track: Track
     velocity: Velocity  #: camera frame
@@ -113,13 +124,13 @@ def measure_spin(
         From `open_video`.
     setup : Setup
     progress : callable, optional
-        Called with the stage and the share of the whole.
+        Called with the progress.
 
     Raises
     ------
     InputError
-        Where no ball or no seam is found, the circle or the distance cannot be, the seam is not of that kind, or it is
-        never followed long enough.
+        If no ball or no seam is found, the circle or the distance is not possible, the seam is not of that kind, or it
+        is never followed long enough.
     """
     if setup.distance is not None:
         check_distance(setup.distance)
@@ -235,3 +246,238 @@ def _line(
 ) -> None:
     fine = np.round(places * 16.0).astype(np.int32)[:, None]  # sixteenths of a pixel
     cv2.polylines(picture, [fine], closed, colour, 1, cv2.LINE_AA, 4)
+
+
+#: fraction of the rotation that video and log must have in common to be of the same run
+_LEAST_SHARE = 0.8
+#: and the least time [s]
+_LEAST_TIME = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WheelComparison:
+    """Video against wheels, on the video's rows."""
+
+    clock: Clock  #: t_video = offset + (1 + rate) t_log
+    offset_half_width: float  #: 95 % [s]
+    robot_camera: Rotation  #: camera frame to robot frame, by the turning itself
+    rotation_half_width: NDArray[np.float64]  #: (3,) 95 % [rad]
+    wheels: NDArray[np.float64]  #: (n, 3) T_obw times wheel speeds [rad/s], robot frame; NaN outside the log
+    difference: NDArray[np.float64]  #: (n, 3) video less wheels [rad/s]
+    rms: NDArray[np.float64]  #: (3,) of that
+    peak: float  #: largest length of `wheels` [rad/s]
+    gain: NDArray[np.float64]  #: (3,) video over wheels about each axis
+    gain_half_width: NDArray[np.float64]  #: (3,) 95 %, by blocks of time
+
+    @property
+    def forward(self) -> float:
+        """The angle of the robot's x in the picture, from its right, clockwise [rad]."""
+        R = self.robot_camera.as_matrix()
+        return float(np.arctan2(R[0, 1] - R[1, 0], R[0, 0] + R[1, 1]))
+
+    @property
+    def tilt(self) -> float:
+        """How far the camera's axis is from the robot's z [rad]."""
+        return float(np.arccos(np.clip(self.robot_camera.as_matrix()[2, 2], -1.0, 1.0)))
+
+
+def compare_with_wheels(
+    spin: Spin, log: Log, robot: Robot, *, known: Rotation | None = None
+) -> WheelComparison:
+    """Return how the ball's velocity by video and by the wheels agree.
+
+    Parameters
+    ----------
+    spin : Spin
+        Camera frame.
+    log : Log
+        Of the clamped robot in the same run: wheel1_dot, wheel2_dot and so on.
+    robot : Robot
+        Its geometry makes T_obw.
+    known : Rotation, optional
+        Camera frame to robot frame; without it, the one found is used.
+
+    Raises
+    ------
+    InputError
+        If log and video overlap too little, or do not turn alike.
+    """
+    speeds = log.wheel_speeds
+    if speeds.shape[1] != robot.wheel_count:
+        raise InputError(
+            f"The log has the speeds of {speeds.shape[1]} wheels; {robot.name} has {robot.wheel_count} wheels."
+        )
+    by_wheels = speeds @ transforms(robot).T_obw.T
+    logged, seen = _turning(log.t, by_wheels), _turning(spin.t, spin.velocity.omega)
+    motion = _best(logged, seen)
+    used = known or motion.body_marker
+    at = motion.clock.to_log(spin.t)
+    inside = (at >= log.t[0]) & (at <= log.t[-1])
+    wheels = np.where(inside[:, None], logged.rate_at(at), np.nan)
+    by_video = spin.velocity.omega @ used.as_matrix().T
+    difference = by_video - wheels
+    both = np.isfinite(difference).all(axis=1)
+    gains = [
+        fit_linear(wheels[both, axis, None, None], by_video[both, axis, None], spin.t[both])
+        for axis in range(3)
+    ]
+    return WheelComparison(
+        clock=motion.clock,
+        offset_half_width=motion.offset_half_width,
+        robot_camera=motion.body_marker,
+        rotation_half_width=motion.rotation_half_width,
+        wheels=wheels,
+        difference=difference,
+        rms=np.sqrt(np.mean(difference[both] ** 2, axis=0)),
+        peak=float(np.linalg.norm(wheels[both], axis=1).max()),
+        gain=np.array([gain[0] for gain, _ in gains]),
+        gain_half_width=np.array([half[0] for _, half in gains]),
+    )
+
+
+def log_with_spin(log: Log, spin: Spin, clock: Clock) -> Log:
+    """Return a log with ball_omega_x .. z on its own rows, robot frame; NaN where the ball is not tracked."""
+    t = clock.to_cameras(log.t)
+    known = spin.known
+    after = np.clip(np.searchsorted(spin.t, t), 1, len(spin.t) - 1)
+    near = known[after] & known[after - 1] & (t >= spin.t[0]) & (t <= spin.t[-1])
+    omega = np.where(known[:, None], spin.omega, 0.0)
+    columns = {
+        f"ball_omega_{name}": np.where(near, np.interp(t, spin.t, omega[:, axis]), np.nan)
+        for axis, name in enumerate("xyz")
+    }
+    return log.with_columns(columns)
+
+
+def _turning(t: NDArray[np.float64], omega: NDArray[np.float64]) -> Turning:
+    """Return the running totals of an angular velocity (n, 3); what is NaN is counted as missing."""
+    known = np.asarray(np.isfinite(omega).all(axis=1))
+    rate = np.where(known[:, None], omega, 0.0)
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None]
+    missing = np.concatenate([[0.0], np.cumsum(~(known[1:] & known[:-1]))])
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return Turning(t=t, total=total, rate=rate, missing=missing)
+
+
+def _best(logged: Turning, seen: Turning) -> MotionFit:
+    if min(seen.t[-1] - seen.t[0], logged.t[-1] - logged.t[0]) < _LEAST_TIME:
+        raise InputError(
+            f"Video and log must both be at least {_LEAST_TIME:g} s long for their clocks to be aligned."
+        )
+    try:
+        clocks = candidate_clocks(logged, seen)
+    except InputError:
+        clocks = []
+    found = [fit for clock in clocks if (fit := _fit(logged, seen, clock)) is not None]
+    best = max(found, key=lambda one: one.increments * np.log(one.motion / one.error), default=None)
+    share = 0.0 if best is None else 1.0 - (best.error / best.motion) ** 2
+    if best is None or share < _LEAST_SHARE:
+        raise InputError(
+            f"The rotations in video and log differ: with the best clock only {100 * share:.0f} % of "
+            f"the turning is common to both; for the same run it is over {100 * _LEAST_SHARE:.0f} "
+            "%. Check that both are of one run, and the order and signs of the wheels."
+        )
+    return best
+
+
+def _fit(logged: Turning, seen: Turning, clock: Clock) -> MotionFit | None:
+    """Return the fit that starts from a clock; None if they overlap too little under it, or the fit diverges."""
+    try:
+        fit = fit_motion(logged, seen, clock, wahba(logged, seen, clock))
+    except InputError:
+        return None
+    return fit if math.isfinite(fit.error) else None
+
+
+#: tilts below this are the usual [rad]
+_TILTED = np.radians(5.0)
+#: a seam of the right kind fits better than this in the median frame
+_POOR = 0.85
+#: most spans of lost frames that are named
+_NAMED = 3
+
+
+def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Finding, ...]:
+    """Return what a video shows of the ball's turning."""
+    words = [_velocity_finding(spin), _tracking_finding(spin), *_poor_fit_finding(spin), _view_finding(spin)]
+    if comparison is not None:
+        words += [_agreement_finding(comparison), _clock_finding(comparison)]
+    return tuple(note("spin", sentence) for sentence in words)
+
+
+def _velocity_finding(spin: Spin) -> str:
+    omega = spin.omega[spin.known]
+    errors = spin.errors[spin.known]
+    typical = " ".join(f"{value:.2g}" for value in np.median(errors, axis=0))
+    return (
+        f"The ball turned at up to {np.linalg.norm(omega, axis=1).max():.3g} rad/s; the standard error of its "
+        f"velocity about x, y, z is {typical} rad/s (median)."
+    )
+
+
+def _tracking_finding(spin: Spin) -> str:
+    lost = ~spin.track.tracked
+    whole = f"{spin.t[-1] - spin.t[0]:.1f} s ({len(spin.t)} frames)"
+    if not lost.any():
+        return f"The seam was tracked throughout, {whole}."
+    edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    spans = [f"{spin.t[a]:.2f} to {spin.t[b]:.2f} s" for a, b in zip(starts, ends, strict=True)]
+    named = ", ".join(spans[:_NAMED]) + (f" and {len(spans) - _NAMED} more" if len(spans) > _NAMED else "")
+    return f"Of {whole} the seam was lost in {lost.sum()} frames: {named}."
+
+
+def _poor_fit_finding(spin: Spin) -> list[str]:
+    quality = float(np.median(spin.track.quality[spin.track.tracked]))
+    if quality > _POOR:
+        return []
+    return [
+        f"The seam fits the curve {spin.seam.name!r} poorly, by {100 * quality:.0f} % in the "
+        "median frame: it may be of another kind (--seam), and the velocity may be wrong."
+    ]
+
+
+def _view_finding(spin: Spin) -> str:
+    view, errors = spin.view, spin.calibration.errors
+    circle = f"The ball is at ({view.x:.1f}, {view.y:.1f}) with a radius of {view.radius:.1f} pixels"
+    if not spin.calibrated:
+        return (
+            f"{circle}, by its outline. Too little was tracked to estimate the "
+            f"camera's distance, which is assumed to be {view.distance:.1f} ball radii."
+        )
+    spread = errors[3] * view.distance**2
+    return (
+        f"{circle}; the camera is {view.distance:.2f} ball radii from its centre, by the seam's perspective (standard "
+        f"error {spread:.2f})."
+    )
+
+
+def _agreement_finding(comparison: WheelComparison) -> str:
+    off = np.abs(comparison.gain - 1.0) > 2.0 * comparison.gain_half_width
+    off &= np.abs(comparison.gain - 1.0) > 0.02
+    gains = ", ".join(
+        f"{gain:.3f} ± {half:.3f}"
+        for gain, half in zip(comparison.gain, comparison.gain_half_width, strict=True)
+    )
+    rms = 100.0 * np.linalg.norm(comparison.rms) / comparison.peak
+    verdict = "do not match" if off.any() else "match"
+    return (
+        f"Video and T_obw times wheel speeds {verdict}: they differ by {rms:.2g} % "
+        f"of the peak (RMS), and video is {gains} times the wheels about x, y, z."
+    )
+
+
+def _clock_finding(comparison: WheelComparison) -> str:
+    clock = comparison.clock
+    where = (
+        f"The robot's x axis points {np.degrees(comparison.forward):.1f} "
+        "degrees clockwise from the right in the picture"
+    )
+    tilt = np.degrees(comparison.tilt)
+    tilted = f", and the camera is tilted by {tilt:.1f} degrees" + (
+        "; check that it was mounted so" if comparison.tilt > _TILTED else ""
+    )
+    return (
+        f"{where}{tilted}; the log's zero is at {clock.offset:.4f} ± {comparison.offset_half_width:.4f} s of the "
+        f"video, whose clock runs {1e6 * clock.rate:+.0f} ppm fast."
+    )

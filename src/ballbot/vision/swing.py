@@ -1,6 +1,6 @@
 """The angle of a swinging body in a video, by how its picture turns.
 
-What moves in the film is found first: where pixels change over it. From there the body's picture in one frame is the
+First the moving region of the video is found: where pixels change. The body's picture there, in one frame, is the
 pattern. In each frame the body's turn since the pattern is what it was a frame ago, and a little more: the frame is
 turned back by the known part, corners of the pattern are followed in it (B. Lucas and T. Kanade, IJCAI 1981, with
 pyramids), and a turn and a shift are fitted to those that move as one body (RANSAC). Corners that stayed behind where
@@ -22,7 +22,7 @@ from ballbot.errors import InputError
 from ballbot.identification.swing import Swing, swing_of
 from ballbot.vision.video import frame_times, open_video
 
-_FRAMES_LOOKED_AT = 40  #: spread over the film, to see what moves
+_FRAMES_LOOKED_AT = 40  #: spread over the video, to find the moving region
 _CORNERS = 300
 _LEAST_CORNERS = 8
 _LARGEST_PICTURE = 640  #: frames are made smaller until no side is longer [pixels]
@@ -41,7 +41,7 @@ def swing_in_video(path: str | Path) -> Swing:
     Raises
     ------
     InputError
-        Where the file cannot be read, nothing with a pattern moves in it, or the body is lost.
+        If the file cannot be read, nothing with a pattern moves in it, or the body is lost.
     """
     t, frames = _frames(Path(path))
     return swing_of(
@@ -61,12 +61,12 @@ def turn_of_frames(
     frames : list of ndarray (h, w)
         Grey.
     name : str
-        Of the film, for errors.
+        Of the video, for messages.
 
     Raises
     ------
     InputError
-        Where nothing with a pattern moves, or the body is lost in a fifth of the frames.
+        If nothing with a pattern moves, or the body is lost in a fifth of the frames.
     """
     chosen = [frames[k] for k in np.linspace(0, len(frames) - 1, _FRAMES_LOOKED_AT).astype(int)]
     pattern, corners = _pattern(chosen)
@@ -82,8 +82,8 @@ def turn_of_frames(
     seen = np.array([one is not None for one in motions])
     if seen.mean() < 1.0 - _LOST_SHARE:
         raise InputError(
-            f"{name}: the body is lost in {100.0 * (1.0 - seen.mean()):.0f} % of the frames; film it in better light, "
-            "faster, or with a pattern on it."
+            f"{name}: the body is lost in {100.0 * (1.0 - seen.mean()):.0f} % of the frames; record it in better "
+            "light, faster, or with a pattern on it."
         )
     # pictures have y down
     return t[seen], -np.unwrap(np.array([one.turn for one in motions if one is not None]))

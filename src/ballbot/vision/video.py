@@ -29,7 +29,7 @@ class Video:
     path: Path
     size: tuple[int, int]  #: width and height [pixels]
     frame_rate: float  #: [Hz]
-    stated_frames: int  #: as the file's head says, for progress; 0 where it does not
+    stated_frames: int  #: stated in the file's header, for progress; 0 if it is not
 
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         """Yield the time by the file [s] and the picture (height, width, 3), blue green red, of each frame."""
@@ -49,7 +49,7 @@ class Video:
         Raises
         ------
         InputError
-            Where the video has too few frames for a velocity.
+            If the video has too few frames for a velocity.
         """
         wanted = max(LEAST_FRAMES, round(_SAMPLED_TIME * self.frame_rate))
         if self.stated_frames:
@@ -77,12 +77,12 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
     path : str or Path
         Any file that OpenCV reads.
     frame_rate : float, optional
-        That of the camera [Hz], where the file says another, as slow motion does.
+        That of the camera [Hz], if the file states a different one, as for slow motion.
 
     Raises
     ------
     InputError
-        Where there is no such file, or it is no video, or the rate is not positive.
+        If there is no such file, it is not a video, or the rate is not positive.
     """
     path = Path(path)
     if not path.is_file():
@@ -92,7 +92,7 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
         raise InputError(
             f"The frame rate is {frame_rate:g}; it must be a positive number of frames per second."
         )
-    # what cannot be read is told in a sentence and not by the lines of OpenCV and FFmpeg, which says nothing below 0
+    # unreadable files are reported in one sentence, not by messages of OpenCV and FFmpeg, which is silent below 0
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -130,7 +130,7 @@ def frame_times(stated: NDArray[np.float64], *, frame_rate: float, known: bool) 
     frame_rate : float
         [Hz]
     known : bool
-        That this rate is the camera's, whatever the file says.
+        Whether this rate is the camera's, whatever the file states.
     """
     k = np.arange(len(stated), dtype=np.float64)
     if known or len(stated) < 2 or not np.all(np.diff(stated) > 0.0):

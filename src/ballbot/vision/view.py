@@ -117,7 +117,7 @@ def view_of_outline(points: NDArray[np.float64], *, size: tuple[int, int], close
     view = View(x=float(x), y=float(y), radius=radius, closeness=closeness, middle=middle)
     for _ in range(12):
         g = np.linalg.lstsq(view.rays(points), np.ones(len(points)), rcond=None)[0]
-        # |g| = 1 / cos alpha; the angle that the outline has under this focal length says how to change it
+        # |g| = 1 / cos alpha; the outline's angle under this focal length shows how to change it
         tangent = np.sqrt(max(g @ g - 1.0, 1e-12))
         x, y = g[:2] / g[2] * view.focal + np.asarray(middle)
         view = View(
@@ -132,7 +132,7 @@ def check_distance(distance: float) -> None:
     Raises
     ------
     InputError
-        Where the closeness would not be within `CLOSENESS`.
+        If the closeness would not be within `CLOSENESS`.
     """
     far, near = (1.0 / closeness for closeness in CLOSENESS)
     if not near <= distance <= far:
@@ -142,24 +142,24 @@ def check_distance(distance: float) -> None:
         )
 
 
-#: closeness assumed until the seam tells it
+#: closeness assumed until the seam determines it
 ASSUMED_CLOSENESS = 0.12
 #: circles are voted for on a picture no larger than this [pixels], with these patiences of the vote
 _VOTED_SIZE = 360
 _PATIENCES = (60.0, 40.0, 25.0)
-#: smallest and largest radius, as shares of the picture's shorter side
+#: smallest and largest radius, as fractions of the picture's shorter side
 _SMALLEST, _LARGEST = 0.08, 0.75
 #: circles taken from each vote, and in all
 _VOTED, _CANDIDATES = 3, 40
-#: rays from a circle's centre, and how far to both sides of it an edge is looked for, round by round, as shares of
+#: rays from a circle's centre, and how far to both sides of it an edge is looked for, round by round, as fractions of
 #: the radius
 _RAYS = 240
 _SEARCHES = (0.12, 0.06, 0.03)
 #: an edge is where colour changes by so much within two pixels [grey levels]
 _EDGE = 8.0
-#: a ray agrees with the outline where its edge is within this share of the radius
+#: a ray agrees with the outline where its edge is within this fraction of the radius
 _EDGE_TOLERANCE = 0.012
-#: share of the rays that must
+#: fraction of the rays that must
 _LEAST_SHARE = 0.5
 
 
@@ -174,7 +174,7 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        Where no circle has an edge on half of its rays.
+        If no circle has an edge on half of its rays.
     """
     few = np.stack(frames[:: max(1, len(frames) // 9)])
     still = np.median(few, axis=0).astype(np.uint8)
@@ -200,7 +200,7 @@ def _changing(frames: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _moves(changing: NDArray[np.bool_], view: View) -> float:
-    """Return the share of changing pixels just within a circle less that of those just beyond."""
+    """Return the fraction of changing pixels just within a circle less that of those just beyond."""
     rows, columns = np.mgrid[: changing.shape[0], : changing.shape[1]]
     out = np.hypot(columns - view.x, rows - view.y) / view.radius
     within, beyond = changing[(out > 0.75) & (out < 0.96)], changing[(out > 1.05) & (out < 1.2)]
@@ -213,7 +213,7 @@ def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> 
     Raises
     ------
     InputError
-        Where the circle is too small or not within the picture.
+        If the circle is too small or not within the picture.
     """
     x, y, radius = circle
     width, height = size
@@ -282,7 +282,7 @@ def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, la
 def _refined(
     picture: NDArray[np.float32], circle: tuple[float, float, float], size: tuple[int, int]
 ) -> tuple[View, NDArray[np.float64], float]:
-    """Return the outline near a circle, its points (k, 2), and the share of its rays whose edge agrees with it."""
+    """Return the outline near a circle, its points (k, 2), and the fraction of its rays whose edge agrees with it."""
     points = _on_circle(circle)
     view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
     share = 0.0
@@ -310,7 +310,7 @@ def _refined(
 def _edges(
     picture: NDArray[np.float32], outline: NDArray[np.float64], outward: NDArray[np.float64], search: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where on each ray colour changes most, as a share of its length from the outline, and by how much."""
+    """Return where on each ray colour changes most, as a fraction of its length from the outline, and by how much."""
     length = float(np.mean(np.linalg.norm(outward, axis=1)))
     count = 2 * max(4, round(2.0 * search * length)) + 1  # half pixels
     shares = np.linspace(-search, search, count)

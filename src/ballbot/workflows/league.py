@@ -6,21 +6,27 @@ outermost. The standings are means over the seeds, and every controller against 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
+from ballbot.control.references import is_reference_file
 from ballbot.estimation.interface import EstimatorName
+from ballbot.fitting.checkpoint import identity_of
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Plant
+from ballbot.workflows.candidates import Candidate, UserController
 from ballbot.workflows.comparison import (
     ComparedRun,
     Estimate,
@@ -271,3 +277,32 @@ def _falls(scores: Sequence[Score]) -> int:
 def _ratio(mine: Sequence[Sequence[Score]], first: Sequence[Sequence[Score]], name: str) -> Estimate:
     own, others = (np.array([_values(scores, name) for scores in part]) for part in (mine, first))
     return Paired(own, others).ratio
+
+
+def user_files(controllers: Iterable[Feedback]) -> dict[Path, str]:
+    """Return the checksums of the files that users' controllers consist of, by their paths from here."""
+    return {
+        Path(os.path.relpath(path)): checksum
+        for one in controllers
+        if isinstance(one, UserController)
+        for path, checksum in one.checksums.items()
+    }
+
+
+def league_identity(
+    robot: Robot, candidates: Sequence[Candidate], courses: Sequence[Course], seeds: Sequence[int]
+) -> dict[str, str]:
+    """Return digests of all that the scores depend on, by plain names: files by their contents, not their paths."""
+    files = [one.file.read_bytes() for one in candidates if one.file]
+    references = [Path(one.asked.name).read_bytes() for one in courses if is_reference_file(one.asked.name)]
+    inputs = {
+        "robot": [robot],
+        "controllers": [candidates, *files],
+        "courses": [courses, *references],
+        "seeds": [seeds],
+    }
+    try:
+        mujoco = version("mujoco")
+    except PackageNotFoundError:  # the model needs none
+        mujoco = "not installed"
+    return identity_of(inputs, {"mujoco": mujoco})

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,30 @@ class PerturbationRanges:
                 f"The floor's tilt is {self.tilt:g} degrees; it must be at most "
                 f"{math.degrees(math.atan(MAX_SLOPE)):.1f}."
             )
+
+    @staticmethod
+    def parse(text: str) -> PerturbationRanges:
+        """Return the ranges that a text such as mass=0.2,tilt=1 states; the others keep their defaults.
+
+        Raises
+        ------
+        InputError
+            If a name or a number is not valid.
+        """
+        names = [one.name for one in fields(PerturbationRanges)]
+        given: dict[str, float | int] = {}
+        for part in filter(None, text.split(",")):
+            name, _, number = part.partition("=")
+            if name not in names:
+                raise InputError(
+                    f"--perturb has no {name!r}; it has {', '.join(names)}, such as mass=0.2,delay=2."
+                )
+            try:
+                given[name] = int(number) if name == "delay" else float(number)
+            except ValueError:
+                kind = "a whole number" if name == "delay" else "a number"
+                raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
+        return replace(PerturbationRanges(), **given)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

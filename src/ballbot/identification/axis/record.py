@@ -142,18 +142,38 @@ Variables = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True, kw_only=True)
 class AxisColumns:
-    """Which variable of a file is what. Numbers may be written out, or be a scalar variable's name."""
+    """The variables of a file. A number is written out, or is the name of a scalar variable."""
 
     time: str = "t"
+    """The variable with the time, in seconds."""
+
     position: str = "position"
+    """The variable with the position, in metres or radians."""
+
     force: str = "force"
-    force_scale: str = "1"  #: force [N] over what the file's column holds
-    added_force: str | None = None  #: a force that acts beside it, in newtons already
+    """The variable with the force, torque, current or voltage that drives the axis."""
+
+    force_scale: str = "1"
+    """Factor from that variable to newtons or newton metres: a number, or a variable of the file."""
+
+    added_force: str | None = None
+    """The variable with an additional force on the axis, in newtons (newton metres)."""
+
     reference: str | None = None
-    position_gain: str | None = None  #: k_p; both gains, or neither
-    velocity_gain: str | None = None  #: k_v, from velocity to what the force column holds
-    limit: str | None = None  #: of what the force column holds
+    """The variable with the reference of the position; with both gains, the closed loop is simulated as well, in
+    the example with: --reference qg --position-gain kp --velocity-gain kv."""
+
+    position_gain: str | None = None
+    """Position gain of the loop, in 1/s: a number, or a variable of the file."""
+
+    velocity_gain: str | None = None
+    """Velocity gain of the loop, from velocity to the force variable: a number, or a variable of the file."""
+
+    limit: str | None = None
+    """Limit of the force variable: a number, or a variable of the file."""
+
     unit: Literal["m", "rad"] = "m"
+    """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:

@@ -113,7 +113,7 @@ def mixture_outcomes(robot: Robot, *, progress: ProgressCallback = ignore_progre
     robot : Robot
         Without friction.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+        Called with the progress.
     """
     chosen, models = mixtures(), []
     for mixture in chosen:

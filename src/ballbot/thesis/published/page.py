@@ -6,11 +6,15 @@ below); with massless wheels they must be ours.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from cyclopts import run
+from rich.progress import Progress as RichProgress
 
+from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.mechanics.model import Model
 from ballbot.progress import ProgressCallback, ignore_progress
@@ -105,7 +109,7 @@ def presets_section() -> str:
     return "## All presets, by the exact equations\n\n" + markdown_table(headings, rows) + "\n"
 
 
-COMMAND = "python -m ballbot.thesis.published --out docs/generated/published_models.md"
+COMMAND = "python -m ballbot.thesis.published.page --out docs/generated/published_models.md"
 
 _HEAD = f"""\
 # Published models: what they print, what they should print, and why
@@ -125,7 +129,7 @@ def published_page(*, progress: ProgressCallback = ignore_progress) -> str:
     Parameters
     ----------
     progress : callable, optional
-        Called with the share that is done, from 0 to 1.
+        Called with the progress.
     """
     load = Robot.load
     parts = [
@@ -145,6 +149,31 @@ def write_published_page(path: Path, *, progress: ProgressCallback = ignore_prog
     Raises
     ------
     InputError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     write_text(path, published_page(progress=progress))
+
+
+def main(*, out: Path = Path("docs/generated/published_models.md")) -> int:
+    """Compute the page on published models.
+
+    Example: python -m ballbot.thesis.published.page --out docs/generated/published_models.md
+
+    Parameters
+    ----------
+    out
+        The Markdown file to write.
+    """
+    try:
+        with RichProgress(transient=True) as bar:
+            task = bar.add_task("published models", total=1.0)
+            write_published_page(out, progress=lambda now: bar.update(task, completed=now.share))
+    except InputError as error:
+        print(f"ballbot: {error}", file=sys.stderr)
+        return 2
+    print(out)
+    return 0
+
+
+if __name__ == "__main__":
+    run(main)

@@ -99,7 +99,7 @@ def mixture_model(robot: Robot, corrections: Corrections) -> LinearModel:
 def in_state(model: LinearModel, T: NDArray[np.float64]) -> SourceModel:
     """Return the model in the state z = T x, T (m, 10).
 
-    Where z has fewer states than x they must be ones that the others do not act on.
+    If z has fewer states than x they must be ones that the others do not act on.
     """
     back = np.linalg.pinv(T)
     return SourceModel(A=T @ model.A @ back, B=T @ model.B)

@@ -36,10 +36,9 @@ from ballbot.thesis.reproduce.item import LONG_RUNS, RUNS, run_seed
 from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, FILMED, Logs, ModelOnGrid
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
-from ballbot.vision.comparison import WheelComparison, compare_with_wheels
 from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
 from ballbot.vision.seam_pixels import ball_pixels, seam_finder
-from ballbot.vision.spin import Spin, facing, measure_spin
+from ballbot.vision.spin import Spin, WheelComparison, compare_with_wheels, facing, measure_spin
 from ballbot.vision.video import open_video
 from ballbot.workflows.ball_movement import BallMovement, ball_movement
 
@@ -51,7 +50,7 @@ _ROWS = 1000.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FilmedBall:
-    """What the film told."""
+    """What the video shows."""
 
     scene: Scene
     spin: Spin

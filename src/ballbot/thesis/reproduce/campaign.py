@@ -14,23 +14,23 @@ from ballbot.log import Log
 from ballbot.progress import ProgressCallback, part_of
 from ballbot.robot import Friction, Robot
 from ballbot.robot.file import write_robot
-from ballbot.thesis.reproduce import appendices, chapter3, chapter4, chapter5
+from ballbot.thesis.reproduce import appendices, chapter5, chapters_2_to_4
 from ballbot.thesis.reproduce.bench import Bench, rounded_friction
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake, Verdict
 from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.recordings import FIRST, SECOND, Logs, Progress, record_all, sources_of
 
 ITEMS: tuple[Callable[[Bench], Item], ...] = (
-    chapter3.figure_2_1,
-    chapter3.figure_3_1,
-    chapter3.figure_3_2,
-    chapter3.figure_3_4,
-    chapter3.figure_3_5,
-    chapter4.figure_4_1,
-    chapter4.table_4_1,
-    chapter4.figure_4_2,
-    chapter4.table_4_2,
-    chapter4.figure_4_3,
+    chapters_2_to_4.figure_2_1,
+    chapters_2_to_4.figure_3_1,
+    chapters_2_to_4.figure_3_2,
+    chapters_2_to_4.figure_3_4,
+    chapters_2_to_4.figure_3_5,
+    chapters_2_to_4.figure_4_1,
+    chapters_2_to_4.table_4_1,
+    chapters_2_to_4.figure_4_2,
+    chapters_2_to_4.table_4_2,
+    chapters_2_to_4.figure_4_3,
     chapter5.figure_5_1,
     chapter5.figure_5_2,
     chapter5.figure_5_3,
@@ -60,7 +60,7 @@ _FITTED = ("fit_square", "fit_eight")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reproduction:
-    """The thesis remade."""
+    """The reproduced thesis."""
 
     bench: Bench
     items: tuple[Item, ...]
@@ -74,16 +74,16 @@ class Reproduction:
 
 
 def reproduce(folder: Path, *, seed: int, progress: ProgressCallback) -> Reproduction:
-    """Remake every figure and table; equal seeds give equal results, wherever the run was stopped in between.
+    """Reproduce every figure and table; equal seeds give equal results, also after an interruption.
 
     Parameters
     ----------
     folder : Path
-        Where recordings are kept, so that a run that was stopped goes on.
+        If recordings are kept, so that a run that was stopped goes on.
     seed : int
-        Of all that is random.
+        Random seed.
     progress : callable
-        Called with the stage and the share of the whole.
+        Called with the progress.
     """
     bench = make_bench(folder, seed=seed, progress=progress)
     total = len(ITEMS) + len(MISTAKES)
@@ -125,16 +125,17 @@ def make_bench(folder: Path, *, seed: int, progress: ProgressCallback) -> Bench:
 def _identified(
     robot: Robot, recordings: dict[str, Logs], *, seed: int, folder: Path, progress: ProgressCallback
 ) -> Robot:
-    """Return the robot with the friction that two recordings tell, from the folder where it was found before."""
+    """Return the robot with the friction identified from two recordings; from the folder if it was identified
+    before."""
     logs = [recordings[name]["log"].without_truth() for name in _FITTED]
     path = folder / f"friction-{_stamp(logs, seed)}.toml"
     if path.exists():
         return Robot.load(path)
 
-    def tell(now: Progress) -> None:
+    def report(now: Progress) -> None:
         part_of(progress, _RECORDED, _IDENTIFIED, stage=f"identifying: {now.stage}")(now)
 
-    found = identify(robot, logs, run=Run(seed=seed, progress=tell))
+    found = identify(robot, logs, run=Run(seed=seed, progress=report))
     write_robot(rounded_friction(found.robot), path)
     return Robot.load(path)
 

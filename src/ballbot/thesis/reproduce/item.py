@@ -18,7 +18,7 @@ from ballbot.workflows.comparison import median_with_interval
 
 #: runs that a verdict on the twin or on a model with friction is taken over
 RUNS = 9
-#: three-minute runs that the sensors are judged by; the fewest whose whole range is an interval of 95 %
+#: three-minute runs on which the sensors are evaluated; the fewest whose whole range is an interval of 95 %
 LONG_RUNS = 6
 
 
@@ -28,7 +28,7 @@ def run_seed(seed: int, number: int) -> int:
 
 
 Verdict = Literal["agrees", "agrees in part", "does not agree", "undecided", "drawn"]
-#: what is said of several items with a verdict, in the order of a summary
+#: the verdicts in a summary of several items, in its order
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
         "agrees": "agree",
@@ -44,7 +44,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Something that is claimed, and the number of ours that it is held against.
+    """A claim, and our number that decides it.
 
     It agrees if `lowest` <= `value` <= `highest`. A number over several runs is their median; then all of its
     `interval` must be within the bounds.
@@ -169,17 +169,17 @@ class Item:
     def sentence(self) -> str:
         """The verdict in words, with what does not agree."""
         if self.verdict == "drawn":
-            return "A drawing; there is nothing to agree or not."
+            return "A drawing; nothing is compared."
         if self.verdict == "agrees":
             return "Ours agrees."
         missing = [_missing(check) for check in self.checks if not check.agrees and not check.undecided]
-        open_still = [_missing(check) for check in self.checks if check.undecided]
-        said = ["Ours is undecided" if self.verdict == "undecided" else f"Ours {self.verdict}"]
+        undecided = [_missing(check) for check in self.checks if check.undecided]
+        parts = ["Ours is undecided" if self.verdict == "undecided" else f"Ours {self.verdict}"]
         if missing:
-            said.append(f"it does not show that {'; nor that '.join(missing)}")
-        if open_still:
-            said.append(f"its runs leave open that {'; and that '.join(open_still)}")
-        return f"{said[0]}: {'; '.join(said[1:])}."
+            parts.append(f"it does not show that {'; nor that '.join(missing)}")
+        if undecided:
+            parts.append(f"its runs do not decide whether {'; and whether '.join(undecided)}")
+        return f"{parts[0]}: {'; '.join(parts[1:])}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,9 +188,9 @@ class Mistake:
 
     number: int  #: in the list
     where: str  #: the equation or section
-    thesis: str  #: what it says
-    right: str  #: what it should say
-    shown_by: tuple[Check, ...]  #: numbers that would not be so were the thesis right
+    thesis: str  #: what it states
+    right: str  #: what is right
+    shown_by: tuple[Check, ...]  #: numbers that would differ if the thesis were right
 
     @property
     def proven(self) -> bool:
@@ -199,7 +199,7 @@ class Mistake:
 
 
 def _missing(check: Check) -> str:
-    return f"{check.claim} ({check.quantity}: {check.measured}; asked is {check.criterion})"
+    return f"{check.claim} ({check.quantity}: {check.measured}; required: {check.criterion})"
 
 
 def _digits(value: float, *, exact: bool = False) -> str:

@@ -1,4 +1,4 @@
-"""The page of the thesis remade: one self-contained file, Markdown, the figures as files, and results.json."""
+"""The page of the reproduction: one self-contained file, Markdown, the figures as files, and results.json."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ballbot.report.tables import with_symbols
 from ballbot.results import as_json, to_results
 from ballbot.robot import Friction
 from ballbot.thesis.published.printed import markdown_table
-from ballbot.thesis.reproduce import figures, figures_5
+from ballbot.thesis.reproduce import figures
 from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.campaign import ITEMS, Reproduction
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
@@ -28,24 +28,21 @@ Drawing = Callable[[Bench], Figure]
 
 #: by `Item.key`, in the thesis's order; tables have none
 DRAWINGS: Mapping[str, Drawing] = MappingProxyType(
-    {
-        item.__name__: {**vars(figures), **vars(figures_5)}[item.__name__]
-        for item in ITEMS
-        if item.__name__.startswith("figure_")
-    }
+    {item.__name__: vars(figures)[item.__name__] for item in ITEMS if item.__name__.startswith("figure_")}
 )
 
 
-_HEADINGS = ("shown is that", "measured is", "number", "bound", "")
+_HEADINGS = ("claim", "quantity", "value", "criterion", "")
 
 _HEAD = """\
-# The thesis remade
+# The thesis reproduced
 
     ballbot reproduce --out thesis
 
-makes every figure and table of the thesis again, from the nominal twin and the models, and proves its misprints and
-mistakes by numbers. It takes some ten minutes of two cores. A command that was stopped goes on where it was when it is
-given again.
+reproduces every figure and table of the thesis from the nominal twin and the models, and shows its misprints
+and
+mistakes by numbers. It takes about ten minutes on two cores. Run the command again to continue an interrupted
+run.
 
 | file | what is in it |
 | :-- | :-- |
@@ -53,32 +50,32 @@ given again.
 | `thesis/figures/*.svg` | the figures, as vectors |
 | `thesis/results.json` | all numbers, with their bounds and intervals |
 | `thesis/reproduce.md` | this page |
-| `thesis/runs/` | the recordings, the friction found and the film of the ball; of use to the next run only |
+| `thesis/runs/` | the recordings, the identified friction and the video of the ball, kept for the next run |
 
 Each figure is a function of its name: Figure 5.6 is `figure_5_6` in `ballbot.thesis.reproduce.chapter5`, and its
-drawing in `ballbot.thesis.reproduce.figures_5`.
+drawing in `ballbot.thesis.reproduce.figures`.
 
 ## What it can show
 
 Friction is identified from two of the twin's logs. Models and compensation know that friction and nothing else of the
-twin, and the twin's scenario was frozen before. Whether ours agrees is decided by numbers within bounds, which stand
-beside them in `index.html` and `results.json`.
+twin, and the twin's scenario was frozen before. Whether our result agrees is decided by numeric criteria, which
+`index.html` and `results.json` list.
 
-- The loop is chaotic: a rolling friction larger by one part in 10^12 moves a peak by centimetres. So no verdict hangs
-  on one run. What has chance in it is given as the median of several runs and the interval that holds the true median
-  with 95 %: 0.34 (0.31 to 0.38). It agrees if the whole interval is within the bounds, and is undecided if only part
-  of it is.
+- The loop is chaotic: a rolling friction larger by one part in 10^12 moves a peak by centimetres. So no verdict
+depends on one run. A random quantity is given as the median of several runs with
+  the 95 % interval of the median: 0.34 (0.31 to 0.38). It agrees if the whole interval is within the bounds, and is
+  undecided if only part of it is.
 - Runs are simulated on a grid: at every sample the state is rounded (speeds to 1e-5, places to 1e-7), which is far
-  below the noise and far above what processors differ by. So equal seeds (`--seed`) give this page, to the digits
-  shown, on every machine; numbers below 1e-9 are rounding and are shown as 0.
+  below the noise and far above the differences between processors. So equal seeds (`--seed`) give this page, to the
+  digits shown, on every machine; numbers below 1e-9 are rounding and are shown as 0.
 - "Without friction" stands for two models: the exact equations, and the thesis's own, which are its basic model with
   its mistakes in it.
-- The twin is no measurement. Its heading drifts by 16 degrees in 3 minutes because the thesis's did (Figure IV.2),
+- The twin is not a measurement. Its heading drifts by 16 degrees in 3 minutes because the thesis's did (Figure IV.2),
   and the body that swings is simulated with the thesis's inertia (Figure III.1): such figures show that the method
   finds what is there.
-- The thesis prints neither its gain nor its friction, so that shapes and ratios can be asked to agree, and sizes such
-  as those of Figure 5.8 only roughly.
-- Photographs and drawings of parts (Figures 1.1, 1.2, 3.3 and I.2) are not made again.
+- The thesis prints neither its gain nor its friction, so shapes and ratios must agree, and sizes such as those of
+  Figure 5.8 only roughly.
+- Photographs and drawings of parts (Figures 1.1, 1.2, 3.3 and I.2) are not reproduced.
 """
 
 
@@ -93,7 +90,7 @@ def reproduction_markdown(made: Reproduction) -> str:
         friction_line(made.bench.identified.friction),
         *(item_markdown(item) for item in made.items),
         "## Misprints and mistakes",
-        f"Of {len(made.mistakes)}, {proven} are shown by numbers that would be others were the thesis right.",
+        f"Of {len(made.mistakes)}, {proven} are confirmed by numbers that would differ if the thesis were right.",
         *(mistake_markdown(mistake) for mistake in made.mistakes),
     ]
     return "\n\n".join(part.strip() for part in parts) + "\n"
@@ -174,7 +171,7 @@ def write_reproduction(
 def reproduction_page(made: Reproduction, provenance: Provenance, figures: Mapping[str, str]) -> str:
     """Return the page with its figures in it, SVG by `Item.key`."""
     values: dict[str, object] = {
-        "title": "The thesis remade",
+        "title": "The thesis reproduced",
         "counts": [(VERDICTS[verdict], count) for verdict, count in made.counts.items()],
         "items": made.items,
         "figures": {key: figure_markup(svg) for key, svg in figures.items()},

@@ -201,7 +201,7 @@ def record_all(
         Its friction is what is compensated.
     seed : int
     folder : Path
-        Where logs are kept.
+        If logs are kept.
     progress : callable
         Called after each recording.
     """

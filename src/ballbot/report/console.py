@@ -1,0 +1,88 @@
+"""Results as text: tables framed on a terminal and plain where the output is piped or kept, and matrices."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.table import Table
+from rich.text import Text
+
+from ballbot.findings import Finding
+from ballbot.printable import printable, printable_line
+
+PLAIN_WIDTH = 100  #: columns if no terminal states its width
+_STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
+
+
+class PlainConsole(Console):
+    """A console that shows text as it is: what looks like markup, emoji or an escape sequence is not obeyed."""
+
+    def __init__(self, *, file: IO[str] | None = None, width: int | None = None) -> None:
+        """Print to a file, standard output by default; the width is the terminal's by default."""
+        super().__init__(file=file, width=width, highlight=False, markup=False, emoji=False)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Render as rich does, what a terminal would obey in texts escaped."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
+
+def as_text(parts: Sequence[RenderableType]) -> str:
+    """Return what printing these parts would put into a file: no frames, no colours."""
+    buffer = io.StringIO()
+    console = PlainConsole(file=buffer, width=PLAIN_WIDTH)
+    for part in parts:
+        console.print(part)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"
+
+
+def table(title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, framed: bool) -> Table:
+    """Return a table of texts; the columns after the first are set flush right where they hold numbers."""
+    made = Table(
+        title=Text(printable_line(title)),
+        title_justify="left",
+        title_style="bold",
+        box=box.ROUNDED if framed else None,
+    )
+    for index, heading in enumerate(headings):
+        numeric = bool(rows) and all(_is_number(row[index]) for row in rows)
+        made.add_column(Text(printable_line(heading)), justify="right" if numeric else "left")
+    for row in rows:
+        made.add_row(*(Text(printable(cell)) for cell in row))
+    return made
+
+
+def matrix_text(name: str, matrix: NDArray[np.float64], *, decimals: int = 4) -> str:
+    """Return a matrix as lines of fixed decimals, its name before the middle row."""
+    scale = 10.0**decimals
+    # rounding first and adding zero keeps a minus sign off what prints as nothing
+    cells = [[f"{value:.{decimals}f}" for value in row] for row in np.round(matrix * scale) / scale + 0.0]
+    width = max(len(cell) for row in cells for cell in row)
+    middle = (len(cells) - 1) // 2
+    lines = []
+    for index, row in enumerate(cells):
+        label = f"{name} =" if index == middle else ""
+        lines.append(f"{label:<{len(name) + 3}}[ {'  '.join(f'{cell:>{width}}' for cell in row)} ]")
+    return "\n".join(lines)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
+    """Return a finding as a line: its severity, the file, the sentence and, of an error, its code."""
+    file = f"{finding.where.file}: " if finding.where.file else ""
+    word = f"{finding.severity}{' (accepted)' if accepted else ''}"
+    return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")

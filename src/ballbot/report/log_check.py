@@ -1,0 +1,186 @@
+"""A log as `ballbot check-log` shows it: its columns, its wheels and its findings, or the mapping proposed for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ballbot.findings import Finding
+from ballbot.log import Log
+from ballbot.log.checks import check
+from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
+from ballbot.log.log import ColumnSummary, summarize
+from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.report.console import finding_line, table
+from ballbot.robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CheckedLog:
+    """A log with what its checks found."""
+
+    file: Path
+    log: Log
+    columns: tuple[ColumnSummary, ...]
+    findings: tuple[Finding, ...]
+    wheels: WheelAgreement | None  #: compared with the robot's kinematics, if the robot is given
+
+    @staticmethod
+    def of(file: Path, log: Log, robot: Robot | None) -> CheckedLog:
+        """Check a log that was read from a file, against a robot if it is given."""
+        return CheckedLog(
+            file=file,
+            log=log,
+            columns=summarize(log),
+            findings=check(log, robot=robot),
+            wheels=wheel_agreement(log, robot) if robot else None,
+        )
+
+    def results(self) -> dict[str, object]:
+        """Return the entries of results.json."""
+        log = self.log
+        return {
+            "file": str(self.file),
+            "rows": len(log),
+            "start": float(log.t[0]),
+            "end": float(log.t[-1]),
+            "sample_time": log.sample_time if len(log) > 1 else None,
+            "columns": self.columns,
+            "findings": self.findings,
+            "wheels": self.wheels,
+        }
+
+
+def checked_log_parts(checked: CheckedLog, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the log's length, its columns, its wheels if they were compared, and the findings."""
+    log = checked.log
+    rate = f", {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
+    yield Text(f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}")
+    yield _column_table(checked.columns, framed=framed)
+    if checked.wheels:
+        yield _wheel_table(checked.wheels, framed=framed)
+    for finding in checked.findings:
+        yield finding_line(finding)
+    if not checked.findings:
+        yield Text("No problems were found.")
+
+
+def _column_table(summaries: tuple[ColumnSummary, ...], *, framed: bool) -> Table:
+    rows = [
+        (
+            column.name,
+            column.unit or "?",
+            *("-" if limit is None else f"{limit:.4g}" for limit in (column.least, column.greatest)),
+            f"{column.change_rate:.4g}",
+            str(column.missing),
+        )
+        for column in summaries
+    ]
+    headings = ("column", "unit", "from", "to", "changes per second", "missing")
+    return table("Columns", headings, rows, framed=framed)
+
+
+def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> Table:
+    found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
+    rows = [
+        (str(i), str(place), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
+        for i, (place, sign, gain, correlation) in enumerate(found, start=1)
+    ]
+    headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
+    return table("Wheels, compared with the robot's kinematics", headings, rows, framed=framed)
+
+
+def proposal_parts(
+    file: Path, proposal: Proposal, findings: Sequence[Finding], *, framed: bool
+) -> Iterator[RenderableType]:
+    """Yield the columns of a foreign file with their roles, the tested wheel orders, and the findings."""
+    yield Text(f"{file}: not in Ballbot's format; proposed mapping:")
+    yield _role_table(proposal, framed=framed)
+    if proposal.lean_test:
+        yield _placement_table(proposal, framed=framed)
+    for finding in findings:
+        yield Text(f"{finding.severity}: {finding.text}")
+
+
+def _role_table(proposal: Proposal, *, framed: bool) -> Table:
+    roles, lean, wheel, duty = proposal.roles, proposal.lean, proposal.wheel, proposal.duty
+    rows = [
+        ("time", roles.time or "-", "s", ""),
+        (
+            "roll, pitch, yaw",
+            ", ".join(roles.attitude) or "-",
+            lean.unit if lean else "-",
+            lean.reason if lean else "",
+        ),
+        ("wheel angles", ", ".join(roles.angles), wheel.unit, wheel.reason),
+        (
+            "commands",
+            ", ".join(roles.commands) or "-",
+            duty.unit if duty else "-",
+            duty.reason if duty else "",
+        ),
+    ]
+    return table("Columns", ("what", "of the file", "unit", "because"), rows, framed=framed)
+
+
+def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
+    placements = proposal.lean_test.placements if proposal.lean_test else ()
+    least = min((one.misfit for one in placements), default=1.0)
+    rows = [
+        (
+            one.description,
+            f"{math.degrees(one.phase):.1f}",
+            f"{one.gain:.2f}",
+            f"{100.0 * one.unexplained:.1f}",
+            f"{100.0 * one.together:.1f}",
+            f"{one.misfit / least:.1f}",
+        )
+        for one in placements
+    ]
+    headings = (
+        "wheel order",
+        "phase [deg]",
+        "gain",
+        "lean unexplained [%]",
+        "wheels together [%]",
+        "misfit",
+    )
+    return table("Wheel orders, by the response of the lean", headings, rows, framed=framed)
+
+
+def proposal_results(
+    file: Path, proposal: Proposal, log: Log, findings: Sequence[Finding]
+) -> dict[str, object]:
+    """Return the entries of results.json for a proposed mapping and the log that it makes."""
+    tested, heading, commands = proposal.lean_test, proposal.heading, proposal.commands
+    return {
+        "file": str(file),
+        "roles": proposal.roles,
+        "wheel_unit": proposal.wheel,
+        "lean_unit": proposal.lean,
+        "duty": proposal.duty,
+        "speed_noise": {"before": proposal.timing.before, "after": proposal.timing.after},
+        "handedness": None if tested is None else "mirrored" if tested.placements[0].mirrored else "direct",
+        "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
+        "phase_error_deg": None
+        if tested is None or tested.phase_error is None
+        else math.degrees(tested.phase_error),
+        "placements": [] if tested is None else tested.placements,
+        "margin": None if tested is None else tested.margin,
+        "sensor_delay": None if tested is None else tested.lag,
+        "command_delay": None if commands is None else commands.delay,
+        "disturbance": None if tested is None else tested.disturbance,
+        "heading": heading,
+        "commands": commands,
+        "frame": proposal.frame,
+        "keep": proposal.keep,
+        "rows": len(log),
+        "columns": list(log.names),
+        "findings": findings,
+    }

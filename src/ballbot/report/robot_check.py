@@ -1,0 +1,120 @@
+"""A checked robot as text: derived quantities, matrices, poles, their uncertainty, a swing, a reference, a drawing."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ballbot.report.console import finding_line, matrix_text, table
+from ballbot.robot.derived import Derived
+from ballbot.robot.drawing import robot_drawing
+from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
+from ballbot.workflows.reference_check import MARGIN_HEADINGS
+from ballbot.workflows.robot_check import (
+    MATRICES,
+    MISTAKEN_MATRICES,
+    CheckedReference,
+    CheckedRobot,
+    CheckedSwing,
+    state_order,
+)
+
+
+def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[RenderableType]:
+    """Return what `ballbot check` prints of a robot, top to bottom."""
+    robot = checked.robot
+    kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    rows = [[one.name, f"{one.value:.5g}", _unit(one), one.meaning] for one in checked.derived]
+    parts: list[RenderableType] = [
+        Text(f"{robot.name}: a robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}."),
+        *(finding_line(one, accepted=one.severity == "error") for one in checked.findings),
+        Text(""),
+        table("Derived quantities", ("quantity", "value", "unit", "meaning"), rows, framed=framed),
+        Text("\nTransformation matrices", style="bold"),
+    ]
+    for name, meaning in MATRICES.items():
+        mistake = MISTAKEN_MATRICES.get(name)
+        heading = f"\n{meaning}" + (f"\nMISTAKEN: {mistake}" if mistake else "")
+        parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
+    parts += [*_linear_lines(checked), *_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
+    if checked.band:
+        parts += [Text(""), _band_table(checked.band, framed=framed)]
+    if checked.swing:
+        parts += _swing_parts(checked.swing, framed=framed)
+    if checked.following:
+        parts += _reference_parts(checked.following, framed=framed)
+    return [*parts, Text("\nDrawing", style="bold"), Text(robot_drawing(robot))]
+
+
+def _unit(one: Derived) -> str:
+    return "" if one.unit == "1" else one.unit
+
+
+def _linear_lines(checked: CheckedRobot) -> list[Text]:
+    return [
+        Text("\nLinear model x_dot = A x + B u about upright, exact model", style="bold"),
+        Text(state_order(checked.robot.wheel_count)),
+        Text(matrix_text("A", checked.linear.A)),
+        Text(matrix_text("B", checked.linear.B)),
+    ]
+
+
+def _pole_lines(poles: NDArray[np.complex128]) -> list[Text]:
+    # adding zero keeps a minus sign off what prints as nothing
+    rounded = np.round(poles, 3) + 0.0
+    listed = ", ".join(f"{pole.real:g}{f'{pole.imag:+g}j' if pole.imag else ''}" for pole in rounded)
+    fastest = float(poles[0].real)
+    time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
+    return [
+        Text("\nPoles about upright, exact model [rad/s]", style="bold"),
+        Text(listed),
+        Text(f"unstable pole: {fastest:.3f} rad/s{time}."),
+    ]
+
+
+def _uncertainty_line(spread: PoleSpread | None) -> str:
+    if spread is None:
+        return (
+            "No value in the file has a standard_deviation; with some, "
+            "the standard deviation of the pole would be shown here."
+        )
+    largest = list(spread.variance_shares.items())[:3]
+    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
+    low, high = spread.interval_95
+    return (
+        "From the standard deviations in the file, its standard deviation is "
+        f"{spread.standard_deviation:.2g} rad/s, and it lies between {low:.3g} "
+        f"and {high:.3g} in 95 % of {spread.draws} draws ({causes})."
+    )
+
+
+def _band_table(band: PredictionBand, *, framed: bool) -> Table:
+    rows = [
+        [state, f"{spread:.2g}", f"{band.rmse_at_end[state]:.2g}"]
+        for state, spread in band.standard_deviation_at_end.items()
+    ]
+    title = f"Predictions after {band.t[-1]:g} s, root mean square over {len(band.starts)} windows of the log"
+    return table(title, ("state", "spread by the standard deviations", "error"), rows, framed=framed)
+
+
+def _swing_parts(swing: CheckedSwing, *, framed: bool) -> list[RenderableType]:
+    headings = ("quantity", "value, 95 %", "unit")
+    title = f"Swing from {swing.fit.swing.source}"
+    return [
+        Text(""),
+        table(title, headings, swing.rows(), framed=framed),
+        *(finding_line(one, accepted=one.severity == "error") for one in swing.findings),
+        *(Text(one.text) for one in swing.remarks()),
+    ]
+
+
+def _reference_parts(reference: CheckedReference, *, framed: bool) -> list[RenderableType]:
+    found = table("Largest use of each limit", MARGIN_HEADINGS, reference.rows(), framed=framed)
+    sentences = [Text(line) for line in reference.verdict()]
+    return [Text(f"\nFollowing {reference.name}", style="bold"), *sentences, found]

@@ -1,0 +1,200 @@
+"""A controller designed for a robot: sampled LQR on the model without friction, friction compensation, and parts.
+
+The gain is designed without friction, because the compensation cancels it. A design knows how uncertain its gain is,
+and how close the compensation comes to the friction that the robot has with 95 % confidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ballbot.control.controller import Compensation, Controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.overcompensation import (
+    CompensationMargin,
+    certain_friction,
+    compensation_margin,
+    refuse_overcompensation,
+)
+from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.presets import (
+    NOMINAL_STATE_WEIGHTS,
+    NOMINAL_TORQUE_WEIGHT,
+    PRECISE_STATE_WEIGHTS,
+    IntegralDesign,
+    adaptive,
+    design_gain,
+    design_integral_gain,
+    precise_controller,
+)
+from ballbot.errors import InputError
+from ballbot.mechanics.model import Model
+from ballbot.robot import Friction, Robot
+from ballbot.robot.components import scaled_friction
+from ballbot.robot.variations import Propagated, propagate
+from ballbot.workflows.robot_check import linearization_results
+
+Kind = Literal["nominal", "precise"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GainOptions:
+    """How the gain is designed."""
+
+    kind: Kind = "nominal"  #: the thesis's soft gain, or a stiff one with integral action
+    state_weights: Sequence[float] | None = None  #: (10,) diagonal of Q; the kind's own if None
+    torque_weight: float = NOMINAL_TORQUE_WEIGHT  #: diagonal of R, the same for every wheel
+    sample_time: float | None = None  #: [s]; the robot's own if None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartOptions:
+    """What the controller has besides its gain.
+
+    Raises
+    ------
+    InputError
+        If the factor on the compensated friction is negative or not finite.
+    """
+
+    compensation: Compensation | None = None
+    """none; full (all friction); partial (only while friction works against the intended motion). If not given, none
+    for the nominal kind and full for the precise one."""
+
+    compensation_gain: float = 1.0
+    """Factor on the compensated friction, below 1 if it is uncertain."""
+
+    notch: float | None = None
+    """A frequency [Hz] to remove from the torques, such as a resonance that `ballbot validate` reports."""
+
+    delay: float | None = None
+    """Time from a measurement until the torque computed from it acts [s]. The controller feeds back the state
+    predicted for that time. `ballbot identify --estimate delays` estimates it."""
+
+    adaptive: bool = False
+    """Adapt the precise kind to the floor's friction, within limits."""
+
+    allow_overcompensation: bool = False
+    """Write the controller even if it compensates more friction than is certain."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.compensation_gain < math.inf:
+            raise InputError(
+                f"--compensation-gain is {self.compensation_gain:g}; it must be zero or more, such as 0.8."
+            )
+
+
+DEFAULT_GAIN, DEFAULT_PARTS = GainOptions(), PartOptions()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ControllerDesign:
+    """A controller and how it was designed."""
+
+    controller: Controller
+    gain: LqrDesign | IntegralDesign
+    uncertainty: Propagated  #: of the gain, from the standard deviations of the robot's parameters
+    stated: Friction  #: the robot's friction
+    certain: Friction  #: the part of it that is present with 95 % confidence
+    margin: CompensationMargin
+
+    def results(self) -> dict[str, object]:
+        """Return the design's entries of results.json."""
+        controller, spread = self.controller, self.uncertainty
+        return {
+            "robot": controller.robot.name,
+            "sample_time": controller.sample_time,
+            "compensation": controller.compensation,
+            "gain": controller.gain,
+            "gain_standard_deviation": spread.deviation if spread.parts else None,
+            "gain_variance_shares": dict(spread.largest(len(spread.parts))),
+            "poles": self.gain.poles,
+            "linearization": linearization_results(frictionless_model(controller.robot)),
+            "compensation_margin": self.margin,
+        }
+
+
+def design_controller(
+    robot: Robot, *, gain: GainOptions = DEFAULT_GAIN, parts: PartOptions = DEFAULT_PARTS
+) -> ControllerDesign:
+    """Design a controller for a robot, and compute the uncertainty of its gain and the margin of its compensation.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its friction, as far as it is certain, is compensated; the gain is designed without friction.
+    gain : GainOptions, optional
+    parts : PartOptions, optional
+
+    Raises
+    ------
+    InputError
+        If a weight or a part is not possible, an adaptation has no integral action to adapt, or more friction is
+        compensated than is certain and this is not allowed.
+    """
+    found = _design(robot, gain)
+    uncertainty = propagate(robot, lambda one: _design(one, gain).gain)
+    certain = certain_friction(robot)
+    compensated = robot.replace(friction=scaled_friction(certain, parts.compensation_gain))
+    controller = _with_parts(_controller(compensated, found, parts.compensation), parts)
+    if not parts.allow_overcompensation:
+        refuse_overcompensation(controller, certain)
+    return ControllerDesign(
+        controller=controller,
+        gain=found,
+        uncertainty=uncertainty,
+        stated=robot.friction,
+        certain=certain,
+        margin=compensation_margin(controller, certain),
+    )
+
+
+def frictionless_model(robot: Robot) -> Model:
+    """Return the model that a gain is designed on."""
+    return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
+
+
+def _design(robot: Robot, options: GainOptions) -> LqrDesign | IntegralDesign:
+    """Return the gain for a robot, with the kind's own weights if none are given."""
+    if options.kind == "precise":
+        return design_integral_gain(
+            robot,
+            state_weights=options.state_weights or PRECISE_STATE_WEIGHTS,
+            torque_weight=options.torque_weight,
+            sample_time=options.sample_time,
+        )
+    return design_gain(
+        robot,
+        state_weights=options.state_weights or NOMINAL_STATE_WEIGHTS,
+        torque_weight=options.torque_weight,
+        sample_time=options.sample_time,
+    )
+
+
+def _controller(
+    robot: Robot, found: LqrDesign | IntegralDesign, compensation: Compensation | None
+) -> Controller:
+    """Return the controller of a gain, with its kind's own compensation if none is given."""
+    if isinstance(found, IntegralDesign):
+        return precise_controller(robot, compensation=compensation or "full", design=found)
+    return Controller(robot, found.gain, sample_time=found.sample_time, compensation=compensation or "none")
+
+
+def _with_parts(controller: Controller, options: PartOptions) -> Controller:
+    """Return the controller with the requested parts."""
+    if options.adaptive:
+        plain, controller = controller, adaptive(controller)
+        if controller.parts == plain.parts:
+            raise InputError(
+                "--adaptive has nothing to adapt: the nominal kind has no integral action. Add --kind precise."
+            )
+    parts = controller.parts
+    if options.notch is not None:
+        parts = replace(parts, notch=Notch(frequency=options.notch))
+    if options.delay is not None:
+        parts = replace(parts, prediction=DelayPrediction(delay=options.delay))
+    return controller.with_parts(parts)
