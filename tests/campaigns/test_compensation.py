@@ -9,7 +9,7 @@ pytest.importorskip("mujoco")
 
 
 @pytest.mark.slow
-def test_identified_compensation_halves_the_twins_position_error():
+def test_compensation_of_identified_friction_halves_the_twin_s_position_error():
     # two logs of 8 s are enough: peaks of 0.39 m without, 0.13 and 0.09 m with compensation
     comparison = compare_compensations(identified_robot(Robot.load("alten"), recorded=8.0), seeds=(100,))
     best = min(("full", "partial"), key=lambda name: comparison.summary(name).peak_position_error)

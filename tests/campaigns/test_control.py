@@ -20,14 +20,14 @@ KNOWN = alten(scaled_friction(FRICTION, 1.2))
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["square", "square, robot 20 % off"])
-def test_the_precise_controller_keeps_to_the_square_on_the_twin(name):
+def test_precise_controller_follows_the_square_on_the_twin(name):
     found = outcome(task_run(KNOWN, name, 300).result())
     assert not found.fell
     assert found.peak < 0.03
     assert found.heading < 0.05
 
 
-def test_another_robot_is_twenty_percent_off_and_a_robot():
+def test_perturbed_robot_is_twenty_percent_off_and_valid():
     ratios = set()
     for seed in range(12):
         robot, scenario = another(seed)
@@ -61,13 +61,13 @@ def test_limit_cycle_is_distinguished_from_drift():
         cycle_amplitude(hold_log(drift[:1500]))
 
 
-def test_an_interval_is_students():
+def test_interval_is_students():
     assert interval([1.0, 2.0, 3.0]) == "+2.000 (-0.484 to +4.484)"  # t(0.975, 2) = 4.303, over sqrt(3)
     assert interval([1.0]) == "-"
 
 
 @pytest.mark.slow
-def test_adaptation_finds_the_carpet_on_the_twin():
+def test_adaptation_identifies_the_carpet_on_the_twin():
     carpet, same = (
         run_over_a_change(KNOWN, ("precise", True, "circle", floor, 400)) for floor in ("carpet", SAME)
     )

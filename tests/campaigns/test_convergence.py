@@ -34,7 +34,7 @@ def test_smooth_motion_has_order_four() -> None:
 
 
 def test_stick_slip_has_order_one_and_small_errors() -> None:
-    """Root mean square over motions, for where in a step a sign changes is chance."""
+    """Root mean square over motions, because where in a step a sign changes is random."""
     cases = sticking_cases(np.random.default_rng(62), 10)
     known = follow(cases)
     assert all(sticks(one) and changes(one) >= 3 for one in known)
@@ -51,7 +51,7 @@ def test_reversals_have_order_one() -> None:
     assert observed_order(STEPS, errors(cases, known, STEPS)) == pytest.approx(1.0, abs=0.25)
 
 
-def test_the_reference_comes_to_rest_with_the_robot() -> None:
+def test_event_driven_reference_comes_to_rest_with_the_robot() -> None:
     """A pushed robot on a rough floor: wheels and ball stop one after another, in both, and stay."""
     # a lean that friction holds, and 2 mm/s
     start = np.array([0.0, 0.0, 1e-4, -5e-5, 0.3, 0.002, -0.0014, 0.0, 0.0, 0.01])
@@ -76,7 +76,7 @@ def at_step(start: NDArray[np.float64], torques: NDArray[np.float64], step: floa
 # --- one wheel -------------------------------------------------------------------------------------
 
 
-def test_mujoco_friction_creeps_by_its_compliance_and_ours_does_not() -> None:
+def test_mujoco_friction_creeps_by_its_compliance_and_ballbot_s_does_not() -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     from campaigns.sticking import BREAK_AWAY, ENGINES, inertia, mujoco_creep, our_creep
 
@@ -93,7 +93,7 @@ def test_mujoco_friction_creeps_by_its_compliance_and_ours_does_not() -> None:
     assert our_creep(BREAK_AWAY * (1.0 + 1e-3)) > 0.0
 
 
-def test_a_campaign_rewrites_its_own_section_alone(tmp_path, monkeypatch) -> None:
+def test_campaign_rewrites_only_its_own_section(tmp_path, monkeypatch) -> None:
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     from campaigns import evidence
 

@@ -6,7 +6,7 @@ from campaigns.coverage import TRUTHS, held, repeat, truth_of
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth():
+def test_intervals_contain_the_truth():
     done, truth = [repeat(TRUTHS["all"], seed=seed) for seed in range(3)], truth_of("all")
     inside = {label: sum(held(label, done, truth)) for label in truth}
     # of 3 right 95 % intervals fewer than 2 hold the truth in one case of 140, and twelve are looked at

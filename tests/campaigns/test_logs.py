@@ -1,4 +1,4 @@
-"""Samples of the campaigns on input: correct logs are not stopped, and fuzzed input ends in an error of ours."""
+"""Samples of the campaigns on input: correct logs are not stopped, and fuzzed input ends in one of Ballbot's errors."""
 
 import sys
 import warnings
@@ -63,7 +63,7 @@ def test_same_seed_gives_the_same_fuzzed_input(tmp_path):
     assert contents[0] == contents[1] != contents[2]
 
 
-def test_every_target_is_counted():
+def test_every_target_has_a_number_of_inputs():
     assert set(COUNTS) == set(target_names())
     assert sum(COUNTS.values()) >= 100_000
 
@@ -93,14 +93,14 @@ def _lacks_a_key(_: int) -> None:
         (_lacks_a_key, "KeyError"),
     ],
 )
-def test_a_failure_is_seen(attempted, words):
+def test_fuzzing_detects_failures(attempted, words):
     with limits():
         found = outcome(attempted, 0)
     assert found["kind"] == "failed"
     assert words in str(found["words"])
 
 
-def test_the_end_and_the_hanging_of_a_process_are_an_input_s():
+def test_crash_and_hang_of_the_worker_count_as_failures_of_the_input():
     line = 'print(\'{"kind": "accepted"}\', flush=True)'
     ended = list(outcomes([sys.executable, "-c", f"import os; {line}; os.abort()"], 3))
     assert [one.kind for one in ended] == ["accepted", "failed"]
@@ -109,7 +109,7 @@ def test_the_end_and_the_hanging_of_a_process_are_an_input_s():
     assert [one.words for one in hanging] == ["hangs"]
 
 
-def test_nothing_outside_its_folder_is_written(tmp_path):
+def test_fuzzing_writes_only_into_its_folder(tmp_path):
     before = set(Path(tmp_path).parent.iterdir())
     with limits():
         outcome(attempt("reference", SEED, tmp_path), 1)

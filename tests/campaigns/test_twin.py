@@ -1,4 +1,4 @@
-"""Samples of the campaigns of `campaigns.twin_*`: convergence to the exact model, and what the thesis saw."""
+"""Samples of the campaigns of `campaigns.twin_*`: convergence to the exact model, and the thesis's observations."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter(
     assert (errors[-1] < [1e-5, 3e-4, 1e-3, 2e-3]).all()
 
 
-def test_rollers_ripple_the_wheel_s_speed_and_a_single_point_does_not() -> None:
+def test_rollers_cause_a_speed_ripple_and_a_single_point_does_not() -> None:
     """The thesis's bumps (3.2): nine rollers of a row pass in a turn."""
     found = {}
     for name in ("wide_rows", "nominal", "single_point"):
@@ -31,7 +31,7 @@ def test_rollers_ripple_the_wheel_s_speed_and_a_single_point_does_not() -> None:
 
 
 @pytest.mark.slow
-def test_play_is_seen_as_impulses() -> None:
+def test_play_causes_impulses() -> None:
     """The thesis's chapter 6; measured 350 and 29 rad/s^2, and 19 and 1.6 times a normal fourth moment."""
     played, without = (
         twin_observed.impulses(closed_loop(Run(scenario=one, duration=16.0))) for one in PLAY.values()
@@ -41,7 +41,7 @@ def test_play_is_seen_as_impulses() -> None:
 
 
 @pytest.mark.slow
-def test_a_twisting_driveline_shows_in_the_residuals() -> None:
+def test_compliant_driveline_causes_a_peak_in_the_residuals() -> None:
     """Measured: a line 300 times the median near 33 Hz when on, 6 times when off."""
     off, on = (
         twin_observed.residual_spectrum(closed_loop(Run(scenario=one, duration=16.0)), one.friction)
