@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, precise_controller
-from ballbot.control.references import Reference, square
+from ballbot.control.references import Reference, circle, square
 from ballbot.estimation import named_estimator
 from ballbot.processes import worker_pool
 from ballbot.simulation.plant import Measurement
@@ -31,13 +31,13 @@ from campaigns.section import Section
 
 ALTEN = Robot.load("alten")
 SAMPLE_TIME = 0.005
-CHANGE_SEEDS = tuple(range(600, 602))
+CHANGE_SEEDS = tuple(range(600, 604))
 COURSE_SEEDS = tuple(range(600, 605))
 
 AT = 12.0  # when the floor changes [s]
 LATE = 20.0  # so long after it the error left is measured [s]
 DURATION = 64.0  # [s]; from AT + LATE on a whole round counts
-REFERENCES: Mapping[str, Reference] = {"square": square(side=0.5, period=32.0)}
+REFERENCES: Mapping[str, Reference] = {"square": square(side=0.5, period=32.0), "circle": circle(period=32.0)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,9 +81,16 @@ class ChangingFloor:
         return measured
 
 
+def without_observer(robot: Robot) -> Controller:
+    """Return the precise controller without the observer, which does part of what an adaptation does."""
+    whole = precise_controller(robot)
+    return whole.with_parts(replace(whole.parts, disturbance_observer=None))
+
+
 #: by the name in the table, with fixed compensation; each also runs with adaptation
 CONTROLLERS: Mapping[str, Callable[[Robot], Controller]] = {
     "precise": precise_controller,
+    "precise, no observer": without_observer,
 }
 
 

@@ -2,7 +2,7 @@
 
     python examples/03_study.py demo/square/log.csv demo/figure_eight/log.csv
 
-`make demo` records these logs on the twin. It takes about two minutes on two cores.
+`make demo` records these logs on the twin. The script takes some three minutes.
 """
 
 import sys
@@ -21,4 +21,4 @@ for name, value in found.parameters.items():
 
 validation = ballbot.validate(found.robot, logs[0])
 for finding in findings(validation):
-    print(finding)
+    print(finding.text)
