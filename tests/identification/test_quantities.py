@@ -11,12 +11,11 @@ from ballbot import Log, Model
 from ballbot.errors import InputError
 from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.identify import estimated_parameters
-from ballbot.identification.input_and_sensor_model import seen_late, state_delays
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import QUANTITIES, Layout, names_in, second_moments, with_rigid_body
 from ballbot.identification.stages import windows_for
-from ballbot.identification.windows import back_emf_of, ball_spin, standstill_torques
+from ballbot.identification.windows import back_emf_of, ball_spin, seen_late, standstill_torques, state_delays
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 from tests.support.control_examples import FRICTION, alten

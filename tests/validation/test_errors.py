@@ -7,7 +7,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from ballbot.fitting.comparison import verdicts
-from ballbot.validation.errors import ErrorPair, StateErrors
+from ballbot.validation.models import ErrorPair, StateErrors
 
 
 def _errors(

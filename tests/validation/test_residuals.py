@@ -19,16 +19,22 @@ from ballbot.validation import ModelPair
 from ballbot.validation.models import stretches
 from ballbot.validation.prediction import Prediction, predict
 from ballbot.validation.residuals import ResidualAnalysis, analyse_residuals, residual_findings
-from ballbot.validation.spectrum import Clues, Peak, Spectrum, Updates, find_updates, named_peaks, spectrum
 from ballbot.validation.statistics import (
     LAGS,
+    Clues,
+    Peak,
+    Spectrum,
+    Updates,
     autocovariance,
     blocks_of,
     correlation_of,
     correlations,
     effective_counts,
+    find_updates,
     holm,
     lagged,
+    named_peaks,
+    spectrum,
     whiteness,
 )
 from ballbot.validation.wheel_effects import wheel_torque_residuals

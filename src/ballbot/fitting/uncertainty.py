@@ -128,7 +128,12 @@ def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def covariance_in_time(
-    J: NDArray[np.float64], residual: NDArray[np.float64], block: NDArray[np.int64], *, neighbours: int = 0
+    J: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    block: NDArray[np.int64],
+    *,
+    neighbours: int = 0,
+    inverse: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Return the covariance (p, p) of a least-squares estimate.
 
@@ -141,6 +146,8 @@ def covariance_in_time(
         The number of each row's block, from 0 in the order of time.
     neighbours : int
         L, how many blocks on either side depend on each other.
+    inverse : ndarray (p, p), optional
+        Of the matrix of the least squares, if it is not J^T J, as with weights: J then has the weights in it.
     """
     count = int(block.max()) + 1
     scores = np.stack(
@@ -150,6 +157,8 @@ def covariance_in_time(
     for k in range(1, min(neighbours, count - 1) + 1):
         both = scores[:-k].T @ scores[k:]
         spread += (1.0 - k / (neighbours + 1.0)) * (both + both.T)
+    if inverse is not None:
+        return count / max(count - 1, 1) * inverse @ spread @ inverse
     # columns of length one first: mass, viscosity and stiffness are of very different sizes
     lengths = np.linalg.norm(J, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)

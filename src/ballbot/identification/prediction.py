@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.run import Executor, Threads
 from ballbot.fitting.uncertainty import NormalEquations
-from ballbot.identification.input_and_sensor_model import (
+from ballbot.identification.parameters import Coordinates
+from ballbot.identification.quantities import RIGID, TERMS, Layout, with_rigid_body
+from ballbot.identification.windows import (
+    Windows,
     acting_torques,
     seen_late,
     sensor_offsets,
     state_delays,
 )
-from ballbot.identification.parameters import Coordinates
-from ballbot.identification.quantities import RIGID, TERMS, Layout, with_rigid_body
-from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw

@@ -21,12 +21,11 @@ from ballbot.identification.initial_states import (
     InitialStatesFit,
     fit_with_initial_states,
 )
-from ballbot.identification.input_and_sensor_model import samples_before
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.sweep import SweepFriction
-from ballbot.identification.windows import Windows, ball_spin, cut_windows, split
+from ballbot.identification.windows import Windows, ball_spin, cut_windows, samples_before, split
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Stage

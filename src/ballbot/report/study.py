@@ -34,7 +34,7 @@ from ballbot.report.validation import validation_values
 from ballbot.report.validation_figures import correlation_figure
 from ballbot.robot import Friction, Robot
 from ballbot.robot.figure import robot_figure
-from ballbot.validation.findings import better_in, weak_states
+from ballbot.validation.validation import better_in, weak_states
 from ballbot.workflows.controller_choice import ControllerChoice
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.study import Study

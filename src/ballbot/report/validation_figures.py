@@ -31,8 +31,7 @@ from ballbot.report.style import (
     thinned,
 )
 from ballbot.validation.closed_loop import ClosedLoop
-from ballbot.validation.errors import ErrorPair
-from ballbot.validation.models import Trajectories
+from ballbot.validation.models import ErrorPair, Trajectories
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.prediction import HorizonComparison
 from ballbot.validation.residuals import ResidualAnalysis

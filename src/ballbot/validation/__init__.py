@@ -1,10 +1,15 @@
 """Validation: a robot's model against its logs, in closed loop, in open loop and by one-step prediction."""
 
 from ballbot.validation.closed_loop import RecoveredGain, recover_gain
-from ballbot.validation.errors import ErrorPair, StateErrors
-from ballbot.validation.findings import findings
-from ballbot.validation.models import ModelPair, NamedModel
-from ballbot.validation.validation import Validation, join_validations, validate, validate_logs, validate_pair
+from ballbot.validation.models import ErrorPair, ModelPair, NamedModel, StateErrors
+from ballbot.validation.validation import (
+    Validation,
+    findings,
+    join_validations,
+    validate,
+    validate_logs,
+    validate_pair,
+)
 
 __all__ = [
     "ErrorPair",

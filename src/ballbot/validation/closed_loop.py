@@ -24,8 +24,15 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.model import Model
-from ballbot.validation.errors import ErrorPair, join_pairs
-from ballbot.validation.models import ModelPair, Trajectories, check_wheels, rows_after, window_starts
+from ballbot.validation.models import (
+    ErrorPair,
+    ModelPair,
+    Trajectories,
+    check_wheels,
+    join_pairs,
+    rows_after,
+    window_starts,
+)
 
 #: torques this close to the limit count as clipped
 _CLIPPED = 0.999

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.validation.errors import ErrorPair, StateErrors, join_pairs
 from ballbot.validation.models import (
+    ErrorPair,
     ModelPair,
+    StateErrors,
     Trajectories,
     forecast,
+    join_pairs,
     recoverable_lean,
     rows_after,
     window_starts,

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from ballbot.fitting.comparison import HorizonErrors
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_angle_names, wheel_speed_names
-from ballbot.validation.errors import ErrorPair
-from ballbot.validation.models import ModelPair, forecast, rows_after, window_starts
+from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after, window_starts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

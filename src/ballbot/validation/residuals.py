@@ -1,6 +1,6 @@
 """Analysis of a model's one-step residuals, and the findings: each is stated only where its test is significant.
 
-Correlation and whiteness are in `ballbot.validation.statistics`, the spectrum in `ballbot.validation.spectrum`, and the
+Correlation, whiteness and spectrum are in `ballbot.validation.statistics`, the
 dependence on the wheels' motion in `ballbot.validation.wheel_effects`.
 """
 
@@ -17,16 +17,21 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 from ballbot.validation.prediction import Prediction
-from ballbot.validation.spectrum import Clues, NamedPeak, Spectrum, Updates, named_peaks, spectrum
 from ballbot.validation.statistics import (
     LEAST_STEPS,
+    Clues,
     Colour,
     Correlations,
+    NamedPeak,
+    Spectrum,
+    Updates,
     Whiteness,
     blocks_of,
     correlations,
     lagged,
+    named_peaks,
     slices,
+    spectrum,
     whiteness,
 )
 from ballbot.validation.wheel_effects import (

@@ -1,4 +1,4 @@
-"""Statistics of time series whose samples are not independent: correlation and whiteness.
+"""Statistics of residuals over time, which depend on each other: correlation, whiteness and spectrum.
 
 A series is made of segments, none of which may be joined to the next.
 
@@ -20,6 +20,20 @@ A long log rejects whiteness for a memory that does not matter. So the share of 
 residuals before it predict (Yule and Walker's equations) stands beside the test. One cause lies outside the model:
 the noise of a measured state enters two residuals, with opposite signs, which alone makes a correlation of down to
 -1/2 from one sample to the next and none beyond.
+
+Spectrum. Hann windows that overlap by half, as P. Welch's (IEEE Transactions on Audio and Electroacoustics 15 (1967)
+70-73); of their periodograms the logarithms are averaged, so that a window with more motion has no more weight in the
+search for peaks. Of noise, a periodogram's logarithm is the density's less 0.5772, with a variance of pi^2/6 whatever
+the density (M. Bartlett and D. Kendall, Supplement to the Journal of the Royal Statistical Society 8 (1946) 128-138); K
+windows that overlap count as K / 1.056. So a bin is a peak where it stands above its surroundings by more than chance
+does once in a hundred logs, over all bins and states. Its surroundings are the larger of the medians on either side: on
+a slope, one of them is above any bin between.
+
+A column that is updated every 1/f s makes lines at multiples of f, and those above half the sampling rate are folded
+down. Rollers pass at a rate that follows the wheel's speed. Where the wheels turn evenly that names a peak; over uneven
+speeds `ballbot.validation.wheel_effects` finds what recurs with their position, and a peak at a frequency at which that
+recurs may be it. A peak of neither kind is a resonance, of the robot or of the loop; one above half the sampling rate
+shows folded down as well.
 """
 
 from __future__ import annotations
@@ -30,7 +44,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, stats
+from scipy import linalg, signal, stats
+
+from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import torque_names
+from ballbot.robot import Rollers
 
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
@@ -221,3 +239,242 @@ def _predicted_share(memory: NDArray[np.float64]) -> float:
         return 0.0
     past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])
     return float(np.clip(past @ memory[1:], 0.0, 1.0))
+
+
+#: a column is slower than the log where it is renewed every so many rows or more on average
+_SLOWER = 1.2
+#: and as good as evenly: this share of the renewals no more than a row off the average
+_EVEN_SHARE = 0.9
+_LEAST_RENEWALS = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Updates:
+    """Rates [Hz] of what is renewed less often than the log has rows."""
+
+    torques: float | None  #: the control rate
+    states: dict[str, float]  #: by the state's name
+
+
+def find_updates(log: Log) -> Updates:
+    """Return what in a log is renewed less often than once a row, at even intervals."""
+    count = log.torques.shape[1]
+    torques = [rate for name in torque_names(count) if (rate := _update_rate(log, name)) is not None]
+    states = {name: rate for name in STATE_NAMES if (rate := _update_rate(log, name)) is not None}
+    return Updates(torques=max(torques) if len(torques) == count else None, states=states)
+
+
+def _update_rate(log: Log, name: str) -> float | None:
+    renewed = np.flatnonzero(np.diff(log[name]) != 0.0)
+    if len(renewed) < _LEAST_RENEWALS:
+        return None
+    between = np.diff(renewed)
+    average = float(between.mean())
+    even = np.mean(np.abs(between - average) < 1.0)
+    return 1.0 / (average * log.sample_time) if average > _SLOWER and even > _EVEN_SHARE else None
+
+
+#: length of a window [s] where the log allows it: what it tells apart is 1.5 over it
+_WINDOW = 2.56
+_LEAST_WINDOWS = 8
+#: a window of fewer rows tells nothing apart
+_LEAST_ROWS = 64
+#: chance of any false peak in a log
+PEAK_LEVEL = 0.01
+#: bins of a side's surroundings, and the bins next to the peak that are left out for its own width
+_SIDE, _GUARD = 14, 4
+#: bins below this are the motion itself
+_LOWEST = _GUARD + 2
+#: a peak is at least so many times its surroundings
+_LEAST_RATIO = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peak:
+    """Where a state's residual has more than around it."""
+
+    state: int
+    frequency: float  #: [Hz]
+    ratio: float  #: density over that of its surroundings
+    rms: float  #: what it adds, in the state's unit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrum:
+    """Power spectral densities of residuals."""
+
+    frequencies: NDArray[np.float64]  #: (f,) [Hz]
+    densities: NDArray[np.float64]  #: (f, k) unit^2/Hz
+    resolution: float  #: [Hz] peaks nearer than this are one
+    windows: int
+    peaks: tuple[Peak, ...]  #: by state and frequency
+
+
+def spectrum(
+    residuals: NDArray[np.float64], segments: Sequence[int], *, sample_time: float
+) -> Spectrum | None:
+    """Return the spectrum of columns (n, k) made of `segments`, or None if too few windows fit."""
+    rate = 1.0 / sample_time
+    rows = min(round(_WINDOW * rate), 2 * sum(segments) // (_LEAST_WINDOWS + 1), max(segments))
+    rows -= rows % 2
+    fitting = [where for where in slices(segments) if where.stop - where.start >= rows]
+    windows = sum(1 + 2 * (where.stop - where.start - rows) // rows for where in fitting)
+    if rows < _LEAST_ROWS or windows < _LEAST_WINDOWS:
+        return None
+    frequencies = np.fft.rfftfreq(rows, sample_time).astype(np.float64)
+    logs = np.mean([_log_density(part, rate) for part in _windows(residuals, fitting, rows)], axis=0)
+    return Spectrum(
+        frequencies=frequencies,
+        densities=np.exp(logs),
+        resolution=1.5 * rate / rows,
+        windows=windows,
+        peaks=_peaks(frequencies, logs, windows),
+    )
+
+
+def _windows(
+    residuals: NDArray[np.float64], fitting: Sequence[slice], rows: int
+) -> Iterator[NDArray[np.float64]]:
+    for where in fitting:
+        for start in range(where.start, where.stop - rows + 1, rows // 2):
+            yield residuals[start : start + rows]
+
+
+def _log_density(part: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+    """Return the logarithm of a window's density (f, k), its mean over noise that of the true density's."""
+    _, density = signal.periodogram(part, rate, window="hann", detrend="linear", axis=0)
+    return np.log(density + np.finfo(float).tiny) + np.euler_gamma
+
+
+def _peaks(frequencies: NDArray[np.float64], logs: NDArray[np.float64], windows: int) -> tuple[Peak, ...]:
+    around = _surroundings(logs)
+    error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
+    limit = max(np.log(_LEAST_RATIO), stats.norm.isf(PEAK_LEVEL / logs.size) * error)
+    found = []
+    for place, state in np.argwhere(logs - around > limit):
+        near = slice(max(0, place - _GUARD), place + _GUARD + 1)
+        if logs[place, state] < logs[near, state].max():
+            continue
+        more = np.maximum(np.exp(logs[near, state]) - np.exp(around[place, state]), 0.0)
+        found.append(
+            Peak(
+                state=int(state),
+                frequency=_vertex(frequencies, logs[:, state], int(place)),
+                ratio=float(np.exp(logs[place, state] - around[place, state])),
+                rms=float(np.sqrt(more.sum() * (frequencies[1] - frequencies[0]))),
+            )
+        )
+    return tuple(sorted(found, key=lambda peak: (peak.state, peak.frequency)))
+
+
+def _surroundings(logs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each bin's surroundings (f, k); NaN at the lowest frequencies, where the motion itself is."""
+    # a spectrum is symmetric about zero and about half the sampling rate, which makes both sides whole
+    far = _GUARD + _SIDE
+    mirrored = np.pad(logs, ((far, far), (0, 0)), mode="reflect")
+    around = np.full_like(logs, np.nan)
+    for place in range(_LOWEST, len(logs)):
+        here = place + far
+        below = np.median(mirrored[here - far : here - _GUARD], axis=0)
+        above = np.median(mirrored[here + _GUARD + 1 : here + far + 1], axis=0)
+        around[place] = np.maximum(below, above)
+    return around
+
+
+def _vertex(frequencies: NDArray[np.float64], logs: NDArray[np.float64], place: int) -> float:
+    """Return where the parabola through a peak and its neighbours is highest."""
+    if not 0 < place < len(logs) - 1:
+        return float(frequencies[place])
+    before, at, after = logs[place - 1 : place + 2]
+    shift = 0.5 * (before - after) / (before - 2.0 * at + after)
+    return float(frequencies[place] + shift * (frequencies[1] - frequencies[0]))
+
+
+#: multiples of a rate that are looked at
+_HARMONICS = 6
+#: wheels turn evenly where 80 % of their speeds are within this part of the median
+_EVEN_SPEEDS = 0.2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Clues:
+    """What else a log tells about its frequencies."""
+
+    updates: Updates
+    turning: NDArray[np.float64] | None  #: (3,) [turns/s] 10 %, 50 % and 90 % of the wheels' speeds
+    rollers: Rollers
+    orders: tuple[int, ...]  #: times a turn of a wheel at which a residual torque comes back
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedPeak:
+    """A frequency at which one state's residual or several have a peak."""
+
+    frequency: float  #: [Hz]
+    states: tuple[str, ...]
+    cause: str
+
+
+def named_peaks(found: Spectrum, clues: Clues) -> tuple[NamedPeak, ...]:
+    """Return the peaks of all states, those within the resolution of each other as one, in order of frequency."""
+    causes = [*_of_updates(found, clues), *_of_rollers(clues)]
+    named = []
+    for group in _peak_groups(found):
+        strongest = max(group, key=lambda peak: peak.ratio)
+        frequency, apart = strongest.frequency, found.resolution
+        near = [words for low, high, words in causes if low - apart <= frequency <= high + apart]
+        states = tuple(STATE_NAMES[index] for index in sorted({peak.state for peak in group}))
+        cause = near[0] if near else "a resonance, of the robot or of the loop, that the model lacks"
+        named.append(NamedPeak(frequency=frequency, states=states, cause=cause))
+    return tuple(named)
+
+
+def _peak_groups(found: Spectrum) -> Iterator[list[Peak]]:
+    group: list[Peak] = []
+    for peak in sorted(found.peaks, key=lambda one: one.frequency):
+        if group and peak.frequency - group[-1].frequency > found.resolution:
+            yield group
+            group = []
+        group.append(peak)
+    if group:
+        yield group
+
+
+def _of_updates(found: Spectrum, clues: Clues) -> Iterator[tuple[float, float, str]]:
+    """Yield from and to which frequency [Hz] what is slower than the log shows, and what that is."""
+    rate, updates = 2.0 * float(found.frequencies[-1]), clues.updates
+    slow = [
+        (renewed, f"{name} is updated at only {renewed:.4g} Hz") for name, renewed in updates.states.items()
+    ]
+    if updates.torques is not None:
+        slow.append((updates.torques, f"the control rate, {updates.torques:.4g} Hz"))
+    for renewed, words in slow:
+        for multiple in range(1, _HARMONICS + 1):
+            folded = _folded(multiple * renewed, rate)
+            yield folded, folded, words
+
+
+def _of_rollers(clues: Clues) -> Iterator[tuple[float, float, str]]:
+    """Yield from and to which frequency [Hz] what comes back with the wheels' position shows, and what that is."""
+    if clues.turning is None:
+        return
+    slow, usual, fast = clues.turning
+    if usual > 0.0 and fast - slow < _EVEN_SPEEDS * usual:
+        for rings in range(1, clues.rollers.rows + 1):
+            passing = rings * clues.rollers.per_row * usual
+            yield (
+                passing,
+                passing,
+                f"rollers of {'one ring' if rings == 1 else 'all rings'} passing the contact",
+            )
+    for order in clues.orders:
+        yield (
+            order * slow,
+            order * fast,
+            f"something that recurs {order} times per turn of the wheels, or a resonance",
+        )
+
+
+def _folded(frequency: float, rate: float) -> float:
+    """Return where a frequency appears when sampled at `rate`."""
+    return abs(frequency - rate * round(frequency / rate))

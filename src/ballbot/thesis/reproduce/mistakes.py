@@ -21,7 +21,7 @@ from ballbot.thesis.reproduce.appendices import RUBBER
 from ballbot.thesis.reproduce.bench import Bench
 from ballbot.thesis.reproduce.item import Check, Mistake
 from ballbot.thesis.reproduce.recordings import CHANGE
-from ballbot.validation.errors import thesis_error
+from ballbot.validation.models import thesis_error
 from ballbot.validation.statistics import Correlations
 
 #: the thesis's sweep: amplitude [N m], period [s]; the limit [rad/s]

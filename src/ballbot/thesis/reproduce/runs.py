@@ -21,8 +21,14 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.recordings import ARRIVED, CHANGE, ModelOnGrid
-from ballbot.validation.errors import thesis_error
-from ballbot.validation.models import ModelPair, NamedModel, forecast, recoverable_lean, rows_after
+from ballbot.validation.models import (
+    ModelPair,
+    NamedModel,
+    forecast,
+    recoverable_lean,
+    rows_after,
+    thesis_error,
+)
 from ballbot.validation.prediction import predict
 from ballbot.validation.statistics import Correlations, correlations
 from ballbot.workflows.metrics import position_error, rms, true_place

@@ -1,8 +1,7 @@
 """Sensors against motion capture: clock, frame, lever arm and flips, then errors and drifts (thesis, Appendix IV)."""
 
-from ballbot.validation.alignment.align import Alignment, align
+from ballbot.validation.alignment.align import Alignment, PositionError, SensorError, SensorErrors, align
 from ballbot.validation.alignment.clock import Clock
-from ballbot.validation.alignment.errors import PositionError, SensorError, SensorErrors
 from ballbot.validation.alignment.findings import alignment_findings
 from ballbot.validation.alignment.frame import Frame, Lever
 from ballbot.validation.alignment.motion import Flip, MotionFit

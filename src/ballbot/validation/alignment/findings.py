@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, note
-from ballbot.validation.alignment.align import Alignment
-from ballbot.validation.alignment.errors import ANGLES, SensorError, SensorErrors
+from ballbot.validation.alignment.align import ANGLES, Alignment, SensorError, SensorErrors
 from ballbot.validation.alignment.frame import LEAST_LEVER
 from ballbot.validation.alignment.motion import nearest_cube_rotation
 

@@ -28,7 +28,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.pose import Poses
 from ballbot.validation.alignment.clock import Clock, log_rotations, longest_bridge, whole_rows
-from ballbot.validation.alignment.motion import SPAN, MotionFit, fit_linear
+from ballbot.validation.alignment.motion import SPAN, MotionFit, fit_in_blocks
 
 #: heading and origin are those of the first so many seconds
 START = 2.0
@@ -173,7 +173,7 @@ def fit_lever(
     J = np.zeros((len(starts), 3, 5))
     J[:, :, :3] = world_marker[ends] - world_marker[starts]
     J[:, 0, 3], J[:, 1, 3], J[:, 0, 4], J[:, 1, 4] = x, y, -y, x
-    found, half = fit_linear(J, moved, common.t[starts])
+    found, half = fit_in_blocks(J, moved, common.t[starts])
     arm = found[:3]
     believed = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
     return Lever(arm=arm, half_width=half[:3], used=arm if believed else np.zeros(3))

@@ -26,6 +26,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.uncertainty import covariance_in_time
 from ballbot.log.pose import Poses
 from ballbot.validation.alignment.clock import Clock, Turning, broken
 
@@ -34,48 +36,24 @@ _BLOCK = 5.0
 _LEAST_BLOCKS = 8
 
 
-def clustered_covariance(
-    J: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    times: NDArray[np.float64],
-    inverse: NDArray[np.float64],
-    *,
-    weights: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], float]:
-    """Return the covariance of the parameters and Student's t for 95 % with as many blocks.
-
-    The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: within a block, anything may go together.
-
-    Parameters
-    ----------
-    J : ndarray (n, c, p)
-        Derivative of the residuals by the parameters.
-    residuals : ndarray (n, c)
-    times : ndarray (n,)
-        Of the residuals [s], increasing.
-    inverse : ndarray (p, p)
-        Of the weighted J^T J.
-    weights : ndarray (n,), optional
-    """
+def _blocks(times: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the number of the block of time (n,) that each of increasing times (n,) [s] is in."""
     length = max(min(_BLOCK, (times[-1] - times[0]) / _LEAST_BLOCKS), 1e-9)
-    block = ((times - times[0]) / length).astype(np.int64)
-    w = np.ones(len(times)) if weights is None else weights
-    sums = np.zeros((int(block[-1]) + 1, J.shape[2]))
-    np.add.at(sums, block, np.einsum("k,kij,ki->kj", w, J, residuals))
-    count = len(np.unique(block))
-    meat = sums.T @ sums * count / max(count - 1, 1)
-    return inverse @ meat @ inverse, float(stats.t.ppf(0.975, max(count - 1, 1)))
+    return np.unique(((times - times[0]) / length).astype(np.int64), return_inverse=True)[1].astype(np.int64)
 
 
-def fit_linear(
+def _quantile(blocks: NDArray[np.int64]) -> float:
+    """Return Student's t for 95 % with as many blocks."""
+    return float(stats.t.ppf(0.975, max(int(blocks.max()), 1)))
+
+
+def fit_in_blocks(
     J: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the parameters (p,) with which J explains the values (n, c), and their 95 % half widths (p,)."""
-    flat = J.reshape(-1, J.shape[2])
-    inverse = np.linalg.pinv(flat.T @ flat).astype(np.float64)
-    found = inverse @ flat.T @ values.ravel()
-    covariance, quantile = clustered_covariance(J, values - J @ found, times, inverse)
-    return found, quantile * np.sqrt(np.diag(covariance))
+    """Return the parameters (p,) with which J (n, c, p) explains the values (n, c), and their 95 % half widths (p,)."""
+    blocks = _blocks(times)
+    fit = fit_linear(J.reshape(-1, J.shape[2]), values.ravel(), np.repeat(blocks, values.shape[1]))
+    return fit.values, _quantile(blocks) * fit.errors
 
 
 #: increments are over this [s]: long beside the cameras' noise, short beside a gyro's drift
@@ -175,9 +153,22 @@ def fit_motion(log: Turning, cameras: Turning, clock: Clock, body_marker: Rotati
             break
     residuals, J = _equations(log, increments, clock, body_marker, bias, middle)
     inverse = _solved(J, residuals, weights)[1]
-    covariance, quantile = clustered_covariance(J, residuals, increments.start, inverse, weights=weights)
+    blocks = _blocks(increments.start)
+    covariance = covariance_in_time(
+        (J * weights[:, None, None]).reshape(-1, J.shape[2]),
+        residuals.ravel(),
+        np.repeat(blocks, residuals.shape[1]),
+        inverse=inverse,
+    )
     return _with_half_widths(
-        clock, body_marker, bias, covariance, quantile, middle, increments=increments, residuals=residuals
+        clock,
+        body_marker,
+        bias,
+        covariance,
+        _quantile(blocks),
+        middle,
+        increments=increments,
+        residuals=residuals,
     )
 
 
