@@ -1,5 +1,7 @@
 """The documents agree with the code: their examples run, their links and the files they name exist."""
 
+import importlib
+import importlib.util
 import re
 import subprocess
 import sys
@@ -19,6 +21,11 @@ def fenced(document: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
 
 
+SOURCES = [
+    path.as_posix()
+    for folder in ("src", "tests", "campaigns", "benchmarks", "examples")
+    for path in (ROOT / folder).rglob("*.py")
+]
 DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 
 
@@ -37,6 +44,29 @@ def test_links_of_a_document_lead_somewhere(document):
         file = (document.parent / name).resolve() if name else document
         assert file.exists(), f"{document.name}: {target}"
         assert not anchor or anchor in anchors(file), f"{document.name}: {target}"
+
+
+def resolved(name: str) -> bool:
+    """Return whether a dotted name is a module, or something in one."""
+    found, parts = importlib.import_module("ballbot"), name.split(".")[1:]
+    for part in parts:
+        try:
+            found = getattr(found, part)
+        except AttributeError:
+            if importlib.util.find_spec(f"{found.__name__}.{part}") is None:
+                return False
+            found = importlib.import_module(f"{found.__name__}.{part}")
+    return True
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_modules_that_a_document_names_exist(document):
+    pytest.importorskip("mujoco")
+    text = document.read_text(encoding="utf-8")
+    named = re.findall(r"`([a-z_\d/]+\.py)`", text)
+    assert [name for name in named if not any(file.endswith(f"/{name}") for file in SOURCES)] == []
+    names = re.findall(r"`(ballbot(?:\.\w+)+)", text)
+    assert [name for name in names if not resolved(name)] == []
 
 
 def test_files_that_the_architecture_names_exist():
