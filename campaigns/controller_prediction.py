@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.log import Log
 from ballbot.workflows.comparison import fraction_with_interval
-from ballbot.workflows.controller_causes import SYMPTOMS, Cause, clearness, signature_of
+from ballbot.workflows.controller_causes import SYMPTOMS, Cause, signature_of, strength
 from ballbot.workflows.controller_prediction import Prediction, lognormal_interval, predict
 from ballbot.workflows.controller_verdict import (
     QUANTITY_NAMES,
@@ -230,7 +230,7 @@ def calibrate() -> None:
     numbers = [asdict(one) for log in runs if (one := signature_of(log, study.found.robot))]
     for symptom in SYMPTOMS:
         away = [
-            symptom.usual * clearness(symptom, one[symptom.number], expected[symptom.number])
+            symptom.usual * strength(symptom, one[symptom.number], expected[symptom.number])
             for one in numbers
         ]
         print(f"    {symptom.number}: RMS {np.sqrt(np.mean(np.square(away))):.3g}, now {symptom.usual:g}")

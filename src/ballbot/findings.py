@@ -29,6 +29,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "axis-unit": "the position of an axis appears to be in another unit",
         "ball-axes": "x and y are swapped or negated against the wheels",
         "ball-omega": "the angular velocity of the ball on the clamped robot has other axes, signs or units",
+        "cause": "a likely cause of a run that is not as predicted",
         "chatter": "the wheels oscillate within the play of the gears",
         "closed-loop": "which model predicts the closed loop better",
         "coarse": "a lean or its rate comes in coarse steps",

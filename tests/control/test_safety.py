@@ -29,6 +29,7 @@ from ballbot.control.safety import (
 from ballbot.errors import InputError
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.onboard import OnboardState
+from ballbot.findings import Finding
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.simulation.model_plant import ModelPlant
@@ -267,7 +268,7 @@ class Miswired:
         return self._plant.step(self._signs * torques[self._order], duration)
 
 
-def findings_of(plant) -> list[str]:
+def findings_of(plant) -> list[Finding]:
     robot = plant.robot
     log = simulate(plant, SelfTest(robot), hold(), duration=SELF_TEST_DURATION)
     return list(evaluate_self_test(robot, log).findings)
@@ -296,7 +297,8 @@ def test_the_nominal_twin_passes_and_stays_upright():
 def test_a_wrong_sign_is_named(wrong):
     signs = tuple(-1 if i == wrong else 1 for i in range(3))
     (finding,) = findings_of(Miswired(alten(FRICTION), order=(0, 1, 2), signs=signs))
-    assert f"Motor {wrong + 1} was driven forward and its encoder turned back" in finding
+    assert f"Motor {wrong + 1} was driven forward and its encoder turned back" in finding.text
+    assert finding.code == "torque-sign"
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1), (0, 2, 1)])
@@ -306,12 +308,14 @@ def test_a_wrong_order_is_named(order):
     assert len(findings) == len(wrong)
     for motor, finding in zip(wrong, findings, strict=True):
         turning = order.index(motor) + 1
-        assert f"Motor {motor + 1} was driven and encoder {turning} turned the most" in finding
+        assert f"Motor {motor + 1} was driven and encoder {turning} turned the most" in finding.text
+        assert finding.code == "torque-order"
 
 
 def test_a_motor_without_power_is_named():
     (finding,) = findings_of(Miswired(alten(FRICTION), order=(0, 1, 2), signs=(1, 0, 1)))
-    assert "Motor 2 was driven and no encoder turned" in finding
+    assert "Motor 2 was driven and no encoder turned" in finding.text
+    assert finding.code == "dead-motor"
 
 
 def test_the_example_in_the_documents_runs(capsys):

@@ -361,7 +361,7 @@ def test_each_signature_quantity_points_to_its_cause(symptom, prediction: Predic
     cause = ranked_causes(seen, prediction.signature)[0]
     assert cause.name == symptom.cause
     # twice the least, but for rounding
-    assert cause.clearness == pytest.approx(2.0 * POSSIBLE)
+    assert cause.strength == pytest.approx(2.0 * POSSIBLE)
 
 
 def test_an_error_of_the_logs_checks_comes_first(prediction: Prediction):

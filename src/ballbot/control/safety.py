@@ -30,6 +30,7 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.control.interface import LARGEST_STATE, Feedback, estimator_of
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
+from ballbot.findings import Finding
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Robot
@@ -242,7 +243,7 @@ class SelfTest:
     Raises
     ------
     InputError
-        Where the torque is not within the drive's limit, or not above the break-away torque that the robot's file has.
+        If the torque is not within the drive's limit, or not above the robot's break-away torque.
     """
 
     sample_time: float
@@ -278,10 +279,10 @@ class SelfTest:
 
 @dataclass(frozen=True, kw_only=True)
 class SelfTestResult:
-    """What a self-test found."""
+    """The result of a self-test."""
 
     turned: tuple[tuple[float, ...], ...]  #: by the wheel pushed, by how much each encoder turned [rad]
-    findings: tuple[str, ...]  #: a sentence for each wheel that is wrong
+    findings: tuple[Finding, ...]  #: an error for each wheel that is wrong
 
     @property
     def passed(self) -> bool:
@@ -290,7 +291,7 @@ class SelfTestResult:
 
 
 def evaluate_self_test(robot: Robot, log: Log) -> SelfTestResult:
-    """Return what a log of `SelfTest` tells, from the encoders alone.
+    """Return the result of a self-test from the encoders in its log.
 
     Parameters
     ----------
@@ -301,7 +302,7 @@ def evaluate_self_test(robot: Robot, log: Log) -> SelfTestResult:
     Raises
     ------
     InputError
-        Where the log is shorter.
+        If the log is shorter.
     """
     n = robot.wheel_count
     if len(log) * log.sample_time < SELF_TEST_DURATION - 0.5 * log.sample_time:
@@ -320,26 +321,30 @@ def evaluate_self_test(robot: Robot, log: Log) -> SelfTestResult:
         )
         turns = angles[last] - angles[first]
         turned.append(tuple(turns.tolist()))
-        if sentence := _wheel_finding(wheel, turns, least):
-            findings.append(sentence)
+        if finding := _wheel_finding(wheel, turns, least):
+            findings.append(finding)
     return SelfTestResult(turned=tuple(turned), findings=tuple(findings))
 
 
-def _wheel_finding(wheel: int, turns: NDArray[np.float64], least: float) -> str | None:
-    most = int(np.argmax(np.abs(turns)))
-    if abs(turns[most]) < least:
-        return (
-            f"Motor {wheel + 1} was driven and no encoder turned: the motor has no power, or its wheel is "
-            "stuck."
+def _wheel_finding(wheel: int, turns: NDArray[np.float64], least: float) -> Finding | None:
+    fastest = int(np.argmax(np.abs(turns)))
+    motor = f"Motor {wheel + 1} was driven"
+    if abs(turns[fastest]) < least:
+        return _error(
+            "dead-motor", f"{motor} and no encoder turned: the motor has no power, or its wheel is stuck."
         )
-    if most != wheel:
-        return (
-            f"Motor {wheel + 1} was driven and encoder {most + 1} turned the most: cables are in the wrong "
-            "order."
+    if fastest != wheel:
+        return _error(
+            "torque-order",
+            f"{motor} and encoder {fastest + 1} turned the most: cables are in the wrong order.",
         )
     if turns[wheel] < 0.0:
-        return (
-            f"Motor {wheel + 1} was driven forward and its encoder turned backward: one of the two has the "
-            "wrong sign."
+        return _error(
+            "torque-sign",
+            f"{motor} forward and its encoder turned backward: one of the two has the wrong sign.",
         )
     return None
+
+
+def _error(code: str, text: str) -> Finding:
+    return Finding(code=code, severity="error", text=text)

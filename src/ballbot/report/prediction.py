@@ -1,4 +1,4 @@
-"""What `ballbot validate --prediction` says of a controller: results.json, the page, and what to do next."""
+"""The verdict of `ballbot validate --prediction` on a controller: results.json, the page, and the next steps."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ballbot.printable import shell_line
 from ballbot.report.console import table
 from ballbot.report.page import Provenance, render
 from ballbot.results import to_results
-from ballbot.workflows.controller_causes import CAUSE_MEANINGS, Cause
+from ballbot.workflows.controller_causes import Cause
 from ballbot.workflows.controller_prediction import Prediction, PredictionInterval
 from ballbot.workflows.controller_verdict import BETTER, QUANTITY_NAMES, QuantityResult, Verdict
 
@@ -61,7 +61,7 @@ def prediction_results(verdict: Verdict, prediction: Prediction, steps: Sequence
             for one in verdict.quantities
         },
         "none": verdict.none,
-        "causes": [to_results(cause) | {"meaning": CAUSE_MEANINGS[cause.name]} for cause in verdict.causes],
+        "causes": verdict.causes,
         "remarks": finding_results(verdict.remarks),
         "next_steps": steps,
         "course": prediction.course,
@@ -84,7 +84,7 @@ def prediction_report(
         "verdict": headline(verdict),
         "rows": quantity_rows(verdict),
         "causes": [
-            (cause.name, CAUSE_MEANINGS[cause.name], *_cause_words(cause)) for cause in verdict.causes
+            (cause.name, cause.meaning, cause.confidence, _evidence(cause)) for cause in verdict.causes
         ],
         "anything_outside": bool(verdict.outside) or verdict.ended is not None,
         "remarks": texts(verdict.remarks),
@@ -102,7 +102,7 @@ def headline(verdict: Verdict) -> str:
 
 
 def quantity_rows(verdict: Verdict) -> list[tuple[str, ...]]:
-    """Return rows: quantity and unit, measured, predicted, its 95 % interval, where it lies, predicted without."""
+    """Return rows: quantity and unit, measured, predicted, its 95 % interval, its place, predicted without."""
     return [
         (
             f"{QUANTITY_NAMES[one.name]} ({_SHOWN[one.name][1]})",
@@ -130,15 +130,14 @@ def predicted_rows(prediction: Prediction) -> list[tuple[str, ...]]:
 
 
 def cause_lines(verdict: Verdict) -> list[str]:
-    """Return the causes in words, the likeliest first; that none can be determined, if something is outside."""
+    """Return the causes in words, the likeliest first; one line without a cause if only the quantities are outside."""
     if not verdict.outside and verdict.ended is None:
         return []
     if not verdict.causes:
         return ["The cause cannot be determined: nothing else in the log differs from the predicted run."]
     return [
-        f"{place}. {cause.name} ({CAUSE_MEANINGS[cause.name]}), {confidence}: {evidence}"
+        f"{place}. {cause.name} ({cause.meaning}), {cause.confidence}: {_evidence(cause)}"
         for place, cause in enumerate(verdict.causes, start=1)
-        for confidence, evidence in [_cause_words(cause)]
     ]
 
 
@@ -147,7 +146,7 @@ def next_steps(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> 
     steps = _advice(verdict, prediction, files)
     if not verdict.remarks:
         return steps
-    own = f"Make sure first that the log was made with {files.controller}: the verdict is on no other controller."
+    own = f"Make sure first that the log was made with {files.controller}: the verdict is about that controller only."
     return [own, *steps]
 
 
@@ -158,7 +157,7 @@ def _advice(verdict: Verdict, prediction: Prediction, files: StudyFolder) -> lis
         f"Go back to {files.previous}, the controller before this one."
         if files.previous.exists()
         else (
-            "Go back to the controller before this one, or to none: "
+            "Go back to the controller before this one, or to one without compensation: "
             f"`{_design(files, 'nominal', 'none')} --out nominal`."
         )
     )
@@ -195,9 +194,9 @@ def _design(files: StudyFolder, kind: str, compensation: str) -> str:
     return shell_line(words)
 
 
-def _cause_words(cause: Cause) -> tuple[str, str]:
-    size = f"; {cause.clearness:.0f} times its usual variation" if np.isfinite(cause.clearness) else ""
-    return cause.confidence, f"{cause.evidence}{size}"
+def _evidence(cause: Cause) -> str:
+    size = f" ({cause.strength:.0f} times the usual variation)" if np.isfinite(cause.strength) else ""
+    return f"{cause.finding.text}{size}"
 
 
 def _place(one: QuantityResult) -> str:

@@ -1,16 +1,16 @@
-"""Why a robot does not do what was predicted: likely causes, ranked by what its log shows.
+"""Why a run is not as predicted: likely causes, ranked by the evidence in its log.
 
 A log's signature is a few numbers that faults of the robot change. The torques are compared with the motion, and the
 ball's acceleration with the lean (`ballbot.log.checks`), each by a least-squares fit whose factors are one, or zero,
 for the robot as identified:
 
-    u_i = k_i n_i + s f(w_i) + o_i                     n what the motion needs, f the identified friction
-    v_dot + C w_dot = -gamma Lambda g - r v/|v| + e     no driveline is in it
+    u_i = k_i n_i + s f(w_i) + o_i                     n the torque of the motion, f the identified friction
+    v_dot + C w_dot = -gamma Lambda g - r v/|v| + e     independent of the driveline
 
-The lag at which the first fits best is the delay from torque to motion. A log's signature differs from one by what
-noise, play and rollers do, so it is compared with that of a simulated run of the same controller, and not with one
-and zero. Each difference is divided by its usual size on a robot without faults, and is evidence for one cause: the
-one that changes it. The cause with the clearest evidence is the likeliest. No cause is named without evidence.
+The lag at which the first fits best is the delay from torque to motion. Noise, play and rollers change a signature
+too, so a log's signature is compared with that of a simulated run of the same controller, not with ones and zeros.
+Each difference is divided by its usual size on a robot without faults, and is evidence for one cause. The cause with
+the strongest evidence is the likeliest. No cause is named without evidence.
 """
 
 from __future__ import annotations
@@ -23,23 +23,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.findings import Finding, warning
 from ballbot.log import Log
 from ballbot.log.checks.lean import Motion, Rows, as_complex, as_plane, motion_of, usable_rows
 from ballbot.log.checks.torque_balance import SIGN, Driving, driving_of, smoothed_wheel_speeds
 from ballbot.log.columns import torque_names
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import contact_momentum
+from ballbot.results import reported
 from ballbot.robot import Robot
 
-#: how much less rows count if a wheel did not turn for certain all the filter's time
+#: exponent of the weight of rows in which a wheel may have stood still within the filter's window
 _TURNED_POWER = 4
 #: samples by which the torques may act later than logged; a filter of the state makes them seem early
 EARLIEST, LATEST = -10, 14
-#: share of the torques that is left from which the torque law shows nothing
+#: unexplained fraction of the torques above which the torque law determines nothing
 _UNCLEAR = 0.2
-#: width of the filter that leaves quick motion in, by which a delay shows [s]
+#: width of a filter that keeps fast motion, from which a delay is determined [s]
 _QUICK = 0.02
-#: ball speed under which the direction of rolling friction is not known [m/s]
+#: ball speed below which the direction of rolling friction is unknown [m/s]
 _ROLLING = 0.01
 #: blocks over which a lean's error is averaged [s]
 _SLOW = 2.0
@@ -47,27 +49,29 @@ _SLOW = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Signature:
-    """Numbers of one log; NaN if it does not show it."""
+    """Numbers of one log; NaN if it does not determine one."""
 
     delay: float  #: from torque to motion, by quick motion [s]; that of a filtered state is negative
     frequency: float  #: mean frequency of the torques' changes, by their power [Hz]
-    torque_gain: float  #: torque over what the motion needs [-]
+    torque_gain: float  #: torque over the torque of the motion [-]
     torque_spread: float  #: the largest wheel's gain over the smallest's [-]
     friction: float  #: over the identified one [-]
-    asymmetry: float  #: constant torque that all wheels need alike, as one-sided friction makes [N m]
-    rolling: float  #: deceleration of the ball that the lean does not explain [m/s^2]
-    force: float  #: constant torques along the floor that the motion does not need, as a slope makes [N m]
-    gravity: float  #: ball acceleration over that which the lean causes [-]
+    asymmetry: (
+        float  #: constant torque common to all wheels, as from friction that differs by direction [N m]
+    )
+    rolling: float  #: deceleration of the ball not explained by the lean [m/s^2]
+    force: float  #: constant torques along the floor beyond those of the motion, as from a slope [N m]
+    gravity: float  #: ball acceleration over the acceleration caused by the lean [-]
     turn: float  #: of the lean against the ball's acceleration, about the vertical [rad]
     lean_offset: float  #: constant error of the lean [rad]
     lean_wander: float  #: its slow change, standard deviation [rad]
     gyro_noise: float  #: standard deviation of a sample [rad/s]
     gyro_bias: float  #: mean rate of a lean that stays [rad/s]
-    slip: float  #: largest acceleration that the lean does not explain, over the usual one [-]
-    unexplained: float  #: share of the torques that the fit leaves
+    slip: float  #: largest acceleration not explained by the lean, over the median one [-]
+    unexplained: float  #: fraction of the torques not explained by the fit
 
 
-#: numbers that are of the robot's friction alone, whatever controls it
+#: numbers that depend on the robot's friction alone, not on its controller
 OF_FRICTION = ("friction", "rolling")
 
 
@@ -101,7 +105,7 @@ class _Fit:
     """The torque law at one lag."""
 
     late: float  #: [s]
-    left: float  #: share of the torques that is left
+    left: float  #: unexplained fraction of the torques
     gains: NDArray[np.float64]  #: k (n,)
     friction: float  #: s
     constants: NDArray[np.float64]  #: o (n,) [N m]
@@ -148,7 +152,7 @@ def _fits(log: Log, rows: Rows, driving: Driving, robot: Robot) -> list[_Fit]:
 
 
 def _frequency(log: Log, robot: Robot) -> float:
-    """Return the mean frequency of the torques' changes [Hz]: a loop that is late swings more slowly."""
+    """Return the mean frequency of the torques' changes [Hz]: a delayed loop oscillates more slowly."""
     torques = np.column_stack([log[name] for name in torque_names(robot.wheel_count)])
     changes = np.diff(torques[np.isfinite(torques).all(axis=1)], axis=0)
     power = np.sum(np.abs(np.fft.rfft(changes, axis=0)) ** 2, axis=1)
@@ -222,23 +226,23 @@ def _spread(values: NDArray[np.float64]) -> float:
 CauseName = Literal["delay", "grip", "friction", "sensor", "mapping", "body", "floor"]
 Confidence = Literal["likely", "possible"]
 
-#: evidence, in usual sizes, from which a cause is named as possible, and as likely
+#: strength of the evidence from which a cause is possible, and likely
 POSSIBLE, LIKELY = 3.0, 6.0
 
-#: what each cause is, for those who read it
+#: each cause in words
 CAUSE_MEANINGS: Mapping[CauseName, str] = MappingProxyType(
     {
         "delay": "torques act later, or through something soft",
         "grip": "wheels slip",
         "friction": "the friction has changed",
-        "sensor": "a sensor errs",
+        "sensor": "a sensor has an error",
         "mapping": "torques or columns have another scale, sign or order, or the robot another mass",
         "body": "the body has another height or mass",
-        "floor": "the floor is not level, or pushes the robot",
+        "floor": "the floor is not level, or something pushes the robot",
     }
 )
 
-#: codes of accepted errors of the log's checks that name a cause
+#: the cause that an accepted error of the log's checks names, by its code
 _CAUSE_OF_CODE: Mapping[str, CauseName] = MappingProxyType(
     {
         **dict.fromkeys(
@@ -253,33 +257,40 @@ _CAUSE_OF_CODE: Mapping[str, CauseName] = MappingProxyType(
         "torque-delay": "delay",
     }
 )
-#: errors of a log that are about what the robot did, and stop no verdict on it
+#: errors of a log that describe the robot's motion and do not prevent a verdict
 EXPLAINED_CODES = frozenset({*_CAUSE_OF_CODE, "fall", "hands", "saturation", "disturbance"})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cause:
-    """One cause with its evidence."""
+    """A likely cause with its evidence."""
 
     name: CauseName
-    clearness: float  #: of the evidence, in its usual sizes on a robot without faults
     confidence: Confidence
-    evidence: str  #: one sentence with the number
+    strength: (
+        float  #: of the evidence, in usual differences on a robot without faults; infinite for a failed check
+    )
+    finding: Finding  #: one sentence with the number
+
+    @reported
+    def meaning(self) -> str:
+        """The cause in words."""
+        return CAUSE_MEANINGS[self.name]
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Symptom:
-    """A number of the signature that one cause moves."""
+    """A number of the signature that one cause changes."""
 
     number: str  #: of `Signature`
     cause: CauseName
     #: difference on a robot without faults; of a ratio, its logarithm. Chosen on the development set of
     #: `campaigns.controller_prediction`: no robot without faults comes near `POSSIBLE` usual sizes
     usual: float
-    words: str  #: with {seen} and {expected}
+    words: str  #: with {seen}, {expected}, {difference} or {share}
     ratio: bool = False
     unit: float = 1.0  #: that the words are in
-    moves: Literal["up", "down", "either"] = "either"  #: which change is evidence
+    moves: Literal["up", "down", "either"] = "either"  #: the change that is evidence
 
 
 SYMPTOMS = (
@@ -305,14 +316,14 @@ SYMPTOMS = (
         usual=0.4,
         ratio=True,
         moves="up",
-        words="the largest acceleration that no lean explains is {seen} times the usual one, predicted {expected}",
+        words="the largest acceleration not explained by the lean is {seen} times the median one, predicted {expected}",
     ),
     _Symptom(
         number="friction",
         cause="friction",
         usual=0.06,
         ratio=True,
-        words="torques against the motion are {share} times those predicted",
+        words="the friction torques are {share} times those predicted",
     ),
     _Symptom(
         number="asymmetry",
@@ -339,7 +350,7 @@ SYMPTOMS = (
         number="gyro_bias",
         cause="sensor",
         usual=0.0006,
-        words="the gyro shows {seen} mrad/s on average where nothing turns, predicted {expected}",
+        words="the gyro measures {seen} mrad/s on average at a constant lean, predicted {expected}",
         unit=1e-3,
         moves="up",
     ),
@@ -379,7 +390,7 @@ SYMPTOMS = (
         cause="mapping",
         usual=0.02,
         ratio=True,
-        words="the torques are {share} times what the motion needs",
+        words="the torques are {share} times those of the motion",
     ),
     _Symptom(
         number="gravity",
@@ -401,7 +412,7 @@ SYMPTOMS = (
 def ranked_causes(
     seen: Signature | None, expected: Mapping[str, float], *, codes: Sequence[str] = ()
 ) -> tuple[Cause, ...]:
-    """Return the causes that a log shows, the clearest first; none if it shows none.
+    """Return the causes with evidence in a log, the strongest first; empty if there is none.
 
     Parameters
     ----------
@@ -413,12 +424,7 @@ def ranked_causes(
         Of errors that the log's checks found.
     """
     found = [
-        Cause(
-            name=_CAUSE_OF_CODE[code],
-            clearness=np.inf,
-            confidence="likely",
-            evidence=f"the log's checks found `{code}`",
-        )
+        _cause(_CAUSE_OF_CODE[code], np.inf, f"The checks of the log report `{code}`.")
         for code in dict.fromkeys(codes)
         if code in _CAUSE_OF_CODE
     ]
@@ -429,13 +435,13 @@ def ranked_causes(
             for symptom in SYMPTOMS
             if (cause := _evidence(symptom, numbers[symptom.number], expected.get(symptom.number, np.nan)))
         ]
-    found.sort(key=lambda cause: -cause.clearness)
-    clearest = {cause.name: cause for cause in reversed(found)}
-    return tuple(cause for cause in found if cause is clearest[cause.name])
+    found.sort(key=lambda cause: -cause.strength)
+    strongest = {cause.name: cause for cause in reversed(found)}
+    return tuple(cause for cause in found if cause is strongest[cause.name])
 
 
-def clearness(symptom: _Symptom, seen: float, expected: float) -> float:
-    """Return how far a number is from the predicted one, in usual sizes; NaN if either is unknown."""
+def strength(symptom: _Symptom, seen: float, expected: float) -> float:
+    """Return how far a number is from the predicted one, in usual differences; NaN if either is unknown."""
     if symptom.ratio:
         known = seen > 0.0 and expected > 0.0
         apart = float(np.log(seen / expected)) if known else np.nan
@@ -445,8 +451,8 @@ def clearness(symptom: _Symptom, seen: float, expected: float) -> float:
 
 
 def _evidence(symptom: _Symptom, seen: float, expected: float) -> Cause | None:
-    clear = clearness(symptom, seen, expected)
-    if not clear >= POSSIBLE:
+    found = strength(symptom, seen, expected)
+    if not found >= POSSIBLE:
         return None
     words = symptom.words.format(
         seen=f"{seen / symptom.unit:.3g}",
@@ -454,9 +460,13 @@ def _evidence(symptom: _Symptom, seen: float, expected: float) -> Cause | None:
         difference=f"{(seen - expected) / symptom.unit:.3g}",
         share=f"{seen / expected:.3g}" if expected else "",
     )
+    return _cause(symptom.cause, found, f"{words[0].upper()}{words[1:]}.")
+
+
+def _cause(name: CauseName, strength: float, text: str) -> Cause:
     return Cause(
-        name=symptom.cause,
-        clearness=clear,
-        confidence="likely" if clear >= LIKELY else "possible",
-        evidence=words,
+        name=name,
+        confidence="likely" if strength >= LIKELY else "possible",
+        strength=strength,
+        finding=warning("cause", text),
     )

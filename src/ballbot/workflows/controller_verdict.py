@@ -1,8 +1,8 @@
-"""What the next log says of a controller: each predicted quantity inside or outside, and keep, weaken or revert.
+"""The verdict of the next log on a controller: each predicted quantity inside or outside; keep, weaken or revert.
 
     revert   the run ended early, or its error is not clearly smaller than that predicted without compensation
     weaken   a quantity is worse than predicted, but the error is still clearly smaller
-    keep     nothing is worse than predicted; better than predicted is a reason to keep, too
+    keep     nothing is worse than predicted; better than predicted also means keep
 
 "Clearly smaller" is below the prediction interval of the run without compensation.
 """
@@ -58,18 +58,18 @@ _OTHER_ROWS = 0.005
 _MAX_JUMPS = 100
 #: a run that ends this much before the course has ended early [s]
 _SHORT = 0.05
-#: share of rows with missing values that a verdict bears
+#: largest fraction of rows with missing values
 _MAX_MISSING = 0.02
-#: lean in the last half second from which a log that ends early is taken for a fall [rad]
+#: lean in the last half second of a log that ends early, from which it is a fall [rad]
 _FALLING, _LAST = 0.2, 0.5
 #: duration from which a run separates gain, friction and constants of the torque [s]. On three runs of the twin around
 #: the square the gain, truly 1, came out as 0.55 to 0.68 of 8 s, 0.80 to 0.88 of 16 s and 0.995 to 0.999 of 24 s
 SEPARABLE = 24.0
-#: seconds of a fall, which show its effects
+#: duration of a fall, which is left out [s]
 _FALL = 2.0
 #: relative difference of sample times that is rounding
 _SAME_TIME = 0.01
-#: RMS of the torques that the controller does not give, over that of the torques, from which they are not its own
+#: RMS difference from the controller's torques, over the RMS of the torques, from which they are not its own
 _NOT_ITS_OWN = 0.2
 
 
@@ -84,21 +84,21 @@ class QuantityResult:
 
     @property
     def worse(self) -> bool:
-        """Whether it is outside, on the side that is no good."""
+        """Whether it is outside its interval, on the worse side."""
         return self.place not in ("inside", BETTER[self.name])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """What one log says of a controller."""
+    """The verdict of one log on a controller."""
 
     recommendation: Recommendation
     reason: str  #: one sentence with the numbers that decide
     quantities: tuple[QuantityResult, ...]
     none: Mapping[str, PredictionInterval] | None  #: predicted without compensation; None if that falls
     ended: str | None  #: why the run ended before the course, or None
-    causes: tuple[Cause, ...]  #: of what is outside, the likeliest first; empty if nothing is
-    remarks: tuple[Finding, ...]  #: what limits the verdict
+    causes: tuple[Cause, ...]  #: of quantities outside their intervals, the likeliest first
+    remarks: tuple[Finding, ...]  #: limits of the verdict
 
     @property
     def outside(self) -> tuple[QuantityResult, ...]:
@@ -114,7 +114,7 @@ def evaluate_log(
     *,
     codes: Sequence[str] = (),
 ) -> Verdict:
-    """Return what a log made with a study's controller says of it.
+    """Return the verdict of a log that was made with a study's controller.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def evaluate_log(
 def causes_in(
     run: Log, robot: Robot, prediction: Prediction, *, ended: bool, codes: Sequence[str] = ()
 ) -> tuple[Cause, ...]:
-    """Return what a run shows of why it is not as predicted, the clearest first.
+    """Return likely causes of a run that is not as predicted, the likeliest first.
 
     Parameters
     ----------
@@ -191,13 +191,13 @@ def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
             f"The log's sample time is {log.sample_time:g} s and the controller's {sample_time:g} s; {how}, a row for "
             "each update."
         )
-    asked = _reference_poses(prediction, sample_time)
+    wanted = _reference_poses(prediction, sample_time)
     runs = {
         begin: log.between(begin - 0.5 * sample_time, begin + course.duration - 0.5 * sample_time)
-        for begin in _start_candidates(log, asked, sample_time)
+        for begin in _start_candidates(log, wanted, sample_time)
     }
     apart = {
-        begin: _mismatch_fraction(run, asked, begin, sample_time)
+        begin: _mismatch_fraction(run, wanted, begin, sample_time)
         for begin, run in runs.items()
         if len(run) > 1
     }
@@ -237,9 +237,9 @@ def why_ended(run: Log, prediction: Prediction) -> str | None:
 
 
 def foreign_torque(log: Log, controller: Controller) -> float:
-    """Return the RMS of the torques that the controller does not give, over the RMS of the torques.
+    """Return the RMS difference between the logged torques and the controller's, over the RMS of the torques.
 
-    The controller is replayed on the logged states and references from the log's begin.
+    The controller is replayed on the logged states and references from the start of the log.
     """
     replayed = copy.deepcopy(controller)
     replayed.reset()
@@ -247,8 +247,8 @@ def foreign_torque(log: Log, controller: Controller) -> float:
     reference[:, [0, 1, 4]] = np.column_stack([log["ref_x"], log["ref_y"], log["ref_psi"]])
     given = np.array(
         [
-            replayed.update(t, state, asked)
-            for t, state, asked in zip(log.t.tolist(), log.states, reference, strict=True)
+            replayed.update(t, state, wanted)
+            for t, state, wanted in zip(log.t.tolist(), log.states, reference, strict=True)
         ]
     )
     return rms(log.torques - given) / max(rms(log.torques), 1e-12)
@@ -264,15 +264,15 @@ def check_controller(prediction: Prediction, controller: Controller) -> None:
 
 
 def _complete(log: Log, robot: Robot) -> Log:
-    """Return the rows of a log in which nothing is missing that a verdict needs."""
+    """Return the rows of a log in which no needed value is missing."""
     names = ("ref_x", "ref_y", "ref_psi", *STATE_NAMES, *torque_names(robot.wheel_count))
     log.require(*(name for name in names if name not in log))
     known = np.isfinite(np.column_stack([log[name] for name in names])).all(axis=1)
     missing = len(log) - int(known.sum())
     if missing > _MAX_MISSING * len(log):
         raise InputError(
-            f"{missing} of the log's {len(log)} rows lack a state, a torque or the reference; a verdict needs nearly "
-            "all. Record the course again."
+            f"{missing} of {len(log)} rows of the log lack a state, a torque or the reference; at most "
+            f"{_MAX_MISSING:.0%} may. Record the course again."
         )
     return log if not missing else Log({name: log[name][known] for name in log.names}, log.ended)
 
@@ -284,10 +284,10 @@ def _reference_poses(prediction: Prediction, sample_time: float) -> NDArray[np.f
     return np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(count)])
 
 
-def _start_candidates(log: Log, asked: NDArray[np.float64], sample_time: float) -> list[float]:
+def _start_candidates(log: Log, wanted: NDArray[np.float64], sample_time: float) -> list[float]:
     """Return times at which the course may begin in a log: its first row, and where the first jump fits [s]."""
     begins = [float(log.t[0])]
-    jumps = np.flatnonzero(np.abs(np.diff(asked, axis=0)).max(axis=1) > _SAME_POSE)
+    jumps = np.flatnonzero(np.abs(np.diff(wanted, axis=0)).max(axis=1) > _SAME_POSE)
     if jumps.size:
         logged = log.reference[:, [0, 1, 4]]
         rows = np.flatnonzero(np.abs(np.diff(logged, axis=0)).max(axis=1) > _SAME_POSE) + 1
@@ -297,10 +297,10 @@ def _start_candidates(log: Log, asked: NDArray[np.float64], sample_time: float) 
     return [begin for begin in begins if begin >= float(log.t[0]) - 0.5 * sample_time]
 
 
-def _mismatch_fraction(run: Log, asked: NDArray[np.float64], begin: float, sample_time: float) -> float:
+def _mismatch_fraction(run: Log, wanted: NDArray[np.float64], begin: float, sample_time: float) -> float:
     """Return the share of a run's rows whose reference is not the course's."""
-    rows = np.clip(np.round((run.t - begin) / sample_time).astype(int), 0, len(asked) - 1)
-    apart = np.abs(run.reference[:, [0, 1, 4]] - asked[rows]).max(axis=1)
+    rows = np.clip(np.round((run.t - begin) / sample_time).astype(int), 0, len(wanted) - 1)
+    apart = np.abs(run.reference[:, [0, 1, 4]] - wanted[rows]).max(axis=1)
     return float(np.mean(apart > _SAME_POSE))
 
 
