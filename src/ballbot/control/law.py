@@ -1,22 +1,23 @@
-"""The control law, compiled once for the single robot and for robots in lanes.
+"""The control law, compiled once for one robot and for batches of robots.
 
     u = K S(psi) (r_s - x) + feed-forward + integral action + friction compensation + lost torque,  limited
 
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
-psi = 0 and the wheels turn with the body. The law is a sequence of stages, and each part of `ballbot.control.parts`
-adds its steps to some of them (`Steps` says what a step is given and returns):
+psi = 0 and the wheels turn with the body. The law runs through stages in this order; each part of
+`ballbot.control.parts` has steps in some of them (`Steps` has their signatures, `STAGES` their order):
 
-    observe    look back on the sample that has passed              disturbance observer
+    observe    evaluates the sample that has passed                 disturbance observer
     predict    x, the state in which u will act                     prediction
     shape      r_s, a smooth reference with its derivatives         reference shaping
     error      S(psi) (r_s - x)                                     feed-forward, lean limit
     torque     K times the error, and summands                      feed-forward, integral action
                friction compensation
-    filter     each wheel's torque on its way to the limit          disturbance observer, notch
-    learn      step what follows the error                          integral action, floor adaptation
+    filter     each wheel's torque before the limit                 disturbance observer, notch
+    learn      updates of slow states                               integral action, floor adaptation
 
-A controller's numbers are one record (`LAW`), so that every robot in a batch can have a law of its own, and what it
-remembers is another (`MEMORY`). Both are derived from the parts' dataclasses; see `ballbot.control.records`.
+A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory from
+update to update is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
+a part is one file with these two structs and a function for each of its steps; this file is the calls in order.
 """
 
 from __future__ import annotations
@@ -31,19 +32,19 @@ from numpy.typing import NDArray
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.parts.compensation import CompensationRecord, compensate, compensation_record
-from ballbot.control.parts.part import LawSettings, Sample, Smooth
+from ballbot.control.parts.part import LawSettings, Measured, Sample, Smooth
 from ballbot.control.parts.prediction import TorqueHistory
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
 
-#: what `control_law` returns where the reference may be followed
+#: result of `control_law` if the reference is allowed
 ALLOWED = -1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeedbackRecord:
-    """The gain, and what every law has."""
+    """The numbers of every law."""
 
     torque_limit: float = field(metadata=number("N m"))
     rate: float = field(metadata=number("1/s"))
@@ -59,7 +60,7 @@ LAW = Schema(
         **{name: schema_of(kind.record) for name, kind in KINDS.items()},
     },
 )
-#: what a controller remembers: the last torques, and each part's state by its name; zeros at the start of a run
+#: a controller's memory: the last torques, and each part's state by its name; zeros at the start of a run
 MEMORY = Schema(
     name="memory",
     fields={
@@ -69,7 +70,7 @@ MEMORY = Schema(
 )
 _LAW_TYPE, _MEMORY_TYPE = LAW.dtype(), MEMORY.dtype()
 
-#: length of what a controller remembers, as an array of float64
+#: length of the memory as an array of float64
 MEMORY_SIZE = _MEMORY_TYPE.itemsize // 8
 
 
@@ -90,78 +91,52 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
     return record
 
 
-def _steps(stage: str) -> list[Callable]:
-    """Return the parts' steps of a stage in order."""
-    return [step for kind in KINDS.values() if (step := getattr(kind.steps, stage)) is not None]
+#: stages of the law with the parts that have a step in each, in the order of their calls
+STAGES = {
+    stage: tuple(name for name, kind in KINDS.items() if getattr(kind.steps, stage) is not None)
+    for stage in ("observe", "predict", "shape", "error", "torque", "filter", "learn")
+}
 
 
-def _in_turn(before: Callable, last: Callable) -> Callable:
-    """Return two steps of `observe`, one after the other."""
+def _in_turn(stage: str) -> Callable:
+    """Return the steps of a stage as one function (law, memory, *inputs) that calls them in turn."""
 
-    @inlined
-    def both(law, memory, a, measured, n):
-        before(law, memory, a, measured, n)
-        last(law, memory, a, measured, n)
+    def then(first: Callable, last: Callable) -> Callable:
+        @inlined
+        def both(law, memory, *inputs):
+            first(law, memory, *inputs)
+            last(law, memory, *inputs)
 
-    return both
+        return both
 
-
-def _predicted_in_turn(before: Callable, last: Callable) -> Callable:
-    @inlined
-    def both(law, memory, a, state, n):
-        first, changed = before(law, memory, a, state, n)
-        second, again = last(law, memory, a, first, n)
-        return second, changed or again
-
-    return both
+    return reduce(then, (getattr(KINDS[name].steps, stage) for name in STAGES[stage]))
 
 
-def _shaped_in_turn(before: Callable, last: Callable) -> Callable:
-    @inlined
-    def both(law, memory, state, wanted):
-        return last(law, memory, state, before(law, memory, state, wanted))
+def _through(stage: str) -> Callable:
+    """Return the steps of a stage as one function (law, memory, value, *inputs) that passes a value through them."""
 
-    return both
+    def then(first: Callable, last: Callable) -> Callable:
+        @inlined
+        def both(law, memory, value, *inputs):
+            return last(law, memory, first(law, memory, value, *inputs), *inputs)
 
+        return both
 
-def _error_in_turn(before: Callable, last: Callable) -> Callable:
-    @inlined
-    def both(law, memory, a, wanted, e):
-        first, limited = before(law, memory, a, wanted, e)
-        second, again = last(law, memory, a, wanted, first)
-        return second, limited or again
-
-    return both
+    return reduce(then, (getattr(KINDS[name].steps, stage) for name in STAGES[stage]))
 
 
-def _torques_added(before: Callable, last: Callable) -> Callable:
-    @inlined
-    def both(law, memory, now, i):
-        return before(law, memory, now, i) + last(law, memory, now, i)
-
-    return both
-
-
-def _filtered_in_turn(before: Callable, last: Callable) -> Callable:
-    @inlined
-    def both(law, memory, i, torque):
-        return last(law, memory, i, before(law, memory, i, torque))
-
-    return both
-
-
-def _learnt_in_turn(before: Callable, last: Callable) -> Callable:
-    @inlined
-    def both(law, memory, now, limited):
-        before(law, memory, now, limited)
-        last(law, memory, now, limited)
-
-    return both
+_observe = _in_turn("observe")
+_predict = _through("predict")
+_shape = _through("shape")
+_limit_error = _through("error")
+_add_torques = _through("torque")
+_filter = _through("filter")
+_learn = _in_turn("learn")
 
 
 @inlined
-def _feedback(law, memory, now, i):
-    gain, e = law.gain, now.e
+def _feedback(gain, e, i):
+    """Return the torque K e of a wheel."""
     return (
         gain[i, 0] * e[0]
         + gain[i, 1] * e[1]
@@ -176,18 +151,9 @@ def _feedback(law, memory, now, i):
     )
 
 
-_observe = reduce(_in_turn, _steps("observe"))
-_predict = reduce(_predicted_in_turn, _steps("predict"))
-_shape = reduce(_shaped_in_turn, _steps("shape"))
-_change_error = reduce(_error_in_turn, _steps("error"))
-_torque = reduce(_torques_added, _steps("torque"), _feedback)
-_filter = reduce(_filtered_in_turn, _steps("filter"))
-_learn = reduce(_learnt_in_turn, _steps("learn"))
-
-
 @inlined
 def _limited(torque, limit):
-    """Clip so that a NaN stays one."""
+    """Clip to the limit; NaN stays NaN."""
     return limit if torque > limit else (-limit if torque < -limit else torque)
 
 
@@ -208,7 +174,7 @@ def _turned(a, v_x, v_y):
 
 @inlined
 def _unshaped(reference):
-    """Return x, y and psi asked for, each a `Smooth` at rest."""
+    """Return the reference of x, y and psi, each a `Smooth` at rest."""
     return (
         Smooth(reference[0], 0.0, 0.0, 0.0, 0.0),
         Smooth(reference[1], 0.0, 0.0, 0.0, 0.0),
@@ -240,12 +206,12 @@ def _heading_error(a, state, wanted):
 
 @inlined
 def _release(law, memory, torques):
-    """Filter and limit the torques, and remember them; return whether one was beyond the limit."""
+    """Filter, limit and store the torques; return whether one was beyond the limit."""
     past, given_back = memory.history, memory.disturbance_observer.given_back
     limit = law.torque_limit
     beyond = False
     for i in range(len(torques)):
-        torques[i] = _filter(law, memory, i, torques[i])
+        torques[i] = _filter(law, memory, torques[i], i)
         beyond = beyond or abs(torques[i]) > limit
         torques[i] = _limited(torques[i], limit)
         past.given[0, i] = torques[i]
@@ -257,7 +223,7 @@ def _release(law, memory, torques):
 
 @inlined
 def _is_state(measured):
-    """Return whether every number of a measured state is one that a robot can have."""
+    """Return whether every number of a measured state is possible for a robot."""
     for i in range(10):  # noqa: SIM110 (compiled code has no generators)
         if not abs(measured[i]) <= LARGEST_STATE:  # a NaN is not
             return False
@@ -268,20 +234,18 @@ def _is_state(measured):
 def _decide(law, memory, measured, reference, torques):
     """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
     n = len(torques)
-    a = attitude((measured[2], measured[3], measured[4]))
-    _observe(law, memory, a, measured, n)
-    state, changed = _predict(law, memory, a, measured, n)
-    if changed:
-        a = attitude((state[2], state[3], state[4]))
-    wanted = _shape(law, memory, state, _unshaped(reference))
-    e, limited = _change_error(law, memory, a, wanted, _heading_error(a, state, wanted))
+    seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
+    _observe(law, memory, seen, n)
+    a, state = _predict(law, memory, seen, n)
+    wanted = _shape(law, memory, _unshaped(reference), state)
+    e, error_limited = _limit_error(law, memory, (_heading_error(a, state, wanted), False), a, wanted)
     now = Sample(a, state, wanted, e)
     for i in range(n):
-        torques[i] = _torque(law, memory, now, i)
+        torques[i] = _add_torques(law, memory, _feedback(law.gain, e, i), now, i)
     if law.compensation.full + law.compensation.partial > 0.0:
         compensate(law, memory, now, torques)
-    beyond = _release(law, memory, torques)
-    _learn(law, memory, now, beyond or limited)
+    torque_limited = _release(law, memory, torques)
+    _learn(law, memory, now, torque_limited or error_limited)
 
 
 @compiled

@@ -41,7 +41,7 @@ from ballbot.workflows.study import Study
 
 
 def summary(study: Study) -> list[tuple[str, str]]:
-    """Return what was found as (heading, sentence or two) pairs, the most important first."""
+    """Return the results as (heading, sentences) pairs, the most important first."""
     return [
         ("Friction", friction_sentence(study.found.robot)),
         ("Model", model_sentence(study)),
@@ -52,26 +52,40 @@ def summary(study: Study) -> list[tuple[str, str]]:
 
 
 def friction_sentence(robot: Robot) -> str:
-    """Return the friction in words: what a wheel takes to start and to turn, and what rolling takes."""
+    """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
     friction = robot.friction
     dry = np.array(friction.coulomb)
     start = dry + np.array(friction.stribeck)
     rolling = (robot.ball.mass + robot.body.mass) * robot.gravity * friction.rolling
     return (
-        f"A wheel breaks away at {_range(start)} N m; faster than about {digits(friction.stribeck_speed, 2)} rad/s it "
-        f"turns against {_range(dry)} N m and another {_range(np.array(friction.viscous))} N m for each rad/s. Rolling "
-        f"on the floor takes {digits(rolling, 2)} N "
+        f"The break-away torque of a wheel is {_range(start)} N m. Above about {digits(friction.stribeck_speed, 2)} "
+        f"rad/s its friction is {_range(dry)} N m plus {_range(np.array(friction.viscous))} N m per rad/s. "
+        f"{_friction_terms_words(friction)}The rolling friction of the ball is {digits(rolling, 2)} N "
         f"(C_rr = {digits(friction.rolling, 2)})."
     )
 
 
+def _friction_terms_words(friction: Friction) -> str:
+    """Return the terms by direction and load in words; empty without such terms."""
+    words = []
+    for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
+        if any(values):
+            words.append(
+                f"Forward, the {name} torque differs by {_range(np.array(values))} N m from this mean of both "
+                "directions. "
+            )
+    if any(friction.load):
+        words.append(f"Each N m of motor torque adds {_range(np.array(friction.load))} N m of dry friction. ")
+    return "".join(words)
+
+
 def model_sentence(study: Study) -> str:
-    """Return how much better the model with friction foretells what was held out."""
+    """Return how much better the model with friction predicts the held-out data."""
     validation = study.validation
     horizon = validation.horizon.errors
     at_end = np.median(horizon.ratio[-1])
     sentence = (
-        f"On {validation.duration:.0f} s of the logs that it was not fitted to, {horizon.horizons[-1]:.2g} s ahead, "
+        f"On {validation.duration:.0f} s of held-out logs, predicted {horizon.horizons[-1]:.2g} s ahead, "
         f"the error of the model with this friction is {_compared(float(at_end))} of the one without (median of "
         "the states)"
     )
@@ -84,7 +98,7 @@ def model_sentence(study: Study) -> str:
 
 
 def controller_sentence(study: Study) -> str:
-    """Return which controller was chosen, what it gains, on which plants, and that this is a prediction."""
+    """Return the chosen controller, its gain, its plants, and that this is a prediction."""
     choice, where = study.choice, plants_words(study)
     chosen, gain = choice.chosen, choice.gain
     if chosen is None or gain is None:
@@ -117,12 +131,12 @@ def controller_sentence(study: Study) -> str:
     )
 
 
-#: what every such result is until it is measured
+#: the status of a result that is not measured yet
 PREDICTION = "This is a prediction until a log of the robot confirms it."
 
 
 def plants_words(study: Study) -> str:
-    """Return on what the candidates were compared."""
+    """Return the plants on which the candidates were compared."""
     kind = "robots on the equations of motion" if study.plant == "model" else "physics-engine twins"
     return (
         f"{len(study.choice.plants)} {kind} drawn from the identified uncertainty, with the delay, play, noise and "
@@ -139,7 +153,7 @@ def _falls_words(study: Study) -> str:
 
 
 def ablation_sentence(study: Study) -> str:
-    """Return what the precise controller owes to which part, friction compensation with its own share only."""
+    """Return how much each part of the precise controller gains by itself."""
     choice = study.choice
     if not choice.ablation:
         return "No ablation was made."
@@ -182,7 +196,7 @@ def _rougher(choice: ControllerChoice, part: str) -> str:
 
 
 def doubts_sentence(study: Study) -> str:
-    """Return the first of the identification's remarks and how many there are, or what it was nearest to remark."""
+    """Return the first of the identification's findings and their number, or the largest correlation without any."""
     warnings = study.found.warnings
     if warnings:
         more = len(warnings) - 1

@@ -55,8 +55,9 @@ def torque_balance(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 @inlined
-def _observe(law, memory, a, measured, n):
+def _observe(law, memory, seen, n):
     """Find the torque lost in the sample that has passed, and step what is given back."""
+    a, measured = seen
     own, state, past = law.disturbance_observer, memory.disturbance_observer, memory.history
     if own.on == 0:
         return
@@ -110,7 +111,7 @@ def _limited(torque, limit):
 
 
 @inlined
-def _give_back(law, memory, i, torque):
+def _give_back(law, memory, torque, i):
     """Add the torque lost by a wheel; zero without an observer."""
     return torque + memory.disturbance_observer.given_back[i]
 

@@ -81,8 +81,9 @@ def feed_forward_record(robot: Robot) -> FeedForwardRecord:
 
 
 @inlined
-def _lean_error(law, memory, a, wanted, e):
+def _lean_error(law, memory, error, a, wanted):
     """Return the error to the lean, and from the position, that the motion asks for; see the module's docstring."""
+    e, limited = error
     own = law.feed_forward
     x, y, _ = wanted
     second, third = _turned(a, x.second, y.second), _turned(a, x.third, y.third)
@@ -100,16 +101,16 @@ def _lean_error(law, memory, a, wanted, e):
         e[8] + lean_rate[1],
         e[9],
     )
-    return moved, False
+    return moved, limited
 
 
 @inlined
-def _torque(law, memory, now, i):
-    """Return a wheel's torque for s'', s'''' (heading frame) and psi''."""
+def _add_torque(law, memory, torque, now, i):
+    """Add a wheel's torque for s'', s'''' (heading frame) and psi''."""
     own = law.feed_forward
     x, y, psi = now.wanted
     second, fourth = _turned(now.a, x.second, y.second), _turned(now.a, x.fourth, y.fourth)
-    return (
+    return torque + (
         own.by_second[i, 0] * second[0]
         + own.by_second[i, 1] * second[1]
         + own.by_fourth[i, 0] * fourth[0]
@@ -137,7 +138,7 @@ class FeedForward(Part):
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
-    steps = Steps(error=_lean_error, torque=_torque)
+    steps = Steps(error=_lean_error, torque=_add_torque)
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
         """Return what the robot's exact model asks for."""

@@ -46,14 +46,14 @@ class IntegralState:
 
 
 @inlined
-def _torque(law, memory, now, i):
-    """Return a wheel's torque for the integrals, with the drag that turns with the motion."""
+def _add_torque(law, memory, torque, now, i):
+    """Add a wheel's torque for the integrals, with the drag that turns with the motion."""
     gain, sums, drag = law.integral.gain, memory.integral.sums, memory.floor_adaptation.drag
     x, y, _ = now.wanted
     d_x, d_y = direction(law.floor_adaptation, x.rate, y.rate)
     v_x, v_y = sums[0] + drag * d_x, sums[1] + drag * d_y
     I_x, I_y = now.a.cos_psi * v_x + now.a.sin_psi * v_y, now.a.cos_psi * v_y - now.a.sin_psi * v_x
-    return gain[i, 0] * I_x + gain[i, 1] * I_y + gain[i, 2] * sums[2]
+    return torque + (gain[i, 0] * I_x + gain[i, 1] * I_y + gain[i, 2] * sums[2])
 
 
 @inlined
@@ -90,7 +90,7 @@ class IntegralAction(Part):
     comment = "The error's integral is fed back, a row of `gain` for each wheel [N m per m s, m s, rad s]."
     record = IntegralRecord
     state = IntegralState
-    steps = Steps(torque=_torque, learn=_learn)
+    steps = Steps(torque=_add_torque, learn=_learn)
 
     gain: NDArray[np.float64] = field(
         metadata=setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3)

@@ -46,14 +46,15 @@ def turn_asked(gain: NDArray[np.float64]) -> float:
 
 
 @inlined
-def _limit_error(law, memory, a, wanted, e):
+def _limit_error(law, memory, error, a, wanted):
     """Return the error with no more of position, speed and heading than may be asked for, and whether it is less."""
+    e, limited = error
     own = law.lean_limit
     if own.on == 0:
-        return e, False
+        return error
     near, p, h = _fractions(own, e)
     less = (near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9])
-    return less, near * p * h < 1.0
+    return less, limited or near * p * h < 1.0
 
 
 @inlined

@@ -41,7 +41,7 @@ class NotchState:
 
 
 @inlined
-def _filter(law, memory, i, torque):
+def _filter(law, memory, torque, i):
     """Return a wheel's torque through the notch, and step its state."""
     own, delayed = law.notch, memory.notch.delayed
     if own.on == 0:

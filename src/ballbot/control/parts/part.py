@@ -1,15 +1,15 @@
-"""What a part of the controller is: settings, a record, what it remembers, and the steps that it adds to the law.
+"""A part of the controller: settings, a record, a memory, and its steps in the law.
 
 A part is one file with
 
     settings    a frozen dataclass, a `Part`; its table in a controller file follows from it
-    record      a dataclass of the numbers that compiled code reads, made from the settings by `Part.numbers`
-    state       a dataclass of what it remembers from update to update, all zero at the start; none by default
+    record      a dataclass of the numbers that compiled code reads, computed from the settings by `Part.numbers`
+    state       a dataclass of its memory from update to update, all zero at the start; none by default
     steps       compiled functions, each for one stage of the law (`Steps`)
 
-and becomes part of the law by a line in `ballbot.control.parts.Parts`. In compiled code `law.NAME` is its record and
-`memory.NAME` its state, NAME being its field in `Parts`; a record of zeros means that the controller has no such part,
-which every step must heed.
+and joins the law by a line in `ballbot.control.parts.Parts`. In compiled code `law.NAME` is its record and
+`memory.NAME` its state, NAME being its field in `Parts`. A record of zeros means that the controller has no such part;
+every step must then return its value unchanged.
 """
 
 from __future__ import annotations
@@ -28,24 +28,25 @@ from ballbot.robot import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class Steps:
-    """What a part adds to each stage of the law, in their order; see `ballbot.control.law`.
+    """A part's functions by stage of the law, in the order of the stages; see `ballbot.control.law`.
 
-    `law` and `memory` are the whole records, `a` the attitude, `n` the number of wheels, `i` a wheel, `now` a `Sample`.
+    `law` and `memory` are the whole records, `n` the number of wheels, `i` a wheel, `now` a `Sample`. A step with a
+    result receives the value of the step before it and returns its own.
     """
 
-    #: (law, memory, a, measured, n): look back on the sample that has passed
+    #: (law, memory, seen, n): evaluate the sample that has passed; `seen` is a `Measured`
     observe: Callable | None = None
-    #: (law, memory, a, state, n) -> state, whether it is another: the state to be fed back
+    #: (law, memory, seen, n) -> `Measured`: the state to be fed back
     predict: Callable | None = None
-    #: (law, memory, state, wanted) -> wanted: three `Smooth`, of x, y and psi
+    #: (law, memory, wanted, state) -> wanted: three `Smooth`, of x, y and psi
     shape: Callable | None = None
-    #: (law, memory, a, wanted, e) -> e, whether a limit made it smaller: the error (10,) in the heading frame
+    #: (law, memory, (e, limited), a, wanted) -> (e, limited): error (10,) in the heading frame, and if it is limited
     error: Callable | None = None
-    #: (law, memory, now, i) -> a summand of the feedback's own torque [N m]
+    #: (law, memory, torque, now, i) -> torque [N m]: the feedback's, with the part's summand
     torque: Callable | None = None
-    #: (law, memory, i, torque) -> torque: after friction compensation, before the torque limit
+    #: (law, memory, torque, i) -> torque [N m]: after friction compensation, before the torque limit
     filter: Callable | None = None
-    #: (law, memory, now, limited): step what is learnt; `limited` says that a torque or the error was at its limit
+    #: (law, memory, now, limited): update slow states; `limited` if a torque or the error was at its limit
     learn: Callable | None = None
 
 
@@ -59,8 +60,15 @@ class Smooth(NamedTuple):
     fourth: float
 
 
+class Measured(NamedTuple):
+    """A state with its attitude, in compiled code."""
+
+    a: tuple  #: `ballbot.mechanics.equations.Attitude` of the state
+    state: NDArray[np.float64]  #: (10,)
+
+
 class Sample(NamedTuple):
-    """What the law knows when it computes torques, in compiled code."""
+    """The values from which torques are computed, in compiled code."""
 
     a: tuple  #: `ballbot.mechanics.equations.Attitude` of the state
     state: NDArray[np.float64]  #: (10,) that is fed back
@@ -70,21 +78,19 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawSettings:
-    """What parts may use of the controller that they belong to."""
+    """The numbers of a controller that its parts may use."""
 
     robot: Robot
     gain: NDArray[np.float64]  #: K (n, 10)
     sample_time: float  #: [s]
     compensation: str  #: "none", "full" or "partial"
     speed_band: float  #: [rad/s]
-    delay: (
-        float  #: from a measurement to the action of its torque, where it is predicted over; otherwise 0 [s]
-    )
+    delay: float  #: from a measurement to the action of its torque if the state is predicted; otherwise 0 [s]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoState:
-    """What a part remembers that remembers nothing; compiled records have at least one field."""
+    """The state of a part without memory; compiled records have at least one field."""
 
     unused: float = field(default=0.0, metadata=number("1"))
 

@@ -22,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import held
-from ballbot.control.parts.part import LawSettings, Part, Steps
+from ballbot.control.parts.part import LawSettings, Measured, Part, Steps
 from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, inlined
+from ballbot.mechanics.equations import attitude
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 
@@ -129,14 +130,15 @@ def _effect(
 
 
 @inlined
-def _predict(law, memory, a, state, n):
+def _predict(law, memory, seen, n):
     """Return the state in which the torques will act, and make room for them in the history."""
     own = law.prediction
     if own.on == 0:
-        return state, False
-    _look_ahead(own, memory.prediction, memory.history.effective, a, state, n)
+        return seen
+    _look_ahead(own, memory.prediction, memory.history.effective, seen.a, seen.state, n)
     _grow_older(memory.history, own.samples + 1)
-    return memory.prediction.ahead[:], True  # a slice is an array of the same type as `state`
+    state = memory.prediction.ahead[:]  # a slice is an array of the same type as `seen.state`
+    return Measured(attitude((state[2], state[3], state[4])), state)
 
 
 @called

@@ -81,7 +81,7 @@ class _Lags(NamedTuple):
 
 
 @inlined
-def _shape(law, memory, state, wanted):
+def _shape(law, memory, wanted, state):
     """Return the shaped reference, or the reference itself without shaping."""
     if law.shaping.on == 0:
         return wanted
