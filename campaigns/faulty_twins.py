@@ -43,8 +43,13 @@ from ballbot.twin.faults import (
     Timing,
 )
 from ballbot.workflows.comparison import initial_state_of
-from ballbot.workflows.controller_choice import SQUARE, ControllerChoice, candidates, choose_controller
-from ballbot.workflows.plant_draws import draw_plants
+from ballbot.workflows.controller_choice import (
+    SQUARE,
+    ControllerChoice,
+    candidates,
+    choose_controller,
+    draw_plants,
+)
 
 KEPT = Path(__file__).parents[1] / "build" / "controller_prediction"
 ROBOT = Robot.load("alten")

@@ -20,7 +20,7 @@ from ballbot.robot.components import PARAMETERS, InertiaPoint
 from ballbot.robot.file import robot_text, write_robot
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.parameter_uncertainty import pole_spread, prediction_band
+from ballbot.workflows.robot_check import pole_spread, prediction_band
 from tests.support.identification_examples import balancing_log
 
 ALTEN = Robot.load("alten")

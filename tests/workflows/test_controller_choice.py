@@ -16,9 +16,15 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.comparison import ComparedRun, median_with_interval
-from ballbot.workflows.controller_choice import ABLATIONS, Trial, equal_best, without_part
+from ballbot.workflows.controller_choice import (
+    ABLATIONS,
+    PlantDraw,
+    Trial,
+    available_plant,
+    equal_best,
+    without_part,
+)
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
-from ballbot.workflows.plant_draws import PlantDraw, available_plant
 from ballbot.workflows.study import sampled_at
 from tests.support.control_examples import FRICTION, alten
 

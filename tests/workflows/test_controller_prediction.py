@@ -32,7 +32,7 @@ from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_causes import POSSIBLE, SYMPTOMS, Signature, ranked_causes, signature_of
-from ballbot.workflows.controller_choice import NamedCourse, choose_controller
+from ballbot.workflows.controller_choice import NamedCourse, PlantDraw, choose_controller
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
@@ -45,7 +45,6 @@ from ballbot.workflows.controller_prediction import (
 )
 from ballbot.workflows.controller_verdict import Verdict, course_of, evaluate_log, foreign_torque
 from ballbot.workflows.metrics import Performance, performance_of
-from ballbot.workflows.plant_draws import PlantDraw
 
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)

@@ -18,9 +18,8 @@ from ballbot.twin import Scenario, Twin
 from ballbot.workflows import limits
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import Bounds, Plane, RobotLimits
-from ballbot.workflows.path_demand import path_demand
 from ballbot.workflows.recovery_region import Loop, Region, map_region, reach
-from ballbot.workflows.reference_check import check_reference, reference_verdict
+from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
 from tests.support.control_examples import FRICTION, alten, leaning
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)

@@ -23,14 +23,13 @@ from ballbot.report.page import provenance
 from ballbot.report.study import controller_sentence, study_report
 from ballbot.report.study_files import study_results, write_study
 from ballbot.robot import Robot
-from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES
+from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, draw_plants, parameter_covariance
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
     checksum_of,
     performance_intervals,
 )
-from ballbot.workflows.plant_draws import draw_plants, parameter_covariance
 from ballbot.workflows.study import Study, StudyOptions, holdout_intervals, study, without_intervals
 from tests.support.control_examples import FRICTION
 from tests.support.validation_examples import noisy_log

@@ -26,8 +26,8 @@ from ballbot.report.study import summary
 from ballbot.report.study_files import STUDY_FILES, write_study
 from ballbot.robot import Robot
 from ballbot.twin.scenario import load_scenario, scenario_text
+from ballbot.workflows.controller_choice import available_plant
 from ballbot.workflows.courses import PlantName
-from ballbot.workflows.plant_draws import available_plant
 from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
 

@@ -13,7 +13,6 @@ from rich.text import Text
 from ballbot.report.console import finding_line, matrix_text, table
 from ballbot.robot.derived import Derived
 from ballbot.robot.drawing import robot_drawing
-from ballbot.workflows.parameter_uncertainty import PoleSpread, PredictionBand
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import (
     MATRICES,
@@ -21,6 +20,8 @@ from ballbot.workflows.robot_check import (
     CheckedReference,
     CheckedRobot,
     CheckedSwing,
+    PoleSpread,
+    PredictionBand,
     state_order,
 )
 

@@ -1,7 +1,14 @@
-"""Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip it takes.
+"""Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip that it needs.
 
-They are found twice: for the path followed exactly, by the equations run backwards (`path_demand`), and in closed
-loop. A verdict with its reasons and a table are made from them.
+They are computed twice: in closed loop, and for the path followed exactly, by the exact equations of motion backwards.
+Given x(t), y(t), psi(t), the five equations M q_ddot + bias = W^T u + rolling friction have two leans and n torques as
+unknowns. Velocities Z (5, 2) that turn no wheel, W Z = 0 (the body turning with the ball), eliminate the torques:
+
+    Z^T (M q_ddot + bias - rolling) = 0        about upright:  j theta_ddot - m_r g l theta = forcing
+
+an unstable equation of which one solution stays small: the robot leans into a bend before the bend begins. It is
+computed with the robot at rest before and after the path, by solving the linear equation for the residual of the exact
+one until it vanishes. Then W^T u = M q_ddot + bias - rolling gives the torques, plus each wheel's dry friction.
 """
 
 from __future__ import annotations
@@ -10,10 +17,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
+from scipy.ndimage import gaussian_filter1d
 
 from ballbot.arrays import real_array
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
+from ballbot.errors import InputError
+from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
 from ballbot.results import key, left_out, reported, to_results
 from ballbot.robot import Robot
@@ -21,12 +32,153 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import FALLING_PART, Conditions
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import sample_count
-from ballbot.workflows.path_demand import lean_of, path_demand
 from ballbot.workflows.recovery_region import lost_lean, top_speed
+
+#: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
+ROUNDING = 0.05
+#: rest before and after the path [s], in which the robot leans into it and out of it
+_REST = 2.0
+_STEPS = 40  # of the correction at most
+_ACCURATE = 1e-8  # change of the lean [rad] at which it has been found
+_SLOW = 0.01  # [m/s, rad/s] below which friction's sign becomes a ramp
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Demand:
+    """The states and torques of the path, at each time."""
+
+    t: NDArray[np.float64]  #: (N,) [s]
+    states: NDArray[np.float64]  #: (N, 10)
+    torques: NDArray[np.float64]  #: (N, n) [N m]
+    wheel_speeds: NDArray[np.float64]  #: (N, n) [rad/s]
+
+    @property
+    def power(self) -> NDArray[np.float64]:
+        """Mechanical power of all motors (N,) [W]."""
+        return (self.torques * self.wheel_speeds).sum(axis=1)
+
+
+def lean_of(states: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the axis's lean from the vertical (...) [rad] of states (..., 10)."""
+    return np.arccos(np.clip(np.cos(states[..., 2]) * np.cos(states[..., 3]), -1.0, 1.0))
+
+
+def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
+    """Return the torques for following x, y [m] and psi [rad], (N, 3), exactly, at rest before and after.
+
+    Parameters
+    ----------
+    model : Model
+        Exact.
+    poses : ndarray (N, 3)
+        At every sample; corners are rounded.
+    sample_time : float
+        [s]
+
+    Raises
+    ------
+    InputError
+        If no lean can follow the path.
+    """
+    rest = int(np.ceil(_REST / sample_time))
+    path = np.pad(poses, ((rest, rest), (0, 0)), mode="edge")
+    path = gaussian_filter1d(path, ROUNDING / sample_time, axis=0, mode="nearest")
+    q = np.zeros((len(path), 5))
+    q[:, [0, 1, 4]] = path
+    preconditioner = _lean_equation(model)
+    for _ in range(_STEPS):
+        residual = _residual(model, q, sample_time)
+        change = -_solve_lean(preconditioner, residual, sample_time)
+        q[:, 2:4] += change
+        if not np.abs(q[:, 2:4]).max() < 1.0:
+            break
+        if np.abs(change).max() < _ACCURATE:
+            return _demand(model, q, sample_time, rest)
+    raise InputError("No lean below 1 rad lets the robot follow this path; make it slower or rounder.")
+
+
+def _rates(
+    values: NDArray[np.float64], sample_time: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return first and second derivatives by central differences; zero at the ends, where all rests."""
+    first, second = np.zeros_like(values), np.zeros_like(values)
+    first[1:-1] = (values[2:] - values[:-2]) / (2.0 * sample_time)
+    second[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / sample_time**2
+    return first, second
+
+
+def _forces(
+    model: Model, q: NDArray[np.float64], q_dot: NDArray[np.float64], q_ddot: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the generalised forces (N, 5) that are left for the wheels: M q_ddot + bias - rolling."""
+    n = model.robot.wheel_count
+    unforced = model.acceleration(q, q_dot, np.zeros((len(q), n)))
+    forces = np.einsum("kij,kj->ki", model.mass_matrix(q), q_ddot - unforced)
+    robot = model.robot
+    rolling = (robot.ball.mass + robot.body.mass) * robot.gravity * robot.friction.rolling
+    v = q_dot[:, :2]
+    forces[:, :2] += rolling * v / np.maximum(np.hypot(v[:, 0], v[:, 1]), _SLOW)[:, None]
+    return forces
+
+
+def _without_turning(W: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Z (N, 5, 2): W Z = 0, with unit rates of theta and phi."""
+    others = np.linalg.pinv(W[:, :, [0, 1, 4]])
+    solved = -others @ W[:, :, 2:4]
+    Z = np.zeros((len(W), 5, 2))
+    Z[:, [0, 1, 4]] = solved
+    Z[:, 2, 0] = Z[:, 3, 1] = 1.0
+    return Z
+
+
+def _residual(model: Model, q: NDArray[np.float64], sample_time: float) -> NDArray[np.float64]:
+    q_dot, q_ddot = _rates(q, sample_time)
+    return np.einsum(
+        "kij,ki->kj", _without_turning(model.wheel_jacobian(q)), _forces(model, q, q_dot, q_ddot)
+    )
+
+
+def _lean_equation(model: Model) -> tuple[float, float]:
+    """Return j [kg m^2] and m_r g l [N m] of the lean's linear equation, the mean of both leans."""
+    origin = np.zeros((1, 5))
+    Z = _without_turning(model.wheel_jacobian(origin))[0]
+    inertia = Z.T @ model.mass_matrix(origin)[0]
+    body = model.robot.body
+    return 0.5 * float(inertia[0, 2] + inertia[1, 3]), body.mass * model.robot.gravity * body.center_of_mass
+
+
+def _solve_lean(
+    equation: tuple[float, float], right: NDArray[np.float64], sample_time: float
+) -> NDArray[np.float64]:
+    """Return the leans (N, 2) of j lean_ddot - m_r g l lean = right that are zero at both ends."""
+    inertia, tipping = equation
+    bands = np.empty((3, len(right)))
+    bands[0] = bands[2] = inertia / sample_time**2
+    bands[1] = -2.0 * inertia / sample_time**2 - tipping
+    bands[1, [0, -1]], bands[0, 1], bands[2, -2] = 1.0, 0.0, 0.0
+    inner = right.copy()
+    inner[[0, -1]] = 0.0
+    return np.asarray(solve_banded((1, 1), bands, inner), dtype=np.float64)
+
+
+def _demand(model: Model, q: NDArray[np.float64], sample_time: float, rest: int) -> Demand:
+    q_dot, q_ddot = _rates(q, sample_time)
+    W = model.wheel_jacobian(q)
+    torques = np.einsum("kij,kj->ki", np.linalg.pinv(np.swapaxes(W, 1, 2)), _forces(model, q, q_dot, q_ddot))
+    speeds = np.einsum("kij,kj->ki", W, q_dot)
+    friction = model.robot.friction
+    torques += dry_friction_size(speeds, friction, torque=torques) * np.clip(speeds / _SLOW, -1.0, 1.0)
+    return Demand(
+        t=sample_time * np.arange(-rest, len(q) - rest, dtype=np.float64),
+        states=np.hstack([q, q_dot]),
+        torques=torques,
+        wheel_speeds=speeds,
+    )
+
 
 #: change of a reference within a sample that is a jump [m, rad], as where runs are scored
 JUMP = 0.02
-#: share of a limit from which a margin counts as thin
+#: share of a limit from which a margin is thin
 THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
 
@@ -84,13 +236,13 @@ class ReferenceMargins:
 def check_reference(
     robot: Robot, controller: Controller, reference: Reference, *, duration: float, grip: float = 1.0
 ) -> ReferenceMargins:
-    """Return what a reference takes of a robot on level ground, and what becomes of it with a controller.
+    """Return which share of a robot's limits a reference uses on level ground, followed exactly and in closed loop.
 
     Parameters
     ----------
     robot : Robot
     controller : Controller
-        Its torque limit counts.
+        With the torque limit that applies.
     reference : callable
     duration : float
         [s]
@@ -100,12 +252,12 @@ def check_reference(
     Raises
     ------
     InputError
-        Where the duration is none, the reference asks for a lean or a rate, or no lean can follow it.
+        If the duration is invalid, the reference has a lean or a rate, or no lean can follow it.
     """
     model, sample_time = Model(robot, step=_STEP), controller.sample_time
-    asked = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
-    closed = _followed(model, controller, reference, asked, duration, grip)
-    poses = asked[:, [0, 1, 4]]
+    wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
+    closed = _followed(model, controller, reference, wanted, duration, grip)
+    poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
     if len(jumps):
@@ -139,7 +291,7 @@ def _followed(
     model: Model,
     controller: Controller,
     reference: Reference,
-    asked: NDArray[np.float64],
+    wanted: NDArray[np.float64],
     duration: float,
     grip: float,
 ) -> Followed:
@@ -153,7 +305,7 @@ def _followed(
     going = run.t <= run.ended[0] + 1e-9
     t, states, torques = run.t[going], run.states[0, going], run.torques[0, going]
     speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-    error = np.hypot(*(states[:, :2] - asked[going, :2]).T)
+    error = np.hypot(*(states[:, :2] - wanted[going, :2]).T)
     return Followed(
         uses=_uses(model, controller, t, states, torques, grip),
         share_at_torque_limit=float(
@@ -223,33 +375,33 @@ def reference_verdict(margins: ReferenceMargins, name: str) -> list[str]:
     """Return whether the robot can follow the reference of that name, and why not."""
     reasons = _reasons(margins)
     if reasons:
-        said = [f"The robot cannot follow {name}:", *(f"- {reason};" for reason in reasons)]
-        said[-1] = said[-1][:-1] + "."
+        lines = [f"The robot cannot follow {name}:", *(f"- {reason};" for reason in reasons)]
+        lines[-1] = lines[-1][:-1] + "."
     else:
         uses = (*margins.uses, *margins.closed.uses)
         tightest = max(uses, key=lambda use: use.share)
         margin = "a thin margin" if tightest.share > THIN else "its tightest margin"
-        said = [f"The robot can follow {name}; {margin} is {tightest.quantity}, {tightest.share:.0%} used."]
+        lines = [f"The robot can follow {name}; {margin} is {tightest.quantity}, {tightest.share:.0%} used."]
     closed = margins.closed
     if closed.ended == np.inf:
-        said.append(
+        lines.append(
             f"With this controller its largest distance from the reference is {closed.peak_error:.3f} m, and "
             f"its torques are at their limit {closed.share_at_torque_limit:.1%} of the time."
         )
     if margins.jumps:
         t, size = margins.jumps[0]
         more = f" and {len(margins.jumps) - 1} more" if len(margins.jumps) > 1 else ""
-        said.append(
+        lines.append(
             f"The reference jumps (by {size:.3g} at t = {t:g} s{more}). No robot follows a jump exactly, so "
-            "only the closed loop is judged."
+            "only the closed loop is evaluated."
         )
     power = closed.peak_power if margins.peak_power is None else max(margins.peak_power, closed.peak_power)
-    said.append(
+    lines.append(
         f"The motors deliver at most {power:.3g} W, {power / margins.supply_voltage:.3g} A at "
         f"{margins.supply_voltage:g} V, without the losses of the windings. A robot file has no limit of "
         "power."
     )
-    return said
+    return lines
 
 
 def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
@@ -259,7 +411,7 @@ def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
 
 
 def margin_results(margins: ReferenceMargins) -> dict[str, object]:
-    """Return what results.json holds."""
+    """Return a reference's margins as results.json holds them."""
     return {"reasons": _reasons(margins), **to_results(margins)}
 
 
@@ -298,7 +450,7 @@ def _reason(use: Use) -> str:
                 f"{np.degrees(use.limit):.3g} degrees full torque does not bring it back"
             )
         case _:
-            if use.value > _NOTHING_HELPS:
+            if use.value > _NO_LOAD:
                 return f"a wheel lifts off the ball at t = {use.t:.2f} s"
             return (
                 f"a wheel needs a friction coefficient of {use.value:.3g} on the ball at t = {use.t:.2f} s, and "
@@ -306,8 +458,8 @@ def _reason(use: Use) -> str:
             )
 
 
-#: friction coefficients above this are those of a wheel on which nothing presses
-_NOTHING_HELPS = 100.0
+#: friction coefficients above this are of a wheel without load
+_NO_LOAD = 100.0
 
 
 def _row(use: Use) -> list[str]:
@@ -316,5 +468,5 @@ def _row(use: Use) -> list[str]:
         value, limit, unit = np.degrees(value), np.degrees(limit), "degrees"
     name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
     name += f" ({unit})" if unit else ""
-    shown = ["lifted", f"{limit:.3g}", "-"] if value > _NOTHING_HELPS else []
+    shown = ["lifted", f"{limit:.3g}", "-"] if value > _NO_LOAD else []
     return [name, *(shown or [f"{value:.3g}", f"{limit:.3g}", f"{use.share:.0%}"]), f"{use.t:.2f}"]

@@ -39,12 +39,14 @@ from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,
     NamedCourse,
+    PlantDraw,
+    available_plant,
     candidates,
     choose_controller,
+    draw_plants,
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
-from ballbot.workflows.plant_draws import PlantDraw, available_plant, draw_plants
 
 _HOLDOUT_CYCLE = 28.0  #: [s] from one stretch's start to the next one's
 _HOLDOUT_OFFSET = 12.0  #: [s] of a cycle before its stretch
