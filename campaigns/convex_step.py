@@ -148,10 +148,13 @@ def distance(problem: Problem, nu: NDArray[np.float64], other: NDArray[np.float6
     return float(np.sqrt((d @ problem.M @ d) / max(free @ problem.M @ free, 1e-300)))
 
 
-def objective(problem: Problem, nu: NDArray[np.float64]) -> float:
-    """Return what is minimised."""
-    d = nu - problem.free
-    dry = problem.limits @ np.abs(problem.C @ nu) + problem.rolling * np.hypot(nu[0], nu[1])
+def objective(
+    problem: Problem, nu: NDArray[np.float64], backward: NDArray[np.float64] | None = None
+) -> float:
+    """Return what is minimised; `backward` (k,) are the limits against speeds below zero, if they differ."""
+    d, speeds = nu - problem.free, problem.C @ nu
+    against = problem.limits if backward is None else np.where(speeds < 0.0, backward, problem.limits)
+    dry = against @ np.abs(speeds) + problem.rolling * np.hypot(nu[0], nu[1])
     return float(0.5 * d @ problem.M @ d + problem.h * dry)
 
 
@@ -200,11 +203,15 @@ def without_idle_contacts(problem: Problem) -> Problem:
     return problem._replace(C=problem.C[rubs], limits=problem.limits[rubs])
 
 
-def solve_conic(problem: Problem) -> Motion:
+def solve_conic(problem: Problem, backward: NDArray[np.float64] | None = None) -> Motion:
     """Return what Clarabel finds.
 
-    With nu = scale L^-T y, M = L L^T: min 1/2 y.y - y_free.y + sum w_i t_i + w s, where |rows of C . y| <= t_i and
-    (s, ball's x, ball's y) is in the second-order cone; rows are scaled to length one.
+    `backward` (k,) are the limits against speeds below zero, if they differ from `problem.limits`, which are then
+    those against speeds above it and are above zero.
+
+    With nu = scale L^-T y, M = L L^T: min 1/2 y.y - y_free.y + sum w_i t_i + w s, where |rows of C . y| <= t_i
+    (backward, times the ratio of both limits) and (s, ball's x, ball's y) is in the second-order cone; rows are scaled
+    to length one.
     """
     M, free, C, limits, rolling, h = problem
     k, m = C.shape
@@ -218,7 +225,8 @@ def solve_conic(problem: Problem) -> Motion:
     P = np.diag(np.append(np.ones(m), np.zeros(k + disc)))
     weights = np.append(limits * lengths, [rolling * disc_length] * disc) * h / scale**2
     A = np.zeros((2 * k + 3 * disc, m + k + disc))
-    A[:k, :m], A[k : 2 * k, :m] = rows, -rows
+    ratio = np.ones(k) if backward is None else backward / limits
+    A[:k, :m], A[k : 2 * k, :m] = rows, -ratio[:, None] * rows
     A[:k, m : m + k] = A[k : 2 * k, m : m + k] = -np.eye(k)
     cones = [clarabel.NonnegativeConeT(2 * k)]
     if disc:
@@ -232,7 +240,7 @@ def solve_conic(problem: Problem) -> Motion:
     z = np.array(solution.z) * scale**2 / h
     return Motion(
         nu=to_nu @ np.array(solution.x[:m]),
-        forces=(z[:k] - z[k : 2 * k]) / lengths,
+        forces=(z[:k] - ratio * z[k : 2 * k]) / lengths,
         floor=-z[-2:] / disc_length if disc else np.zeros(2),
     )
 

@@ -29,6 +29,7 @@ from campaigns.convex_step import (
     objective,
     random_problem,
     reference,
+    solve_conic,
     with_minimiser,
 )
 from tests.support.control_examples import FRICTION, alten, four_wheeled
@@ -63,6 +64,26 @@ def test_the_minimiser_is_the_reference_solver_s(wheel_count: int, pivoting: boo
         # costs its friction, which is of first order in it (1.2e-11 was the most of 900 problems)
         rest = objective(problem, np.zeros_like(nu))
         assert objective(problem, nu) <= objective(problem, known.conic) + TOLERANCE * rest
+
+
+@given(shapes, st.integers(0, 2**32 - 1))
+@settings(max_examples=100, deadline=None)
+def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, bool], seed: int) -> None:
+    """MuJoCo's `frictionloss` has one limit for both directions, so that a conic solver is the oracle here."""
+    rng = np.random.default_rng(seed)
+    problem = random_problem(rng, wheel_count=shape[0], pivoting=shape[1])
+    backward = problem.limits * rng.uniform(0.0, 2.0, len(problem.limits))
+    both = np.stack([problem.limits, backward], axis=1)
+    guess = rng.normal(size=len(problem.free))
+    nu = minimise(problem.M, problem.free, problem.C, both, problem.rolling, problem.h, guess)
+    conic = solve_conic(problem, backward).nu
+    rest = objective(problem, np.zeros_like(nu), backward)
+    assert objective(problem, nu, backward) <= objective(problem, conic, backward) + TOLERANCE * rest
+    # near its minimum the objective is quadratic: 1e-13 of it, Clarabel's tolerance, is some 1e-6 of the velocity
+    assert distance(problem, nu, conic) < 1e-5
+    # and both directions matter: the symmetric law of the forward limits ends elsewhere, unless all is at rest
+    if nu.any():
+        assert distance(problem, minimised(problem, rng), nu) > 1e-9 or (problem.C @ nu >= -1e-12).all()
 
 
 @given(shapes, st.integers(0, 2**32 - 1))
