@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from ballbot.mechanics.engine.compiled import (
     shared,
     warn_that_code_is_not_kept,
 )
+from tests.support.paths import ROOT
 
 PROGRAM = """
 import sys
@@ -152,6 +154,11 @@ def test_a_full_disk_leaves_code_unkept(tmp_path: Path) -> None:
         folder.touch()  # a file stands where the folder of code should be
     with pytest.warns(CompiledCodeNotKept):
         assert halving(3.0) == 1.5
+
+
+def test_the_oldest_numba_that_pip_may_install_is_supported():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    assert f"numba>={SUPPORTED_NUMBA[0]}" in project["dependencies"]
 
 
 def test_supported_numba_versions_compile_inner_code_without_the_fallback():

@@ -41,7 +41,7 @@ _OVERRIDDEN_OR_CALLED = (
     (CompileResultCacheImpl, "rebuild"),
 )
 #: versions of Numba with which inner functions are known to be compiled so, by their first two numbers
-SUPPORTED_NUMBA = ("0.68",)
+SUPPORTED_NUMBA = ("0.67", "0.68")
 
 _NUMBA_IS_AS_EXPECTED = all(hasattr(owner, name) for owner, name in _OVERRIDDEN_OR_CALLED)
 
@@ -126,7 +126,7 @@ class InnerLibrary(JITCodeLibrary):
 
     @property
     def codegen(self) -> "_NoEnvironments":  # pyright: ignore[reportIncompatibleMethodOverride]
-        """What Numba tells where a function's environment is, which only its entry from Python reads."""
+        """Where Numba registers a function's environment, which only its entry from Python reads."""
         return _NoEnvironments()
 
     def serialize_using_object_code(self) -> tuple:
