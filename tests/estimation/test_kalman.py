@@ -16,7 +16,6 @@ from scipy.stats import chi2
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight
 from ballbot.errors import InputError
-from ballbot.estimation.attitude import attitude_of_swing, heading_of, lean_of
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
@@ -35,7 +34,7 @@ from ballbot.estimation.kalman_model import (
     transition,
     wheels_seen,
 )
-from ballbot.mechanics.geometry import body_rates_matrix, rotation
+from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate

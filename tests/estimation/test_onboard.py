@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.estimation import OnboardState, Reading, named_estimator
-from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import state_errors
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.mechanics.geometry import angle_rates, body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
 ALTEN = Robot.load("alten")

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.estimation.attitude import lean_of
 from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.geometry import lean_of
 from ballbot.robot import Robot
 from ballbot.simulation.sensors import (
     AccelerationSensor,

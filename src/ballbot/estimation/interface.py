@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
 
-#: a value beyond this is none that a sensor says: angles [rad], speeds [rad/s]
+#: a value beyond this is not a sensor's: angles [rad], speeds [rad/s]
 _LARGEST = 1e6
 
 
@@ -28,7 +28,7 @@ class Fix:
     Raises
     ------
     InputError
-        Where the position is not of two numbers, or a deviation is not above 0.
+        If the position is not of two numbers, or a deviation is not above 0.
     """
 
     position: NDArray[np.float64] | None = None  #: (2,) x, y of the ball's centre, world frame [m]
@@ -74,7 +74,7 @@ def known(values: ArrayLike) -> NDArray[np.bool_]:
 
 def all_known(values: NDArray[np.float64]) -> bool:
     """Return whether all of a sensor's values (...) are there."""
-    # a small sum of squares says so four times as fast; that of a NaN is not small
+    # a small sum of squares shows that four times as fast; that of a NaN is not small
     return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
 
 
@@ -134,7 +134,7 @@ def state_errors(
     Raises
     ------
     InputError
-        Where the shapes do not fit each other.
+        If the shapes do not fit each other.
     """
     if not (states.shape == truth.shape == (len(t), 10) and len(t) > 1):
         raise InputError(
@@ -164,7 +164,7 @@ EstimatorName = Literal["onboard", "kalman"]
 
 
 def checked_name(name: str) -> EstimatorName:
-    """Return the name of an estimator; InputError where there is none of that name."""
+    """Return the name of an estimator; InputError if the name is unknown."""
     for known in get_args(EstimatorName):
         if name == known:
             return known

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.estimation.attitude import angle_rates, attitude_of_swing, heading_of, lean_of
 from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
 from ballbot.estimation.kalman_model import (
     BIAS,
@@ -40,7 +39,7 @@ from ballbot.estimation.kalman_model import (
     absorb,
     sample,
 )
-from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.geometry import angle_rates, attitude_of_swing, heading_of, lean_of, transforms
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
@@ -55,12 +54,12 @@ class KalmanFilter:
     sample_time : float
         Time between two updates [s].
     noise : FilterNoise, optional
-        What is trusted how far; `FilterNoise.of(robot)` where not given.
+        What is trusted how far; `FilterNoise.of(robot)` by default.
 
     Raises
     ------
     InputError
-        Where the sample time is not positive.
+        If the sample time is not positive.
     """
 
     def __init__(self, robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> None:
@@ -247,7 +246,7 @@ def _first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
     for i in range(3):
         P[BIAS + i, BIAS + i] = noise.gyro_bias**2
     P[LEAN_ERROR, LEAN_ERROR] = P[LEAN_ERROR + 1, LEAN_ERROR + 1] = noise.lean_error**2
-    # psi + d and g + a are what the AHRS said, but for white noise: where one is too large the other is too small
+    # psi + d and g + a are the AHRS's values but for white noise: if one is too large the other is too small
     P[HEADING_ERROR, HEADING_ERROR] = noise.start_heading**2
     P[PSI, HEADING_ERROR] = P[HEADING_ERROR, PSI] = -(noise.start_heading**2)
     for i in range(2):

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import Reading, all_known, checked_reading, known
-from ballbot.mechanics.geometry import rotation, transforms
+from ballbot.mechanics.geometry import angle_rates, rotation, transforms
 from ballbot.robot import Robot
 
 
@@ -35,7 +34,7 @@ class OnboardState:
     Raises
     ------
     InputError
-        Where the sample time is not positive.
+        If the sample time is not positive.
     """
 
     def __init__(self, robot: Robot, *, sample_time: float) -> None:

@@ -54,7 +54,7 @@ class LinearModel:
         Raises
         ------
         InputError
-            Where python-control is not installed.
+            If python-control is not installed.
         """
         try:
             from control import StateSpace
@@ -79,13 +79,13 @@ class Model:
     step : float
         Longest inner step of `advance` [s]; RK4 at 1 ms is converged for robots of this size.
     pivoting : float, optional
-        Where given, the ball may pivot on the floor, against a friction of at most this torque [N m]. The ball's spin
+        If given, the ball may pivot on the floor, against a friction of at most this torque [N m]. The ball's spin
         about the vertical [rad/s] is then a sixth velocity: q_dot (..., 6) and states (..., 11) have it last.
 
     Raises
     ------
     InputError
-        Where the formulation, the step or the pivoting friction is none.
+        If the formulation is unknown, or the step or the pivoting friction is not allowed.
     """
 
     robot: Robot
@@ -201,7 +201,7 @@ class Model:
     def normal_force(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
         """Return the floor's force on the ball (...) [N]: (m_b + m_r) g + m_r l d^2/dt^2 (cos theta cos phi).
 
-        Where it is not positive the robot would leave the floor and the model no longer holds.
+        If it is not positive, the robot would leave the floor and the model no longer holds.
         """
         q = real_array(q, ("...", 5), "q")
         q_dot = real_array(q_dot, ("...", self.velocity_count), "q_dot")

@@ -31,7 +31,7 @@ from ballbot.mechanics.engine.compiled import called, compiled, shared
 from ballbot.mechanics.friction import sign
 
 _GUESSES = 12
-_ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, with which no better guess is sought
+_ACCURATE = 1e-14  # distance to the minimiser, over |nu_free|, at which the search for a better guess ends
 _AT_REST = 1e-12  # of a speed's terms, below which the speed is rounding
 _DISC_STEPS = 60
 

@@ -1,6 +1,6 @@
-"""What a robot must satisfy to be one; every `Robot` passes here when it is made.
+"""The conditions that every robot satisfies; `Robot` checks them when it is made.
 
-Each refusal is one sentence that names the parameter, its value and what would be right. The physical rules:
+Each error is one sentence that names the parameter, its value and what would be right. The physical rules:
 moments of inertia are positive and obey the triangle inequality about any point of the body; a ball's inertia
 lies between a solid's (2/5 m r^2) and a thin shell's (2/3 m r^2); a motor's torque constant times its speed
 constant is near one in SI units.
@@ -20,23 +20,23 @@ from ballbot.errors import InputError, nearest, suggest
 from ballbot.robot.components import BY_NAME, PARAMETERS, Ball, Body, Drive, Friction, RobotValues, Wheels
 from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, Value, to_si, value_of
 
-#: share by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
+#: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
 _BALL_MARGIN = 0.05
 
 #: range of torque constant times speed constant; conventions for brushless motors differ by up to sqrt(3)
 _MOTOR_CONSTANTS = (0.4, 2.5)
 
-#: smallest share of its torque that the wheels must be able to give about every axis
+#: smallest fraction of its torque that the wheels must be able to give about every axis
 _WEAKEST_AXIS = 0.01
 
 
 def check_robot(robot: RobotValues) -> None:
-    """Refuse a robot that cannot exist.
+    """Raise InputError if a robot cannot exist.
 
     Raises
     ------
     InputError
-        One sentence about the first thing found wrong.
+        If a value is wrong: one sentence about the first one.
     """
     _check_texts(robot)
     for parameter in PARAMETERS:
@@ -50,7 +50,7 @@ def check_robot(robot: RobotValues) -> None:
 
 
 def check_source(name: str, source: str) -> None:
-    """Refuse a source that does not begin with one of `SOURCES` (detail may follow a colon)."""
+    """Raise InputError unless a source begins with one of `SOURCES` (detail may follow a colon)."""
     kind = source.partition(":")[0].strip()
     if kind not in SOURCES or not source.isprintable():
         hint = suggest(kind, SOURCES, otherwise="write one of:")
@@ -58,7 +58,7 @@ def check_source(name: str, source: str) -> None:
 
 
 def check_deviations(robot: RobotValues) -> None:
-    """Refuse standard deviations that are none.
+    """Raise InputError if a standard deviation is invalid.
 
     Raises
     ------
@@ -136,25 +136,25 @@ def check_number(parameter: Parameter, label: str, value: object) -> None:
     if parameter.shape == "whole number" and not isinstance(value, Integral):
         raise InputError(f"{label} is {value!r}; it must be a whole number.")
     number = float(value)
-    said = f"{label} is {_with_unit(number, parameter.unit)}"
+    statement = f"{label} is {_with_unit(number, parameter.unit)}"
     if not math.isfinite(number):
-        raise InputError(f"{said}; it must be finite.")
+        raise InputError(f"{statement}; it must be finite.")
     if number < 0.0 and parameter.least >= 0.0:
-        raise InputError(f"{said}; it cannot be negative.")
+        raise InputError(f"{statement}; it cannot be negative.")
     if number == 0.0 and not (
         parameter.least < 0.0 or (parameter.least == 0.0 and parameter.least_is_allowed)
     ):
-        raise InputError(f"{said}; it must be above zero.")
+        raise InputError(f"{statement}; it must be above zero.")
     if number < parameter.least:
         raise InputError(
-            f"{said}, less than any ball-balancing robot has; it must be at least {parameter.least:g}."
+            f"{statement}, less than any ball-balancing robot has; it must be at least {parameter.least:g}."
         )
     if abs(number) > parameter.most and parameter.unit == DIMENSIONLESS:
-        raise InputError(f"{said}; it must be at most {parameter.most:g}.")
+        raise InputError(f"{statement}; it must be at most {parameter.most:g}.")
     if abs(number) > parameter.most:
         meant = _meant(number, parameter.unit, parameter.most)
         hint = f"did you mean {meant}?" if meant else f"it must be at most {parameter.most:g}."
-        raise InputError(f"{said}, more than any ball-balancing robot has; {hint}")
+        raise InputError(f"{statement}, more than any ball-balancing robot has; {hint}")
 
 
 def _meant(number: float, si_unit: str, largest: float) -> str:

@@ -310,7 +310,7 @@ def scaled_friction(
     factor : float or sequence of float
         Of every term, of all wheels or of each.
     rolling : float, optional
-        Of the rolling resistance; needed where each wheel has a factor of its own, `factor` where not given.
+        Of the rolling resistance; needed if each wheel has a factor of its own, `factor` by default.
     """
     count = len(friction.coulomb)
     if isinstance(factor, Sequence):

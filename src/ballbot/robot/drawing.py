@@ -136,8 +136,8 @@ class Canvas:
         """Draw straight lines from point to point, (N, 2) [m]; what lies outside the sheet is left out."""
         for start, end in pairwise(points):
             steps = math.ceil(float(np.abs(end - start).max()) / self._dot) + 1
-            for share in np.linspace(0.0, 1.0, steps + 1):
-                self._set(start + share * (end - start))
+            for fraction in np.linspace(0.0, 1.0, steps + 1):
+                self._set(start + fraction * (end - start))
 
     def letter(self, point: NDArray[np.float64], text: str) -> None:
         """Put one character at a point, (2,) [m], over the dots."""

@@ -37,7 +37,7 @@ R = TypeVar("R", bound=RobotValues)
 
 
 class Entry(BaseModel):
-    """What a file says of one parameter."""
+    """One parameter as a file states it."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 

@@ -26,7 +26,7 @@ Range = tuple[float, float]
 
 #: [m/s^2], from the equator to the poles with a margin
 _GRAVITY_ON_EARTH: Range = (9.7, 9.9)
-#: a body of rods and plates rocks about its centre of mass like a mass at this share of l from it
+#: a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
 _GYRATION_USUAL, _GYRATION_POSSIBLE = (0.15, 1.2), (0.04, 2.5)
 
 
@@ -156,14 +156,14 @@ def _of_body(robot: Robot) -> Iterator[Finding]:
     names = ("body.mass", "body.center_of_mass", "body.inertia.xx", "body.inertia.yy")
     for axis, moment in zip("xy", np.diag(body.inertia_about_center_of_mass())[:2], strict=True):
         gyration = math.sqrt(max(float(moment), 0.0) / body.mass)
-        share = gyration / body.center_of_mass
+        fraction = gyration / body.center_of_mass
         text = (
             f"body.inertia about the centre of mass, {float(moment):.3g} kg m^2 about {axis}, and "
             f"{_said(robot, 'body.mass', 'body.center_of_mass')} do not go together: the radius of gyration is "
-            f"{gyration:.3g} m, {share:.2g} of that height, where robots have 0.3 to 0.9."
+            f"{gyration:.3g} m, {fraction:.2g} of that height, where robots have 0.3 to 0.9."
         )
         found = list(
-            _within("robot-body", names, text, share, usual=_GYRATION_USUAL, possible=_GYRATION_POSSIBLE)
+            _within("robot-body", names, text, fraction, usual=_GYRATION_USUAL, possible=_GYRATION_POSSIBLE)
         )
         if found:
             yield from found
@@ -280,15 +280,15 @@ def _of_wheel_inertia(robot: Robot) -> Iterator[Finding]:
     wheels = robot.wheels
     rims = robot.wheel_count * wheels.inertia / wheels.radius**2
     names = ("wheels.inertia", "wheels.radius", "body.mass")
-    share = rims / robot.body.mass
-    if share > 1.0:
+    fraction = rims / robot.body.mass
+    if fraction > 1.0:
         text = (
             f"{_said(robot, 'wheels.inertia', 'wheels.radius')}: {robot.wheel_count} wheels would weigh {rims:.3g} kg "
             f"even with all their mass at the rim, more than the body with its wheels, {robot.body.mass:.3g} kg: an "
             "inertia too large, or a radius too small."
         )
-        yield from _within("robot-wheels", names, text, share, usual=(0.0, 1.0), possible=(0.0, 2.0))
-    elif 0.0 < share < 1e-4:
+        yield from _within("robot-wheels", names, text, fraction, usual=(0.0, 1.0), possible=(0.0, 2.0))
+    elif 0.0 < fraction < 1e-4:
         text = (
             f"{_said(robot, 'wheels.inertia', 'wheels.radius')}: as discs, {robot.wheel_count} wheels would weigh "
             f"{2e3 * rims:.2g} g of the body's {robot.body.mass:.3g} kg."

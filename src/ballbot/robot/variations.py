@@ -21,7 +21,7 @@ from ballbot.robot.components import BY_NAME, PARAMETERS
 from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Parameter, Value, to_si, value_of
 from ballbot.robot.robot import Robot, with_values
 
-#: differences are taken over this share of a standard deviation
+#: differences are taken over this fraction of a standard deviation
 STEP = 0.1
 #: draws that describe no robot, for each that does, before a robot's standard deviations are refused
 _MOST_REFUSALS = 20
@@ -104,12 +104,12 @@ class Propagated:
     ]  #: of each uncertain number alone, by its label; signed, for one deviation
 
     def largest(self, count: int = 3) -> list[tuple[str, float]]:
-        """Return the numbers that matter most: label and share of the variance, summed over the result."""
+        """Return the numbers that matter most: label and fraction of the variance, summed over the result."""
         whole = float((self.deviation**2).sum())
         if whole == 0.0:
             return []
-        shares = {label: float((part**2).sum()) / whole for label, part in self.parts.items()}
-        return sorted(shares.items(), key=lambda share: -share[1])[:count]
+        fractions = {label: float((part**2).sum()) / whole for label, part in self.parts.items()}
+        return sorted(fractions.items(), key=lambda one: -one[1])[:count]
 
 
 def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -> Propagated:

@@ -6,7 +6,7 @@ sensed_plant     the model with the robot's own sensors, delays, noise and a slo
 gear_play        the model with play in its gearboxes
 sensors          encoders, AHRS, accelerometer, and fixes from outside
 run              a plant with a controller becomes a `Log`
-batch            many robots in closed loop in one compiled call; conditions says what they have to bear
+batch            many robots in closed loop in one compiled call; conditions has their disturbances
 driveline        one driveline alone, under any friction law
 upside_down      the ball on the wheels of a clamped robot
 """

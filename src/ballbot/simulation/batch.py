@@ -155,13 +155,13 @@ def simulate_batch(
     duration : float
         [s]
     initial_states : array_like (10,) or (lanes, 10), optional
-        Upright at rest at the origin where not given.
+        Upright at rest at the origin by default.
     robots : sequence of Robot, optional
         One for each lane; their controllers stay what they are.
     conditions : sequence of Conditions, optional
-        One for all lanes or one for each: late torques, a sloping floor. None of either where not given.
+        One for all lanes or one for each: late torques, a sloping floor. None of either by default.
     verdict : Verdict, optional
-        Leaves lanes as soon as their outcome is known; all are run to the end where not given.
+        Leaves lanes as soon as their outcome is known; all are run to the end by default.
     every : int
         Record every so many samples; 0 records the last only.
     threads : int, optional
@@ -174,7 +174,7 @@ def simulate_batch(
     Raises
     ------
     InputError
-        Where lanes, wheels or sample times disagree, or the reference asks for a lean or a rate.
+        If lanes, wheels or sample times disagree, or the reference asks for a lean or a rate.
     """
     controllers = [controller] if isinstance(controller, Controller) else list(controller)
     bodies = [model.robot] if robots is None else list(robots)

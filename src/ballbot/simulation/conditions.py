@@ -23,7 +23,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 
-#: share of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
+#: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
 FALLING_PART = 0.05
 #: the steepest slope for which the first order is taken: 0.1 is 5.7 degrees
 MAX_SLOPE = 0.1

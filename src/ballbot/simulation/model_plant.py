@@ -165,7 +165,7 @@ class ModelPlant:
     A run ends where theta or phi passes 1.2 rad, or where, at the end of a sample, the floor would have to pull
     the robot down. Wheel angles are the integral of the formulation's wheel speeds (trapezoids over samples).
 
-    Where the model's ball pivots, its spin is carried along: it starts at zero, no measurement shows it but the
+    If the model's ball pivots, its spin is carried along: it starts at zero, no measurement shows it but the
     wheels', and state and truth stay the ten numbers.
     """
 
@@ -193,7 +193,7 @@ class ModelPlant:
         Raises
         ------
         InputError
-            Where the state is not ten finite numbers with a lean of at most 1.2 rad.
+            If the state is not ten finite numbers with a lean of at most 1.2 rad.
         """
         self._state = np.zeros(5 + self.model.velocity_count)
         if initial_state is not None:
@@ -293,7 +293,7 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        Where they are not rows of ten finite numbers with a lean of at most 1.2 rad.
+        If they are not rows of ten finite numbers with a lean of at most 1.2 rad.
     """
     given = real_array(states, ("...", 10), "The initial state")
     if given.ndim > 2 or given.size == 0:

@@ -17,7 +17,7 @@ from ballbot.robot import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What a plant says about itself at one instant.
+    """A plant's measurement at one instant.
 
     The ten states are x, y [m], theta, phi, psi [rad] and their rates, in the world frame; n is the
     number of wheels.

@@ -47,18 +47,18 @@ def simulate(
     duration : float
         [s]; a whole number of samples is run.
     initial_state : array_like (10,), optional
-        True state at the start; upright at rest at the origin where not given.
+        True state at the start; upright at rest at the origin by default.
     seed : int
         All that is random in the plant follows from it.
     progress : callable, optional
-        Called with the share that is done, from 0 to 1, from time to time.
+        Called with the fraction that is done, from 0 to 1, from time to time.
 
     Returns
     -------
     Log
         A row for each sample: what was measured at t, the torques held from there on, the reference, and the true
         state (`log.truth()`). If the run ended early, in a fall or because the safety layer stopped the motors, the
-        rows end before it and `log.ended` says why.
+        rows end before it and `log.ended` gives the reason.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def sample_count(duration: float, sample_time: float) -> int:
     Raises
     ------
     InputError
-        Where it is not at least one, or more than a log can hold.
+        If it is not at least one, or more than a log can hold.
     """
     if not (np.isfinite(duration) and duration / sample_time > 0.5):
         raise InputError(

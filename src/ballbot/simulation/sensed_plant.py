@@ -47,7 +47,7 @@ _LONGEST_WINDOW = 10_000
 
 @dataclass(frozen=True, kw_only=True)
 class Imperfections:
-    """What a robot's sensors, drive and floor are, besides what its model says; all but the sensors is off by default.
+    """A robot's sensors, drive and floor, beyond what its model has; all but the sensors is off by default.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class SensedPlant:
         that encoders see.
     imperfections : Imperfections
     known : Robot, optional
-        The robot that the estimator knows; the model's where not given.
+        The robot that the estimator knows; the model's by default.
     estimator : {"onboard", "kalman"}
 
     Raises

@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.estimation.attitude import turned_about_vertical
 from ballbot.estimation.interface import Fix, Reading
-from ballbot.mechanics.geometry import rotation
+from ballbot.mechanics.geometry import rotation, turned_about_vertical
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter
@@ -74,7 +73,7 @@ class SensorFaults:
     """What an AHRS does besides being noisy; all of it is off at its default.
 
     Its heading is the integral of its gyro, so the bias about the vertical turns its frame away, in addition to the
-    drift that the robot's file says.
+    drift in the robot's file.
     """
 
     gyro_bias: float = field(
@@ -114,8 +113,8 @@ class SensorFaults:
 class AttitudeSensor:
     """An AHRS: angular velocity and attitude with white noise, in a frame that turns away from the world's.
 
-    Gravity tells it which way is up and nothing tells it which way is north, so what runs away is not psi alone: its
-    whole frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis
+    Gravity shows it which way is up and nothing shows it which way is north, so psi does not drift alone: its whole
+    frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis
     has it (Appendix IV): the drift "does not affect the ability of the BBR to balance", but "the world frame of the BBR
     [...] slowly drifts". A lean that stayed right about the world's axes would be turned away from the wheels by as
     much as psi is wrong, until the robot falls.

@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.estimation.attitude import angle_rates
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
-from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.geometry import angle_rates, transforms
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples

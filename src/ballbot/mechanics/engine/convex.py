@@ -227,7 +227,7 @@ def _all_stick(forces, limits, rolling):
 def still_where_held(v, s, limits, rolling) -> tuple:  # pragma: no cover (compiled form below)
     """Return v with zero, to the bit, where the floor holds the ball's path or its spin.
 
-    The probe tells, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
+    The probe decides, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
     """
     raise NotImplementedError("compiled code only")
 

@@ -60,7 +60,7 @@ class Armstrong:
     Raises
     ------
     InputError
-        Where a value is negative or not finite, or one that divides is zero.
+        If a value is negative or not finite, or one that divides is zero.
     """
 
     viscous: float  #: b, the survey's F_v [N m s/rad]
@@ -98,7 +98,7 @@ class Armstrong:
         Raises
         ------
         InputError
-            Where the step is so short that the memory holds over a hundred thousand of them.
+            If the step is so short that the memory holds over a hundred thousand of them.
         """
         remembered = math.ceil(self.memory / step) + 2
         if remembered > _LONGEST_MEMORY:

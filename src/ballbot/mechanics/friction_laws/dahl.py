@@ -40,7 +40,7 @@ class Dahl:
     Raises
     ------
     InputError
-        Where a value is negative or not finite, or Coulomb friction, stiffness or shape is zero.
+        If a value is negative or not finite, or Coulomb friction, stiffness or shape is zero.
     """
 
     coulomb: float  #: c [N m]

@@ -49,7 +49,7 @@ class LuGre:
     Raises
     ------
     InputError
-        Where a value is negative or not finite (`damping_speed` may be infinite), one that divides is zero, or the
+        If a value is negative or not finite (`damping_speed` may be infinite), one that divides is zero, or the
         friction could drive (see the module) and `may_drive` does not say that this is wanted.
     """
 

@@ -45,7 +45,7 @@ class Smoothed:
     Raises
     ------
     InputError
-        Where a value is negative or not finite, the width, Stribeck speed or exponent is zero, or the sign has
+        If a value is negative or not finite, the width, Stribeck speed or exponent is zero, or the sign has
         another name.
     """
 
