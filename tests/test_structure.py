@@ -30,9 +30,6 @@ STILL_MANY_PARAMETERS = {
     "ballbot.simulation.batch.run_closed_loop_block",
     "ballbot.simulation.batch.simulate_batch",
     "ballbot.simulation.gear_play.run_with_play",
-    "ballbot.simulation.upside_down._in_parts",
-    "ballbot.simulation.upside_down._slide",
-    "ballbot.simulation.upside_down.run_ball",
 }
 
 

@@ -18,7 +18,7 @@ from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds
 from ballbot.identification.upside_down import cut_ball_windows, identify_upside_down
-from ballbot.mechanics.friction import wheel_friction
+from ballbot.mechanics.friction import friction_terms, wheel_friction
 from ballbot.mechanics.friction_laws import Classical
 from ballbot.robot import Friction
 from ballbot.simulation.driveline import Driveline, simulate_drivelines
@@ -127,6 +127,17 @@ class TestPlant:
         assert (np.diff(energy) <= 1e-12 * energy[0]).all()
         if min(dry[:n]) > 0.15:  # decelerates from 20 rad/s within the two seconds
             assert not found[-1].any()
+
+    def test_friction_by_direction_is_a_torque_and_load_is_coulomb_friction(self):
+        d, mu, u = np.array([0.03, -0.02, 0.01]), np.array([0.1, 0.05, 0.2]), np.array([0.25, -0.3, 0.2])
+        torques = np.concatenate([np.tile(u, (60, 1)), np.tile(-u, (60, 1))])[None]
+        terms = friction_terms(replace(FRICTION, coulomb_asymmetry=tuple(d), load=tuple(mu)))
+        common = {"initial": np.zeros((1, 3)), "sample_time": 0.005, "threads": 1}
+        ours = simulate_balls(BALL, friction=[ROW], terms=terms, torques=torques, **common)
+        loaded = friction_row(replace(FRICTION, coulomb=tuple(FRICTION.coulomb + mu * np.abs(u))))
+        theirs = simulate_balls(BALL, friction=[loaded], torques=torques - d, **common)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+        assert np.abs(ours[0, 0] @ BALL.A.T).max(axis=0).min() > 0.3  # every wheel turns
 
     def test_the_step_converges(self):
         torques = multisine(400, seed=2)

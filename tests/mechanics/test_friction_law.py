@@ -1,6 +1,6 @@
 """The robot's friction law: its optional terms in file, model, convex step, gear play, batch and GPU alike."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,8 @@ from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import found_robot
 from ballbot.mechanics.friction import (
-    breakaway_torques,
+    FrictionTerms,
+    WheelTerms,
     friction_terms,
     stribeck_curve,
     stribeck_gradient,
@@ -88,13 +89,6 @@ def test_wheel_friction_is_that_of_the_direction_plus_the_load():
             stribeck_exponent=1.1,
         )
     np.testing.assert_allclose(wheel_friction(speeds, FULL, torque=TORQUES), expected, rtol=1e-14)
-
-
-def test_holding_torques_are_the_friction_at_vanishing_speed():
-    forward, backward = breakaway_torques(FULL, torque=TORQUES)
-    slow = np.full(3, 1e-300)
-    np.testing.assert_allclose(wheel_friction(slow, FULL, torque=TORQUES), forward, rtol=1e-12)
-    np.testing.assert_allclose(-wheel_friction(-slow, FULL, torque=TORQUES), backward, rtol=1e-12)
 
 
 def test_gradient_is_that_of_central_differences():
@@ -231,6 +225,15 @@ def test_cautious_friction_scales_every_term():
     np.testing.assert_allclose(cautious.coulomb_asymmetry, factors * COULOMB, rtol=1e-14)
     np.testing.assert_allclose(cautious.load, factors * LOAD, rtol=1e-14)
     robot_with(cautious)
+
+
+def test_every_optional_field_of_the_friction_is_a_term_of_the_law():
+    optional = {one.name for one in fields(Friction) if one.default == ()}
+    assert optional == set(WheelTerms._fields) == {one.name for one in fields(FrictionTerms)}
+    columns = friction_terms(FULL).columns()
+    np.testing.assert_array_equal(
+        columns, np.stack([getattr(FULL, name) for name in WheelTerms._fields], axis=1)
+    )
 
 
 def test_absent_and_zero_terms_are_the_plain_law():

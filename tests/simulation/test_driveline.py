@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from ballbot import InputError, Log
-from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, LuGre, Smoothed
+from ballbot.mechanics.friction import WheelTerms
+from ballbot.mechanics.friction_laws import Armstrong, Classical, Dahl, LuGre, Smoothed, friction_at
 from ballbot.simulation.driveline import (
     Driveline,
     SpeedClamp,
@@ -333,6 +334,63 @@ class TestMany:
         alone = simulate_drivelines(soft, np.full(50, 0.5), sample_time=0.005)
         np.testing.assert_array_equal(both.speeds[1], alone.speeds[0])
         assert both.speeds[0, -1] == pytest.approx(4.0, rel=1e-9)
+
+
+class TestTermsByDirectionAndLoad:
+    terms = WheelTerms(coulomb_asymmetry=0.03, stribeck_asymmetry=-0.02, load=0.1)
+    law = Classical(**DRIVELINE, **STRIBECK, terms=terms)
+
+    def in_direction(self, direction: float, torque: float) -> Classical:
+        """Return the plain law of one direction under a held torque."""
+        return Classical(
+            viscous=self.law.viscous,
+            coulomb=self.law.coulomb + direction * self.terms.coulomb_asymmetry + 0.1 * abs(torque),
+            stribeck=self.law.stribeck + direction * self.terms.stribeck_asymmetry,
+            stribeck_speed=self.law.stribeck_speed,
+            stribeck_exponent=self.law.stribeck_exponent,
+        )
+
+    @pytest.mark.parametrize("torque", [0.4, -0.4])
+    def test_each_direction_is_a_plain_law_of_its_own(self, torque):
+        plain = self.in_direction(np.sign(torque), torque)
+        inputs = np.full(50, torque)
+        ours, theirs = (
+            simulate_drivelines(wheel(one), inputs, sample_time=0.005) for one in (self.law, plain)
+        )
+        np.testing.assert_allclose(ours.speeds, theirs.speeds, rtol=1e-12)
+        assert abs(ours.speeds[0, -1]) > 1.0
+        at = np.array([0.2, 3.0]) * np.sign(torque)
+        unloaded = self.in_direction(np.sign(torque), 0.0)
+        np.testing.assert_allclose(self.law.steady_friction(at), unloaded.steady_friction(at), rtol=1e-14)
+        found = friction_at(self.law, float(at[0]), applied=torque)
+        assert found == pytest.approx(float(plain.steady_friction(at[0])), rel=1e-12)
+
+    @pytest.mark.parametrize("direction", [1.0, -1.0])
+    def test_break_away_at_the_limit_of_the_direction(self, direction):
+        dry = self.law.coulomb + self.law.stribeck
+        shift = self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry
+        limit = (dry + direction * shift) / (
+            1.0 - self.terms.load
+        )  # the torque itself adds its share of load
+        held, moved = (
+            simulate_drivelines(
+                wheel(self.law), np.full(20, direction * limit * (1.0 + more)), sample_time=0.005
+            )
+            for more in (-1e-9, 1e-9)
+        )
+        assert not held.speeds.any()
+        assert (direction * moved.speeds > 0.0).all()
+
+    def test_of_wheel_takes_them_from_the_robot(self):
+        friction = replace(FRICTION, coulomb_asymmetry=(0.0, 0.02, 0.0), load=(0.0, 0.1, 0.0))
+        law = Driveline.of_wheel(alten(friction), 1).friction
+        assert isinstance(law, Classical)
+        assert law.terms == WheelTerms(coulomb_asymmetry=0.02, load=0.1)
+        assert not law.is_plain
+
+    def test_asymmetry_beyond_the_friction_is_refused(self):
+        with pytest.raises(InputError, match=r"asymmetries are 0\.2 and 0"):
+            Classical(viscous=0.01, coulomb=0.1, terms=WheelTerms(coulomb_asymmetry=0.2))
 
 
 def test_of_wheel_takes_the_robots_values():

@@ -44,6 +44,7 @@ from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, co
 from ballbot.log import Log
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
+from ballbot.mechanics.friction import FrictionTerms, friction_terms
 from ballbot.progress import Progress, ProgressReporter, Stage
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
@@ -278,8 +279,8 @@ def identify_upside_down(
         robot,
         problem,
         point,
-        held_out=_errors(replace(problem, windows=windows.take(held_rows)), judged),
-        fit=_errors(problem, judged),
+        held_out=_errors(replace(problem, windows=windows.take(held_rows)), judged, robot.friction),
+        fit=_errors(problem, judged, robot.friction),
         held_out_windows=windows.take(held_rows),
         evolution_cost=evolved.history,
         remarks=remarks,
@@ -297,12 +298,18 @@ class BallProblem:
     threads: int | None
     step: float = STEP  #: longest inner step [s]
 
-    def residuals(self, friction: NDArray[np.float64], *, every: int) -> NDArray[np.float64]:
-        """Return predicted less measured Omega (sets, w, k, 3) [rad/s] of frictions (sets, 3 n + 3) in SI units."""
+    def residuals(
+        self, friction: NDArray[np.float64], *, every: int, terms: FrictionTerms | None = None
+    ) -> NDArray[np.float64]:
+        """Return predicted less measured Omega (sets, w, k, 3) [rad/s] of frictions (sets, 3 n + 3) in SI units.
+
+        `terms` by direction and load are those of every set.
+        """
         windows = self.windows
         predicted = simulate_balls(
             self.ball,
             friction=friction[:, :-1],
+            terms=terms,
             initial=windows.initial,
             torques=windows.torques,
             sample_time=windows.sample_time,
@@ -388,11 +395,17 @@ def _polished(problem: BallProblem, start: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def _errors(
-    problem: BallProblem, frictions: dict[str, NDArray[np.float64]]
+    problem: BallProblem, frictions: dict[str, NDArray[np.float64]], nominal: Friction
 ) -> dict[str, NDArray[np.float64]]:
-    residuals = problem.residuals(np.array(list(frictions.values())), every=1)
-    rmse = np.sqrt((residuals**2).mean(axis=(1, 2)))
-    return dict(zip(frictions, rmse, strict=True))
+    """Return the RMSE (3,) of each friction; the robot file's has the terms by direction and load of `nominal`."""
+    terms = None if nominal.is_plain else friction_terms(nominal)
+    errors = {}
+    for name, friction in frictions.items():
+        own = terms if name == "robot file" else None
+        errors[name] = np.sqrt(
+            (problem.residuals(friction[None], every=1, terms=own) ** 2).mean(axis=(1, 2))
+        )[0]
+    return errors
 
 
 def _normal_equations(problem: BallProblem, point: NDArray[np.float64]) -> NormalEquations:

@@ -128,13 +128,13 @@ class FreeMotion(NamedTuple):
     limits: tuple  #: of the boxes: the wheels' c + s exp(..), and pivoting [N m]
 
 
-def _free_torque(wheel, u, speed) -> float:  # pragma: no cover (compiled form below)
+def free_torque(wheel, u, speed) -> float:  # pragma: no cover (compiled form below)
     """Return a motor's torque less all friction that is a function of speed; the rest is in the symmetric box."""
     raise NotImplementedError("compiled code only")
 
 
-@by_types_of(_free_torque)
-def _free_torque_of(wheel, u, speed):
+@by_types_of(free_torque)
+def _free_torque(wheel, u, speed):
     if not has_directions(wheel):  # not "- 0.0": what is written decides how it is rounded
         return lambda wheel, u, speed: u - wheel.b * speed
     return lambda wheel, u, speed: u - wheel.b * speed - friction_shift(wheel, speed)
@@ -151,7 +151,7 @@ def free_motion(selected, P, a, state, u):
     v, w = ball_velocity(state), body_velocity(state)
     system = terms(selected, P, a, v, w)
     speeds = wheel_speeds(selected, P, a, v, w)
-    F, L = wheel_force(selected, P, a, ball_torque(P, each(_free_torque, P.wheels, u, speeds)))
+    F, L = wheel_force(selected, P, a, ball_torque(P, each(free_torque, P.wheels, u, speeds)))
     f_v, f_w = forces_in(system)
     limits = of_boxes(selected, each(dry_friction, P.wheels, speeds), P.pivoting)
     return FreeMotion(v, w, system, each(_sum, f_v, F), add(f_w, L), limits)

@@ -82,7 +82,7 @@ def dry_friction_size(
     if friction.is_plain:
         return size
     terms = friction_terms(friction)
-    size = size + np.sign(w) * (terms.coulomb_asymmetry + terms.stribeck_asymmetry * E)
+    size = size + np.sign(w) * asymmetry(terms, E)
     return size if torque is None else size + terms.load * np.abs(torque)
 
 
@@ -99,21 +99,40 @@ def stribeck_gradient(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrictionTerms:
-    """The terms that a robot's friction may lack, an array (n,) of each; zeros where it lacks them."""
+    """The terms that a robot's friction may lack, an array (n,) of each; zeros if the robot lacks them."""
 
     coulomb_asymmetry: NDArray[np.float64]  #: d [N m]
     stribeck_asymmetry: NDArray[np.float64]  #: e [N m]
     load: NDArray[np.float64]  #: mu [-]
 
+    def columns(self) -> NDArray[np.float64]:
+        """Return (n, k), a column for each term in the order of `WheelTerms`."""
+        return np.column_stack([getattr(self, name) for name in WheelTerms._fields])
+
+
+class WheelTerms(NamedTuple):
+    """The same terms of one wheel, in compiled code."""
+
+    coulomb_asymmetry: float = 0.0  #: d [N m]
+    stribeck_asymmetry: float = 0.0  #: e [N m]
+    load: float = 0.0  #: mu [-]
+
+
+NO_TERMS = WheelTerms()
+
+
+def asymmetry(terms: FrictionTerms | WheelTerms, E: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return d + e E [N m]: by how much the dry friction forward exceeds the mean of both directions."""
+    return terms.coulomb_asymmetry + terms.stribeck_asymmetry * E
+
 
 def friction_terms(friction: Friction) -> FrictionTerms:
     """Return a friction's optional terms."""
-    n = len(friction.coulomb)
-    d, e, mu = (
-        np.asarray(values or (0.0,) * n, dtype=np.float64)
-        for values in (friction.coulomb_asymmetry, friction.stribeck_asymmetry, friction.load)
-    )
-    return FrictionTerms(coulomb_asymmetry=d, stribeck_asymmetry=e, load=mu)
+    zeros = (0.0,) * len(friction.coulomb)
+    found = {
+        name: np.asarray(getattr(friction, name) or zeros, dtype=np.float64) for name in WheelTerms._fields
+    }
+    return FrictionTerms(**found)
 
 
 def wheel_friction(
@@ -138,25 +157,6 @@ def wheel_friction(
     return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)
 
 
-def breakaway_torques(
-    friction: Friction, *, torque: ArrayLike | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the largest torques (..., n) that hold a wheel from turning forward and from turning backward [N m].
-
-    Parameters
-    ----------
-    friction : Friction
-    torque : array_like (..., n), optional
-        As in `wheel_friction`.
-    """
-    terms = friction_terms(friction)
-    size = np.add(friction.coulomb, friction.stribeck)
-    if torque is not None:
-        size = size + terms.load * np.abs(torque)
-    shift = terms.coulomb_asymmetry + terms.stribeck_asymmetry
-    return size + shift, size - shift
-
-
 class PlainLaw(NamedTuple):
     """Selects wheels without optional terms: tau = b w + (c + s E) sgn(w)."""
 
@@ -177,7 +177,7 @@ def wheel_law(*frictions: Friction) -> WheelLaw:
     return PlainLaw() if all(friction.is_plain for friction in frictions) else DirectedLaw()
 
 
-# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta, and perhaps both asymmetries ---
+# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta, and perhaps `terms` (`WheelTerms`) ---
 
 
 _LOG2_OF_LOG2_E = 0.5287663729448977  # e^-p = 2^-(p log2 e)
@@ -216,8 +216,8 @@ def _with_decay_in_direction(wheel, power, direction):
         return lambda wheel, power, direction: _with_decay(wheel, power)
     return lambda wheel, power, direction: (
         wheel.c
-        + direction * wheel.coulomb_asymmetry
-        + (wheel.s + direction * wheel.stribeck_asymmetry) * power_of_two(-power)
+        + direction * wheel.terms.coulomb_asymmetry
+        + (wheel.s + direction * wheel.terms.stribeck_asymmetry) * power_of_two(-power)
     )
 
 
@@ -237,14 +237,26 @@ def _friction_shift(wheel, speed):
     if not has_directions(wheel):
         return lambda wheel, speed: 0.0
     return lambda wheel, speed: (
-        wheel.coulomb_asymmetry
-        + wheel.stribeck_asymmetry * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
+        wheel.terms.coulomb_asymmetry
+        + wheel.terms.stribeck_asymmetry * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
     )
 
 
 def has_directions(wheel) -> bool:
-    """Return whether a type of wheel has the terms by direction."""
-    return "coulomb_asymmetry" in wheel.instance_class._fields
+    """Return whether a type of wheel has the optional terms."""
+    return "terms" in wheel.instance_class._fields
+
+
+@inlined
+def terms_of_wheel(columns, wheel):
+    """Return the `WheelTerms` of one wheel out of `FrictionTerms.columns`."""
+    return WheelTerms(columns[wheel, 0], columns[wheel, 1], columns[wheel, 2])
+
+
+@inlined
+def loaded_coulomb(c, terms, torque):
+    """Return c + mu |u| of a wheel whose motor gives the torque u."""
+    return c + terms.load * abs(torque)
 
 
 @inlined

@@ -13,7 +13,16 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import by_types_of, inlined
 from ballbot.mechanics.engine.lanes import TORQUE, entry, restored
 from ballbot.mechanics.engine.vector import each, each_with, second, written
-from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw, friction_terms, wheel_law
+from ballbot.mechanics.friction import (
+    NO_TERMS,
+    DirectedLaw,
+    PlainLaw,
+    WheelLaw,
+    WheelTerms,
+    friction_terms,
+    loaded_coulomb,
+    wheel_law,
+)
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -24,7 +33,7 @@ Formulation = Literal["exact", "thesis"]
 
 RIGID_SIZE = 26  # numbers before the wheels' own
 WHEEL_SIZE = 6  # axle (3), b, c, s
-TERMS_SIZE = 3  # after all wheels, for each of a `DirectedLaw`: d, e, mu
+TERMS_SIZE = len(WheelTerms._fields)  # after all wheels, for each of a `DirectedLaw`
 
 # Places in a row of packed numbers that identification changes
 PLACE_SPEED_SCALE = 8  # 1/v_s
@@ -39,7 +48,6 @@ _SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _COMMON = (0.0, 0.0)  # 1/v_s and delta
 _RIGID = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _COMMON, 0.0, 0.0, 0.0, 0.0, _SIX, _SIX)
 _WHEEL = ((0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
-_TERMS = (0.0, 0.0, 0.0)
 
 
 class Exact(NamedTuple):
@@ -83,9 +91,7 @@ class DirectedWheel(NamedTuple):
     s: float
     inv_vs: float  #: 1/v_s [s/rad]
     delta: float
-    coulomb_asymmetry: float  #: d
-    stribeck_asymmetry: float  #: e
-    load: float  #: mu
+    terms: WheelTerms
 
 
 class Parameters(NamedTuple):
@@ -116,7 +122,7 @@ def selector(
     Raises
     ------
     InputError
-        Where the thesis's equations are asked for with a pivoting ball, which they do not have.
+        If the thesis's equations are asked for with a pivoting ball, which they do not have.
     """
     wheels = tuple(range(wheel_count))
     if pivoting and formulation == "thesis":
@@ -145,7 +151,7 @@ def pack(
     pivoting : float
         Largest pivoting friction [N m]; read where the ball pivots.
     law : PlainLaw or DirectedLaw, optional
-        That of the selector: the leanest for the robot where not given. `PlainLaw` leaves out what else the robot has.
+        That of the selector: the leanest for the robot by default. `PlainLaw` leaves out what else the robot has.
 
     Returns
     -------
@@ -185,9 +191,7 @@ def pack(
     own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck])
     if isinstance(law or wheel_law(friction), PlainLaw):
         return np.concatenate([rigid, own.ravel()])
-    terms = friction_terms(friction)
-    more = np.column_stack([terms.coulomb_asymmetry, terms.stribeck_asymmetry, terms.load])
-    return np.concatenate([rigid, own.ravel(), more.ravel()])
+    return np.concatenate([rigid, own.ravel(), friction_terms(friction).columns().ravel()])
 
 
 def row_count(selected) -> int:  # pragma: no cover (compiled form below)
@@ -229,24 +233,13 @@ def _wheel_of(own, common):
 
 @inlined
 def _directed_wheel_of(wheel, terms):
-    return DirectedWheel(
-        wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, terms[0], terms[1], terms[2]
-    )
+    return DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, terms)
 
 
 @inlined
 def _loaded_wheel(wheel, torque):
-    return DirectedWheel(
-        wheel.axle,
-        wheel.b,
-        wheel.c + wheel.load * abs(torque),
-        wheel.s,
-        wheel.inv_vs,
-        wheel.delta,
-        wheel.coulomb_asymmetry,
-        wheel.stribeck_asymmetry,
-        wheel.load,
-    )
+    c = loaded_coulomb(wheel.c, wheel.terms, torque)
+    return DirectedWheel(wheel.axle, wheel.b, c, wheel.s, wheel.inv_vs, wheel.delta, wheel.terms)
 
 
 @inlined
@@ -267,7 +260,7 @@ def _load_wheel(selected, work, wheel, lane):
 
     def directed(selected, work, wheel, lane):
         first = RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
-        terms = restored(_TERMS, work, first + TERMS_SIZE * wheel, lane)
+        terms = restored(NO_TERMS, work, first + TERMS_SIZE * wheel, lane)
         return _loaded_wheel(
             _directed_wheel_of(_load_plain_wheel(work, wheel, lane), terms),
             entry(work, TORQUE + wheel, lane),
@@ -293,7 +286,7 @@ def _load_parameters(selected, work, lane):
 
     def directed(selected, work, lane):
         first = RIGID_SIZE + WHEEL_SIZE * len(selected.wheels)
-        terms = restored(each_with(second, selected.wheels, _TERMS), work, first, lane)
+        terms = restored(each_with(second, selected.wheels, NO_TERMS), work, first, lane)
         P = _load_plain(selected, work, lane)
         return _with_wheels(P, each(_directed_wheel_of, P.wheels, terms))
 

@@ -23,7 +23,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES, entry
 from ballbot.mechanics.engine.run import over_threads
-from ballbot.mechanics.friction import sign
+from ballbot.mechanics.friction import WheelTerms, friction_terms, sign
 from ballbot.mechanics.friction_laws.classical import Classical, ClassicalNumbers
 from ballbot.mechanics.friction_laws.interface import (
     UNLIMITED,
@@ -205,7 +205,7 @@ class Driveline:
     Raises
     ------
     InputError
-        Where the inertia is not above zero, or the thesis's clamp meets a friction law that has a state or a dead
+        If the inertia is not above zero, or the thesis's clamp meets a friction law that has a state or a dead
         zone.
     """
 
@@ -231,7 +231,7 @@ class Driveline:
         Raises
         ------
         InputError
-            Where the robot has no such wheel.
+            If the robot has no such wheel.
         """
         if not 0 <= wheel < robot.wheel_count:
             raise InputError(
@@ -247,6 +247,7 @@ class Driveline:
             stribeck=friction.stribeck[wheel],
             stribeck_speed=friction.stribeck_speed,
             stribeck_exponent=friction.stribeck_exponent,
+            terms=WheelTerms(*friction_terms(friction).columns()[wheel].tolist()),
         )
         return Driveline(inertia=robot.wheels.inertia + rotor, friction=law, speed_limit=speed_limit)
 
@@ -314,7 +315,7 @@ def simulate_drivelines(
     Raises
     ------
     InputError
-        Where numbers of lanes disagree, laws are of different kinds, or a value makes no step.
+        If numbers of lanes disagree, laws are of different kinds, or a time is not allowed.
     """
     lines = [drivelines] if isinstance(drivelines, Driveline) else list(drivelines)
     inputs = np.atleast_2d(real_array(torques, ("...", "samples"), "The array of torques"))
@@ -335,7 +336,8 @@ def simulate_drivelines(
         out=np.empty((3, lanes, inputs.shape[1] // every)),
     )
     steps = np.array([_steps(line, sample_time, step) for line in batch.lines])
-    run = _run_classical if isinstance(lines[0].friction, Classical) else _run_one_by_one
+    plain = all(isinstance(line.friction, Classical) and line.friction.is_plain for line in lines)
+    run = _run_classical if plain else _run_one_by_one
     run(batch, steps, threads)
     speeds, angles, integrated = batch.out
     t = np.arange(1.0, speeds.shape[1] + 1.0) * (every * sample_time)

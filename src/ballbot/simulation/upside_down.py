@@ -1,6 +1,6 @@
 """The ball on the wheels of a robot that is clamped upside down (thesis 3.6): no floor, no leaning.
 
-    (J_ball + (j_w + j_r) A^T A) Omega_dot = A^T (u - tau(A Omega))
+    (J_ball + (j_w + j_r) A^T A) Omega_dot = A^T (u - tau(A Omega, u))
 
 Omega is the ball's angular velocity in the robot's frame, and wheel i turns at row i of A times Omega. The ball is
 free to turn about every axis. Its inertia is the same about all of them and the wheels' axles stand still, so that
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,11 +24,20 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.contacts import free_torque
+from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
-from ballbot.mechanics.friction import dry_friction, sign
-from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
+from ballbot.mechanics.friction import (
+    FrictionTerms,
+    directed_friction,
+    dry_friction,
+    friction_terms,
+    loaded_coulomb,
+    sign,
+    terms_of_wheel,
+)
+from ballbot.mechanics.friction_laws.classical import ClassicalNumbers, DirectedNumbers
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
@@ -37,90 +47,125 @@ from ballbot.robot.derived import reflected_rotor_inertia
 PARTS = 4
 
 
-@inlined
-def _dry(friction, wheel, speed):
-    """Return the size of a wheel's dry friction; `friction` is [b.., c.., s.., v_s, delta]."""
-    n = (len(friction) - 2) // 3
-    b, c, s = friction[wheel], friction[n + wheel], friction[2 * n + wheel]
-    return dry_friction(ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1]), speed)
+class BallNumbers(NamedTuple):
+    """A ball on clamped wheels, in compiled code."""
+
+    A: NDArray[np.float64]  #: (n, 3)
+    M: NDArray[np.float64]  #: (3, 3) [kg m^2]
+    push: NDArray[np.float64]  #: M^-1 A^T (3, n)
+    friction: NDArray[np.float64]  #: b, c, s of each wheel, v_s and delta (3 n + 2,)
+
+
+class DirectedBallNumbers(NamedTuple):
+    """The same with friction that differs with direction and follows the motors' torques."""
+
+    A: NDArray[np.float64]
+    M: NDArray[np.float64]
+    push: NDArray[np.float64]
+    friction: NDArray[np.float64]
+    terms: NDArray[np.float64]  #: `FrictionTerms.columns` (n, k)
 
 
 @inlined
-def _accelerate(A, push, friction, u, omega, signs, rate):
+def _plain_wheel(ball, i):
+    n, friction = len(ball.A), ball.friction
+    b, c, s = friction[i], friction[n + i], friction[2 * n + i]
+    return ClassicalNumbers(b, c, s, 1.0 / friction[3 * n], friction[3 * n + 1])
+
+
+def _wheel(ball, i, torque) -> ClassicalNumbers:  # pragma: no cover (compiled form below)
+    """Return the numbers of a wheel's friction under its motor's torque."""
+    raise NotImplementedError("compiled code only")
+
+
+@by_types_of(_wheel)
+def _wheel_of(ball, i, torque):  # noqa: ARG001 (read by type)
+    if ball.instance_class is BallNumbers:
+        return lambda ball, i, torque: _plain_wheel(ball, i)  # noqa: ARG005
+
+    def directed(ball, i, torque):
+        plain, terms = _plain_wheel(ball, i), terms_of_wheel(ball.terms, i)
+        c = loaded_coulomb(plain.c, terms, torque)
+        return DirectedNumbers(plain.b, c, plain.s, plain.inv_vs, plain.delta, terms)
+
+    return directed
+
+
+@inlined
+def _speed(ball, i, omega):
+    """Return the speed of a wheel [rad/s]."""
+    return ball.A[i, 0] * omega[0] + ball.A[i, 1] * omega[1] + ball.A[i, 2] * omega[2]
+
+
+@inlined
+def _accelerate(ball, u, omega, signs, rate):
     """Fill `rate` (3,) with M^-1 A^T (u - tau(A Omega)), the dry friction having these signs."""
     rate[0] = rate[1] = rate[2] = 0.0
     for i in range(len(u)):
-        speed = A[i, 0] * omega[0] + A[i, 1] * omega[1] + A[i, 2] * omega[2]
-        torque = u[i] - friction[i] * speed
+        speed = _speed(ball, i, omega)
+        torque = u[i] - ball.friction[i] * speed
         if signs[i] != 0.0:
-            torque -= signs[i] * _dry(friction, i, speed)
+            torque -= signs[i] * directed_friction(_wheel(ball, i, u[i]), speed, signs[i])
         for axis in range(3):
-            rate[axis] += push[axis, i] * torque
+            rate[axis] += ball.push[axis, i] * torque
 
 
 @inlined
-def _slide(A, push, friction, u, omega, signs, h, end, rates, middle):
+def _slide(ball, u, omega, signs, h, end, rates, middle):
     """Fill `end` (3,) with the RK4 step from `omega`; return whether every wheel keeps its sign."""
     for axis in range(3):
         end[axis] = middle[axis] = omega[axis]
     for stage in range(4):
-        _accelerate(A, push, friction, u, middle, signs, rates)
+        _accelerate(ball, u, middle, signs, rates)
         weight = h / 6.0 if stage in (0, 3) else h / 3.0
         ahead = h if stage == 2 else 0.5 * h
         for axis in range(3):
             end[axis] += weight * rates[axis]
             middle[axis] = omega[axis] + ahead * rates[axis]
     for i in range(len(u)):
-        speed = A[i, 0] * end[0] + A[i, 1] * end[1] + A[i, 2] * end[2]
-        slides = friction[len(u) + i] + friction[2 * len(u) + i] > 0.0
-        if slides and not speed * signs[i] > 0.0:
+        wheel = _wheel(ball, i, u[i])
+        if wheel.c + wheel.s > 0.0 and not _speed(ball, i, end) * signs[i] > 0.0:
             return False
     return True
 
 
 @inlined
-def _convex(A, M, push, friction, u, omega, h, end):
+def _convex(ball, u, omega, h, end):
     """Fill `end` (3,) with the minimiser of docs/mechanics.md, its first two unknowns, x and y, idle."""
     n = len(u)
     mass, rows = np.zeros((5, 5)), np.zeros((n, 5))
     start, free, limits = np.zeros(5), np.zeros(5), np.zeros(n)
     mass[0, 0] = mass[1, 1] = 1.0
-    mass[2:, 2:] = M
-    rows[:, 2:] = A
+    mass[2:, 2:] = ball.M
+    rows[:, 2:] = ball.A
     start[2:] = omega
     free[2:] = omega
     for i in range(n):
-        speed = A[i, 0] * omega[0] + A[i, 1] * omega[1] + A[i, 2] * omega[2]
-        limits[i] = _dry(friction, i, speed) if speed != 0.0 else friction[n + i] + friction[2 * n + i]
+        speed, wheel = _speed(ball, i, omega), _wheel(ball, i, u[i])
+        limits[i] = dry_friction(wheel, speed) if speed != 0.0 else wheel.c + wheel.s
         for axis in range(3):
-            free[2 + axis] += h * push[axis, i] * (u[i] - friction[i] * speed)
+            free[2 + axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
     end[:] = minimiser(mass, free, rows, limits, 0.0, h, start)[2:]
 
 
 @compiled
-def _in_parts(A, M, push, friction, u, omega, signs, h, end, rates, middle):
+def _in_parts(ball, u, omega, signs, h, end, rates, middle):
     """Advance `omega` (3,) by `PARTS` steps of h."""
     for _ in range(PARTS):
         for i in range(len(u)):
-            signs[i] = sign(A[i, 0] * omega[0] + A[i, 1] * omega[1] + A[i, 2] * omega[2])
-        if not _slide(A, push, friction, u, omega, signs, h, end, rates, middle):
-            _convex(A, M, push, friction, u, omega, h, end)
+            signs[i] = sign(_speed(ball, i, omega))
+        if not _slide(ball, u, omega, signs, h, end, rates, middle):
+            _convex(ball, u, omega, h, end)
         omega[:] = end
 
 
 @compiled
-def run_ball(A, M, push, friction, omega, torques, sample_time, steps, every, out):
+def run_ball(ball, omega, torques, sample_time, steps, every, out):
     """Turn one ball on clamped wheels.
 
     Parameters
     ----------
-    A : ndarray (n, 3)
-    M : ndarray (3, 3)
-        [kg m^2]
-    push : ndarray (3, n)
-        M^-1 A^T.
-    friction : ndarray (3 n + 2,)
-        b, c, s of each wheel, v_s and delta.
+    ball : BallNumbers or DirectedBallNumbers
     omega : ndarray (3,)
         At the start [rad/s]; it is changed.
     torques : ndarray (samples, n)
@@ -132,16 +177,16 @@ def run_ball(A, M, push, friction, omega, torques, sample_time, steps, every, ou
         Record every so many samples.
     out : ndarray (samples // every, 3)
     """
-    n, h = len(A), sample_time / steps
+    n, h = len(ball.A), sample_time / steps
     signs, end, rates, middle = np.empty(n), np.empty(3), np.empty(3), np.empty(3)
     for sample in range(len(torques)):
         for _ in range(steps):
             for i in range(n):
-                signs[i] = sign(A[i, 0] * omega[0] + A[i, 1] * omega[1] + A[i, 2] * omega[2])
-            if _slide(A, push, friction, torques[sample], omega, signs, h, end, rates, middle):
+                signs[i] = sign(_speed(ball, i, omega))
+            if _slide(ball, torques[sample], omega, signs, h, end, rates, middle):
                 omega[:] = end
             else:
-                _in_parts(A, M, push, friction, torques[sample], omega, signs, h / PARTS, end, rates, middle)
+                _in_parts(ball, torques[sample], omega, signs, h / PARTS, end, rates, middle)
         if (sample + 1) % every == 0:
             out[(sample + 1) // every - 1] = omega
 
@@ -189,7 +234,7 @@ class ClampedBall:
 
 
 def friction_row(friction: Friction) -> NDArray[np.float64]:
-    """Return [b.., c.., s.., v_s, delta] (3 n + 2,), the numbers of a friction that this plant feels."""
+    """Return [b.., c.., s.., v_s, delta] (3 n + 2,): a friction's numbers but for its optional terms."""
     shared = (friction.stribeck_speed, friction.stribeck_exponent)
     return np.array([*friction.viscous, *friction.coulomb, *friction.stribeck, *shared])
 
@@ -198,6 +243,7 @@ def simulate_balls(
     ball: ClampedBall,
     *,
     friction: ArrayLike,
+    terms: FrictionTerms | None = None,
     initial: ArrayLike,
     torques: ArrayLike,
     sample_time: float,
@@ -212,6 +258,8 @@ def simulate_balls(
     ball : ClampedBall
     friction : array_like (sets, 3 n + 2)
         As `friction_row` gives them.
+    terms : FrictionTerms, optional
+        By direction and load, of every set; none by default.
     initial : array_like (windows, 3)
         Omega at the start of each window [rad/s], in the robot's frame.
     torques : array_like (windows, samples, n)
@@ -234,7 +282,7 @@ def simulate_balls(
     Raises
     ------
     InputError
-        Where shapes disagree, a number is not finite, v_s or delta is not above zero, or a time is none.
+        If shapes disagree, a number is not finite, v_s or delta is not above zero, or a time is not above zero.
     """
     n = len(ball.A)
     sets = real_array(friction, ("sets", 3 * n + 2), "The array of frictions")
@@ -249,13 +297,16 @@ def simulate_balls(
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(sets), len(starts), inputs.shape[1] // every, 3))
     push, count = ball.push(), len(starts)
+    columns = None if terms is None else terms.columns()
 
     def run(first: int) -> None:
         for lane in range(first, min(first + LANES, len(sets) * count)):
             chosen, window = divmod(lane, count)
+            numbers = BallNumbers(ball.A, ball.inertia, push, sets[chosen])
+            if columns is not None:
+                numbers = DirectedBallNumbers(*numbers, columns)
             omega = starts[window].copy()
-            arrays = (ball.A, ball.inertia, push, sets[chosen], omega, inputs[window])
-            run_ball(*arrays, sample_time, steps, every, out[chosen, window])
+            run_ball(numbers, omega, inputs[window], sample_time, steps, every, out[chosen, window])
 
     over_threads(run, len(sets) * count, threads)
     return out
@@ -304,7 +355,8 @@ def follow(
     K = real_array(gain, (len(ball.A), 6), "The gain")
     duration = positive_number(duration, "The duration")
     sample_time = positive_number(sample_time, "The sample time")
-    row, omega, turned = friction_row(friction)[None], np.zeros(3), Rotation.identity()
+    row, terms = friction_row(friction)[None], None if friction.is_plain else friction_terms(friction)
+    omega, turned = np.zeros(3), Rotation.identity()
     t = sample_time * np.arange(max(1, round(duration / sample_time)), dtype=np.float64)
     rotations, omegas, torques = [], [], []
     for time in t:
@@ -317,6 +369,7 @@ def follow(
         after = simulate_balls(
             ball,
             friction=row,
+            terms=terms,
             initial=omega[None],
             torques=torque[None, None],
             sample_time=sample_time,

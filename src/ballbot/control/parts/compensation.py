@@ -27,7 +27,7 @@ from ballbot.control.records import MAX_WHEELS, number
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
 from ballbot.mechanics.equations import ball_rate, body_rates
-from ballbot.mechanics.friction import dry_friction, friction_shift, friction_terms
+from ballbot.mechanics.friction import WheelTerms, dry_friction, friction_shift, friction_terms
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.parameters import DirectedWheel, Wheel
 from ballbot.robot import Robot
@@ -154,9 +154,9 @@ def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
 @inlined
 def _directed_part(own, wheel, i, speed, ramp):
     """Return by how much the friction forward, or less than it backward, differs from the mean of both directions."""
-    d, e = own.coulomb_asymmetry[i], own.stribeck_asymmetry[i]
-    terms = DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, d, e, own.load[i])
-    return friction_shift(terms, speed) * abs(ramp)
+    terms = WheelTerms(own.coulomb_asymmetry[i], own.stribeck_asymmetry[i], own.load[i])
+    directed = DirectedWheel(wheel.axle, wheel.b, wheel.c, wheel.s, wheel.inv_vs, wheel.delta, terms)
+    return friction_shift(directed, speed) * abs(ramp)
 
 
 @inlined

@@ -39,7 +39,7 @@ from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.engine.elementary import exponential, sine_cosine
-from ballbot.mechanics.friction import dry_friction
+from ballbot.mechanics.friction import directed_friction
 
 
 class FrictionLaw(Protocol):
@@ -289,7 +289,7 @@ def crossing(function, context, low, high):
 @inlined
 def _acceleration(law, inertia, torque, speed, direction):
     seen = clamped(inertia, speed)
-    friction = law.b * seen + direction * dry_friction(law, seen)
+    friction = law.b * seen + direction * directed_friction(law, seen, direction)
     return inertia.inv_J * (available(inertia, torque, speed) - friction)
 
 
