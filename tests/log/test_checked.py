@@ -93,7 +93,7 @@ def test_logs_that_are_checked_are_not_checked_again(monkeypatch, good):
         calls.append((logs, robot))
         return ()
 
-    monkeypatch.setattr("ballbot.log.checks.run.check_logs", count)
+    monkeypatch.setattr("ballbot.log.checks.check_logs", count)
     checked = checked_logs(alten(), good)
     assert checked_logs(alten(), checked) is checked
     assert len(calls) == 1

@@ -129,12 +129,12 @@ MISTAKES: dict[str, tuple[Callable[[Log], Log], str, str]] = {
     "torques twice": (
         lambda log: scaled(log, 2.0, *TORQUES),
         "torque-scale",
-        "times what the motion of this robot needs",
+        "times as large as the motion of this robot needs",
     ),
     "torques halved": (
         lambda log: scaled(log, 0.5, *TORQUES),
         "torque-scale",
-        "times what the motion of this robot needs",
+        "times as large as the motion of this robot needs",
     ),
     "random torques": (
         lambda log: log.with_columns(

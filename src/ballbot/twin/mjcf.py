@@ -16,8 +16,8 @@ Wheels. The rotor's reflected inertia j_r is the armature of "wheel i"; the whee
 hinge without spring whose stops are the gearbox's play. A driveline that twists has a spring in place of the stops: a
 tendon that is slack within the play. Without either that hinge is left out.
 
-Spring of a driveline. The rotor hangs by a spring of stiffness k on its wheel, behind which the robot stands on its
-ball. With m the mobility of that wheel, the angular acceleration that a unit torque on it gives the robot without
+Spring of a driveline. A spring of stiffness k connects the rotor to its wheel, and the wheel to the robot on its ball.
+With m the mobility of that wheel, the angular acceleration that a unit torque on it gives the robot without
 rotors,
 
     (2 pi f)^2 = k (1/j_r + m)        d = 2 zeta k / (2 pi f)
@@ -33,7 +33,7 @@ and R = (1 - d)/d m, where d is the impedance and m the sum of the two bodies' i
     f = K r + C v - a/R        K = k d / R        C = b / R
 
 a spring, a damper, and a mass 1/R = d/(1 - d) / m that is not there; a small d keeps that small (some 0.3 kg for each
-of the BBR's contacts). Written into `solref` as -k d^2 and -b d. Friction shares R; it has a damper of its own and a
+of the BBR's contacts). Written into `solref` as -k d^2 and -b d. Friction has the same R, a damper of its own and a
 high ratio of impedances, so that a wheel that grips creeps little.
 """
 

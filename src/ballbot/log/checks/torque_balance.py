@@ -234,9 +234,9 @@ def _scale_findings(found: TorqueEvidence, where: Place) -> list[Finding]:
         return []
     error = small or forward - margin > TOO_LARGE * widened
     sentence = (
-        f"The torques are {(forward if large else reverse):.2g} times what the motion of this robot "
+        f"The torques are {(forward if large else reverse):.2g} times as large as the motion of this robot "
         "needs: u1, u2 .. are scaled (torque constant, gear ratio, current or per-unit values in "
-        f"place of N m), or the robot is {('heavier' if large else 'lighter')} than its file says."
+        f"place of N m), or the robot is {('heavier' if large else 'lighter')} than in the robot file."
     )
     return [
         Finding(code="torque-scale", severity="error" if error else "warning", text=sentence, where=where)
@@ -419,9 +419,9 @@ def gain_findings(found: Gains, torque: TorqueEvidence, *, names: tuple[str, ...
     too_large = GAIN_TOO_LARGE * (UNCLEAR_FACTOR if torque.explained < UNCLEAR_FRACTION else 1.0)
     if found.all - GAIN_SURE * found.all_error > too_large:
         sentence = (
-            f"The torques are {found.all:.2g} times what the motion of this robot needs: "
+            f"The torques are {found.all:.2g} times as large as the motion of this robot needs: "
             f"{names[0]}, {names[1]} .. are scaled (torque constant, gear ratio, current or "
-            "per-unit values in place of N m), or the robot is heavier than its file says."
+            "per-unit values in place of N m), or the robot is heavier than in the robot file."
         )
         return [Finding(code="torque-scale", severity="error", text=sentence, where=Place(columns=names))]
     return []
@@ -438,7 +438,7 @@ def _one_unlike_the_others(found: Gains, j: int, name: str) -> list[Finding]:
     if not (too_large or too_small):
         return []
     sentence = (
-        f"{name} is {factor / others:.2g} times as large as the other torques, relative to what "
+        f"{name} is {factor / others:.2g} times as large as the other torques, relative to the torque that "
         "the motion of its wheel needs: its torque constant, gear ratio or unit differs, or "
         "its motor gives less than the command. Correct the scale of the column in a mapping."
     )

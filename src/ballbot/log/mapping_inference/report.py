@@ -137,7 +137,7 @@ def _placement(proposal: Proposal) -> list[Finding]:
     if tested is None:
         if not proposal.roles.attitude:
             return []
-        sentence = "The log has too little balancing to test where the wheels are."
+        sentence = "The log has too little balancing to test the placement of the wheels."
         return [_finding("warning", "wheels", sentence)]
     best, found = tested.placements[0], []
     if tested.margin < CLEAR_MARGIN:
@@ -210,7 +210,7 @@ def _commands(proposal: Proposal) -> list[Finding]:
         if not proposal.roles.commands:
             return []
         sentence = (
-            f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels; check what they are."
+            f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels; check their meaning."
         )
         return [_finding("warning", "commands", sentence)]
     found = []
