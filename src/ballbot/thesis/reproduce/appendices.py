@@ -1,7 +1,7 @@
 """Appendix I, hardware: Figure I.1. III, parameters: Figure III.1. IV, sensors: IV.1 to IV.4. V, video: V.1 and V.2.
 
 Figure III.1 is made on simulated swings, those of Appendix IV on three-minute runs of the twin, those of Appendix V on
-a film of the twin upside down.
+a video of the twin upside down.
 """
 
 from __future__ import annotations
@@ -253,16 +253,16 @@ _MATCH = 0.05
 
 def figure_v_1(bench: Bench) -> Item:
     """The seam that is seen and the curve that is fitted to it."""
-    film = bench.film
-    off, half_band = rms(film.distances), 0.5 * film.scene.seam_width
-    tracked = float(film.spin.track.tracked.mean())
+    video = bench.ball_video
+    off, half_band = rms(video.distances), 0.5 * video.scene.seam_width
+    tracked = float(video.spin.track.tracked.mean())
     return Item(
         name="Figure V.1",
         title="The seam that is seen, and the seam's curve fitted to it",
         thesis="The thesis shows the detected seam on the sphere with its curve fitted to it, for every "
         "frame.",
-        ours=f"In {100.0 * tracked:.4g} % of {len(film.spin.t)} frames the curve is fitted; in the one "
-        f"shown, {len(film.seen)} seam pixels are {1e3 * off:.0f} mrad from it (RMS), in a band that is "
+        ours=f"In {100.0 * tracked:.4g} % of {len(video.spin.t)} frames the curve is fitted; in the one "
+        f"shown, {len(video.seen)} seam pixels are {1e3 * off:.0f} mrad from it (RMS), in a band that is "
         f"{1e3 * half_band:.0f} mrad to either side. The curve is (V.4) with both misprints mended (mistake "
         "10).",
         checks=(
@@ -284,7 +284,7 @@ def figure_v_1(bench: Bench) -> Item:
 
 def figure_v_2(bench: Bench) -> Item:
     """The ball's velocity by video and by the wheels."""
-    found = bench.film.comparison
+    found = bench.ball_video.comparison
     off = float(found.rms.max())
     gains = ", ".join(
         f"{gain:.3f} ± {half:.3f}" for gain, half in zip(found.gain, found.gain_half_width, strict=True)

@@ -2,8 +2,8 @@
 
 The recordings are of the nominal twin; the friction is identified from two of them, as a user would; models, gains and
 compensation know that friction and nothing else of the twin. A model has no chance in it, but the loop around it is
-chaotic: a model with friction is evaluated over several initial states. The ball on the upside-down twin is filmed and
-followed (Appendix V).
+chaotic: a model with friction is evaluated over several initial states. The ball on the upside-down twin is
+recorded on video and tracked (Appendix V).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from ballbot.robot import Friction, Robot
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import sample_count, simulate
 from ballbot.thesis.reproduce.item import LONG_RUNS, RUNS, run_seed
-from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, FILMED, Logs, ModelOnGrid
+from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, VIDEO_LENGTH, Logs, ModelOnGrid
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
 from ballbot.vision.rendering import MPEG4, Scene, motion_of, render, write_video
@@ -49,7 +49,7 @@ _ROWS = 1000.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FilmedBall:
+class BallVideo:
     """What the video shows."""
 
     scene: Scene
@@ -62,7 +62,7 @@ class FilmedBall:
     distances: NDArray[np.float64]  #: (k,) of what was seen from the curve [rad]
 
 
-def filmed_ball(robot: Robot, logs: Logs, *, path: Path, seed: int) -> FilmedBall:
+def ball_video_of(robot: Robot, logs: Logs, *, path: Path, seed: int) -> BallVideo:
     """Film the ball of a bench run with a real codec, follow its seam, and set it against the wheels.
 
     Parameters
@@ -71,7 +71,7 @@ def filmed_ball(robot: Robot, logs: Logs, *, path: Path, seed: int) -> FilmedBal
     logs : mapping
         "log" and "truth" of the ball on the clamped wheels.
     path : Path
-        Of the film, .mp4.
+        Path of the video, .mp4.
     seed : int
         Of the camera's noise.
     """
@@ -88,8 +88,8 @@ def filmed_ball(robot: Robot, logs: Logs, *, path: Path, seed: int) -> FilmedBal
     return _looked_at(scene, spin.turned(comparison.robot_camera), comparison)
 
 
-def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> FilmedBall:
-    """Return the film's results with what was seen in its middle frame that was followed."""
+def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> BallVideo:
+    """Return the results from the video, with the middle one of its tracked frames."""
     tracked = np.flatnonzero(spin.track.tracked)
     row = int(tracked[len(tracked) // 2])
     frame = next(frame for k, (_, frame) in enumerate(spin.video.frames()) if k == row)
@@ -98,7 +98,7 @@ def _looked_at(scene: Scene, spin: Spin, comparison: WheelComparison) -> FilmedB
     curve = spin.seam.points @ spin.track.R[row].T
     # chords are as good as arcs at these distances
     distances, _ = KDTree(curve).query(seen)
-    return FilmedBall(
+    return BallVideo(
         scene=scene,
         spin=spin,
         comparison=comparison,
@@ -240,7 +240,7 @@ class Bench:
     def alignments(self) -> tuple[Alignment, ...]:
         """The three-minute runs beside motion capture (Appendix IV)."""
         pairs = [self.recordings[f"drifting_{k}"] for k in range(LONG_RUNS)]
-        return tuple(align(pair["log"].without_truth(), pair["film"]) for pair in pairs)
+        return tuple(align(pair["log"].without_truth(), pair["mocap"]) for pair in pairs)
 
     @cached_property
     def swings(self) -> tuple[SwingFit, ...]:
@@ -262,10 +262,10 @@ class Bench:
         return tuple(fits)
 
     @cached_property
-    def film(self) -> FilmedBall:
-        """The ball of the robot held upside down, filmed and followed (Appendix V)."""
-        logs = {name: log.between(0.0, FILMED) for name, log in self.recordings["upside_down"].items()}
-        return filmed_ball(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
+    def ball_video(self) -> BallVideo:
+        """The ball of the robot held upside down, recorded on video and tracked (Appendix V)."""
+        logs = {name: log.between(0.0, VIDEO_LENGTH) for name, log in self.recordings["upside_down"].items()}
+        return ball_video_of(self.robot, logs, path=self.folder / "ball.mp4", seed=self.seed)
 
     def _linear(self, formulation: Formulation, reference: Reference) -> Log:
         gain = self.design.gain

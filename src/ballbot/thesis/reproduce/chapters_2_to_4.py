@@ -78,7 +78,7 @@ def figure_3_2(bench: Bench) -> Item:
     return Item(
         name="Figure 3.2",
         title="One wheel's sweep: measured, with and without friction in the model",
-        thesis="The model with friction is nearer to the measurement than the one without; most of the "
+        thesis="The model with friction is closer to the measurement than the one without; most of the "
         "friction is viscous and Coulomb.",
         ours=f"Over the sweep the speed errs by {fit.rmse:.2f} rad/s with the friction found (where the "
         f"supply does not limit it) and by {fit.rmse_without:.2f} rad/s without, whose clamp (3.2) winds up "
@@ -86,7 +86,7 @@ def figure_3_2(bench: Bench) -> Item:
         f"are {100.0 * share:.0f} % of it, summed over the sweep.",
         checks=(
             Check(
-                claim="the model with friction is nearer",
+                claim="the model with friction is closer",
                 quantity="RMS error without friction over that with",
                 value=fit.rmse_without / fit.rmse,
                 lowest=1.0,
@@ -115,29 +115,29 @@ def figure_3_4(bench: Bench) -> Item:
     balancing = ", ".join(f"{c:.3f}" for c in bench.identified.friction.coulomb)
     return Item(
         name="Figure 3.4",
-        title="The ball on the clamped wheels, one axis asked to turn at a time",
+        title="The ball on the clamped wheels, one axis commanded at a time",
         thesis="Without friction the ball follows without a steady error; with friction it does not, and it "
-        "moves about several axes where one is asked for.",
+        "moves about several axes although one is commanded.",
         ours="The friction is that of drivelines and contacts, identified with the robot upside down as section 3.2 "
         f"has it (c = {coulomb} N m), not the one of balancing (c = {balancing} N m), which is another and holds "
-        "under the robot's weight. At the end the ball misses less than 0.001 % of the angle asked for without "
-        f"friction and {100.0 * missed['with']:.3g} % with; about an axis not asked for it turns by up to "
+        "under the robot's weight. At the end the ball misses less than 0.001 % of the commanded angle without "
+        f"friction and {100.0 * missed['with']:.3g} % with; about an uncommanded axis it turns by up to "
         f"{1e3 * movement.off_axis_with_friction:.0f} mrad with friction.",
         checks=(
             Check(
                 claim="without friction there is no steady error",
-                quantity="share of the angle missed at the end",
+                quantity="fraction of the angle missed at the end",
                 value=missed["without"],
                 highest=1e-5,
             ),
             Check(
                 claim="with friction there is one",
-                quantity="share of the angle missed at the end",
+                quantity="fraction of the angle missed at the end",
                 value=missed["with"],
                 lowest=0.05,
             ),
             Check(
-                claim="friction moves the ball about axes that were not asked for",
+                claim="friction moves the ball about axes that were not commanded",
                 quantity="largest turn about one with friction",
                 value=1e3 * movement.off_axis_with_friction,
                 unit="mrad",
@@ -268,7 +268,7 @@ def table_4_1(bench: Bench) -> Item:
         ours=f"Over the whole run, as in the thesis, {_better(found, _whole(1))}; beside the thesis's own equations "
         f"without friction, {_better(found, _whole(2))}. Over a whole run robot and model lose each other's phase. "
         f"Restarted from the measured state every {RESTART:g} s, {_better(found, _restarted(1))}; beside the thesis's "
-        f"own, {_better(found, _restarted(2))}. What is judged is the whole run. Ratios may be set beside the "
+        f"own, {_better(found, _restarted(2))}. The verdict is on the whole run. Ratios may be set beside the "
         "thesis's, sizes not: (4.1) shrinks with the length of a run (mistake 15).",
         checks=_table_checks(found, _whole(1)),
         table=_table(
@@ -296,10 +296,10 @@ def figure_4_2(bench: Bench) -> Item:
         title="Open loop: measured, and simulated from the measured torques",
         thesis="Both models follow for a short while; the lean of the one with friction runs away later. Each is "
         "shown until its own lean is past recovery; only Table 4.2 cuts both to the shorter.",
-        ours="From starts a second apart, the lean is past recovery after "
+        ours="From initial states a second apart, the lean is past recovery after "
         f"{over_runs(times['friction'])} s with friction, {over_runs(times['exact'])} s without and "
         f"{over_runs(times['thesis'])} s without by the thesis's own equations, which fall too slowly (mistake 5); "
-        f"medians over the starts, {AHEAD:g} s at most. Each is drawn until its own lean is past recovery.",
+        f"medians over these, {AHEAD:g} s at most. Each is drawn until its own lean is past recovery.",
         checks=(
             Check.over(
                 later["exact"],
@@ -331,9 +331,9 @@ def table_4_2(bench: Bench) -> Item:
         name="Table 4.2",
         title="Open loop: the error (4.1) of each state",
         thesis="The model with friction has the smaller error in every state, both cut to the shorter.",
-        ours=f"From starts a second apart, both models cut to the shorter, {_better(found, _opened(0))}; beside the "
-        f"thesis's own equations without friction, {_better(found, _opened(1))}. Ratios may be set beside the "
-        "thesis's, sizes not (mistake 15).",
+        ours=f"From initial states a second apart, both models cut to the shorter, {_better(found, _opened(0))}; "
+        f"beside the thesis's own equations without friction, {_better(found, _opened(1))}. "
+        "Ratios may be set beside the thesis's, sizes not (mistake 15).",
         checks=_table_checks(found, _opened(0)),
         table=_table(TABLE_4_2, found, {"without": _opened(0), "thesis's equations": _opened(1)}),
     )

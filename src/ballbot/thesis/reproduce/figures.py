@@ -36,7 +36,7 @@ from ballbot.report.style import (
 )
 from ballbot.report.validation_figures import correlation_figure, symbols
 from ballbot.robot.figure import robot_figure
-from ballbot.thesis.reproduce.bench import Bench, FilmedBall
+from ballbot.thesis.reproduce.bench import BallVideo, Bench
 from ballbot.thesis.reproduce.chapter5 import FAST, MOVING
 from ballbot.thesis.reproduce.drawing import (
     BASIC_LABELS,
@@ -264,36 +264,36 @@ _POINTS = 600
 
 
 def figure_v_1(bench: Bench) -> Figure:
-    """Return a frame of the film, and beside it the sphere with the seam that is seen and the curve fitted."""
-    film = bench.film
+    """Return a frame of the video, and beside it the sphere with the seam that is seen and the curve fitted."""
+    video = bench.ball_video
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     picture, sphere = figure.subplots(1, 2)
-    view = film.spin.view
-    picture.imshow(film.frame[:, :, ::-1])
+    view = video.spin.view
+    picture.imshow(video.frame[:, :, ::-1])
     picture.plot(*view.outline().T, color="white", linewidth=0.8, linestyle="--")
     reach = 1.2 * view.radius
     picture.set(xlim=(view.x - reach, view.x + reach), ylim=(view.y + reach, view.y - reach))
-    picture.set(title=f"Frame {film.row} and the ball's outline found", xlabel="pixels", ylabel="pixels")
+    picture.set(title=f"Frame {video.row} and the ball's outline found", xlabel="pixels", ylabel="pixels")
     picture.grid(visible=False)
-    _draw_sphere(sphere, film)
+    _draw_sphere(sphere, video)
     figure.legend(loc="outside lower right", ncols=3, markerscale=2.0)
     return figure
 
 
 def figure_v_2(bench: Bench) -> Figure:
     """Return the velocity about each axis by video and by the wheels."""
-    return velocity_figure(bench.film.spin, bench.film.comparison)
+    return velocity_figure(bench.ball_video.spin, bench.ball_video.comparison)
 
 
-def _draw_sphere(axes: Axes, film: FilmedBall) -> None:
+def _draw_sphere(axes: Axes, video: BallVideo) -> None:
     """Draw the unit sphere as the camera sees it from far away: x to the right, y down."""
     axes.add_patch(Circle((0.0, 0.0), 1.0, facecolor="none", edgecolor=INK, linewidth=1.0))
-    seen = film.seen[:: max(1, len(film.seen) // _POINTS)]
+    seen = video.seen[:: max(1, len(video.seen) // _POINTS)]
     axes.plot(seen[:, 0], seen[:, 1], ".", color=ORANGE, markersize=2.5, label="seam seen")
     # the camera looks along +z, so that the near half has z below zero
     for near, style, width in ((False, ":", 0.9), (True, "-", 1.4)):
-        hidden = (film.curve[:, 2] < 0.0) != near
-        places = np.where(hidden[:, None], np.nan, film.curve)
+        hidden = (video.curve[:, 2] < 0.0) != near
+        places = np.where(hidden[:, None], np.nan, video.curve)
         color, label = (BLUE, "curve fitted") if near else (MUTED, "on the far side")
         axes.plot(places[:, 0], places[:, 1], linestyle=style, linewidth=width, color=color, label=label)
     axes.set(xlim=(-1.2, 1.2), ylim=(1.2, -1.2), aspect="equal", title="Seam and curve on the ball")

@@ -199,7 +199,7 @@ def error_over_count(bench: Bench) -> Mistake:
 LEANING_PAIRS = (("x_dot", "phi_dot"), ("y_dot", "theta_dot"))
 #: that the thesis names beside (6, 9): (7, 9)
 NAMED_PAIRS = (("y_dot", "phi_dot"),)
-#: a lean that is asked for, which no point of rest has [rad], and until when the loop has settled [s]
+#: a commanded lean, which is no equilibrium [rad], and the time after which the loop has settled [s]
 _ASKED_LEAN, _SETTLING = float(np.radians(2.0)), 60.0
 
 
@@ -327,7 +327,7 @@ def reference_and_stability(bench: Bench) -> Mistake:
         "else. The eigenvalues of A - B K hold no r.",
         shown_by=(
             Check(
-                claim="a reference with A r other than 0 is asked for",
+                claim="the reference has A r other than 0",
                 quantity=f"largest entry of A r, phi = {np.degrees(_ASKED_LEAN):g} degrees, its size",
                 value=float(np.abs(linear.A @ reference).max()),
                 lowest=0.1,
@@ -345,7 +345,7 @@ def reference_and_stability(bench: Bench) -> Mistake:
                 highest=1e-4,
             ),
             Check(
-                claim="away from where it is asked to be",
+                claim="away from the reference",
                 quantity="x at rest",
                 value=float(last[0]),
                 unit="m",

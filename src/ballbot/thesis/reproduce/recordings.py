@@ -113,9 +113,9 @@ CHANGE_RUN = 48.0
 #: from when on a run counts as arrived [s]: the linear model is within 5 mm from 14.4 s on, and the model with friction
 #: and compensation, slowed by the sample and by what is left of friction, has ended its approach at 24 s
 ARRIVED = 25.0
-#: of the ball on the wheels of the robot upside down [s]: friction is identified from all of it, filmed is the
-#: beginning
-UPSIDE_DOWN, FILMED = 60.0, 8.0
+#: of the ball on the wheels of the robot upside down [s]: friction is identified from all of it; the
+#: video shows its beginning
+UPSIDE_DOWN, VIDEO_LENGTH = 60.0, 8.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,11 +144,11 @@ def fit_eight(robot: Robot, seed: int) -> Logs:
 
 
 def drifting(robot: Robot, seed: int, *, number: int) -> Logs:
-    """Record three minutes around a square, filmed by motion capture (Appendix IV)."""
+    """Record three minutes around a square, recorded by motion capture (Appendix IV)."""
     own = run_seed(seed, 200 + number)
     log = balance(robot, square(), duration=180.0, seed=own)
-    film = MotionCapture.drawn(own).record(log.truth(), ball_radius=robot.ball.radius)
-    return {"log": log, "film": film}
+    mocap = MotionCapture.drawn(own).record(log.truth(), ball_radius=robot.ball.radius)
+    return {"log": log, "mocap": mocap}
 
 
 def change(robot: Robot, seed: int, *, number: int, compensation: Compensation) -> Logs:
