@@ -64,7 +64,7 @@ class Controller:
     Raises
     ------
     InputError
-        Where a value is not one a controller can have, or a part is another robot's.
+        If a value is out of range, or a part belongs to another robot.
     """
 
     robot: Robot

@@ -86,7 +86,7 @@ def lqr(
     Raises
     ------
     InputError
-        Where a weight is not what it must be, an unstable pole is out of the inputs' reach, or no gain is both
+        If a weight is not what it must be, an unstable pole is out of the inputs' reach, or no gain is both
         stabilising and optimal because a pole on the border of stability costs nothing.
     """
     space = model if isinstance(model, StateSpace) else model.linearize()

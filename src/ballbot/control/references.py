@@ -57,7 +57,7 @@ def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
     Raises
     ------
     InputError
-        Where the period is not positive.
+        If the period is not positive.
     """
     _check_positive("period", period)
     corners = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
@@ -86,7 +86,7 @@ def change_pose(
     Raises
     ------
     InputError
-        Where the ramp is negative.
+        If the ramp is negative.
     """
     if not ramp >= 0.0:
         raise InputError(f"The reference's ramp is {ramp:g} s; it must be zero (a step) or positive.")
@@ -111,7 +111,7 @@ def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
     Raises
     ------
     InputError
-        Where the period is not positive.
+        If the period is not positive.
     """
     _check_positive("period", period)
 
@@ -135,7 +135,7 @@ def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.
     Raises
     ------
     InputError
-        Where the period is not positive.
+        If the period is not positive.
     """
     _check_positive("period", period)
 
@@ -164,7 +164,7 @@ def named_reference(name: str) -> Reference:
     Raises
     ------
     InputError
-        Where there is none; the sentence lists the names.
+        If there is none; the sentence lists the names.
     """
     try:
         return REFERENCES[name.replace("-", "_")]()
@@ -217,7 +217,7 @@ def write_reference(times: NDArray[np.float64], poses: NDArray[np.float64], path
     Raises
     ------
     InputError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     Log({"t": times} | dict(zip(_FILE_COLUMNS, poses.T, strict=True))).write(path)
 
@@ -228,7 +228,7 @@ def read_reference(path: str | Path) -> Reference:
     Raises
     ------
     InputError
-        Where the file cannot be read, lacks a column or misses a value.
+        If the file cannot be read, lacks a column or misses a value.
     """
     return sampled_reference(*_read_poses(path))
 
@@ -252,7 +252,7 @@ def reference_from(source: str) -> Reference:
     Raises
     ------
     InputError
-        Where there is neither.
+        If there is neither.
     """
     return read_reference(source) if is_reference_file(source) else named_reference(source)
 

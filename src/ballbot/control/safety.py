@@ -7,7 +7,7 @@ The layer bridges a short gap in the measurements and stops on everything worse:
     torque that is not a finite number    stops at once
 
 A gap is bridged by the estimator, which predicts the state. If there is no state at all, the torques are zero for as
-long and the controller is not called. A stop is latched: every torque is zero until `reset`, and `stop` says why.
+long and the controller is not called. A stop is latched: every torque is zero until `reset`, and `stop` has the reason.
 `Safety` is plain logic on scalars, so that firmware can have the same. `SafeController` puts it around a controller,
 and `simulate` does so with every controller that it runs.
 

@@ -116,16 +116,16 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
 
 def ladder_figure(found: AxisIdentification) -> Figure:
     """Return each law's gain on windows held out over the law below, with its 95 % interval."""
-    judged = [(one, one.gain) for one in found.ladder.candidates if one.gain]
-    figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(judged)), layout="constrained")
+    compared = [(one, one.gain) for one in found.ladder.candidates if one.gain]
+    figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(compared)), layout="constrained")
     axes = figure.subplots()
-    for place, (one, gain) in enumerate(reversed(judged)):
+    for place, (one, gain) in enumerate(reversed(compared)):
         color = BLUE if one.accepted else MUTED
         low, high = 100.0 * gain.lower, 100.0 * gain.upper
         axes.plot([low, high], [place, place], color=color, linewidth=2.0)
         axes.plot(100.0 * gain.share, place, "o", color=color, markersize=5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(range(len(judged)), [f"{one.name} over {one.within}" for one, _ in reversed(judged)])
+    axes.set_yticks(range(len(compared)), [f"{one.name} over {one.within}" for one, _ in reversed(compared)])
     axes.set_xlim(-60.0, 130.0)
     axes.set_xlabel("less error on windows held out [%]")
     return figure

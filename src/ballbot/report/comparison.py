@@ -219,7 +219,7 @@ def _signed(value: float, decimals: int) -> str:
     return text if float(f"{value:.{decimals}f}") else text[1:]
 
 
-#: told apart by dash and weight as well as by colour; of the first three as in the study's report
+#: distinguished by dash and weight as well as by colour; of the first three as in the study's report
 _COLORS = (ORANGE, BLUE, GREEN, INK, "#8a4f7d", MUTED)
 _DASHES = ("--", "-", "-.", ":")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -259,7 +259,7 @@ def overview_figure(league: League) -> Figure:
 def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor and its distance from the reference over time, of one run each.
 
-    Of the first seed's, which the title says.
+    Of the first seed, as in the title.
     """
     figure = Figure(figsize=(7.4, 2.9), layout="constrained")
     floor, errors = figure.subplots(1, 2, width_ratios=(2, 3))

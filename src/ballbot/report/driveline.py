@@ -110,7 +110,7 @@ def curve_error(fit: DrivelineFit, speed: NDArray[np.float64]) -> NDArray[np.flo
 
 
 UNITS = ("N m s/rad", "N m", "N m", "rad/s", "")
-#: beyond this correlation two parameters are better told together
+#: beyond this correlation two parameters are better known together
 _CLOSE = 0.9
 #: an error so many times larger is the clamp's, not the search's
 _WINDS_UP = 1.5
@@ -222,11 +222,11 @@ def _sureness(fit: DrivelineFit) -> str:
     # delta and v_s are above zero, the others may have ended there
     known = (np.asarray(fit.values) > 0.0) & ~fit.unknown
     shares = np.divide(fit.standard_errors, fit.values, out=np.full(len(NAMES), np.nan), where=known)
-    told = np.flatnonzero(np.isfinite(shares))
-    if not told.size:
+    known = np.flatnonzero(np.isfinite(shares))
+    if not known.size:
         return "no parameter has a standard error"
-    worst = int(told[shares[told].argmax()])
-    viscous = f"b to {100 * shares[0]:.2g} %, " if 0 in told else ""
+    worst = int(known[shares[known].argmax()])
+    viscous = f"b to {100 * shares[0]:.2g} %, " if 0 in known else ""
     return f"{viscous}least sure is {NAMES[worst]}, to {100 * shares[worst]:.2g} %"
 
 

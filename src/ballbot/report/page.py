@@ -78,7 +78,7 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
     Raises
     ------
     InputError
-        Where a file cannot be read.
+        If a file cannot be read.
     """
     return Provenance(
         command=command,

@@ -277,7 +277,7 @@ def _prediction_words(study: Study) -> str:
     course = study.choice.course
     return (
         f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
-        "--prediction results.json LOG`: it says of each quantity whether it lies in its interval, ranks likely causes "
+        "--prediction results.json LOG`: it reports whether each quantity lies in its interval, ranks likely causes "
         "if not, and recommends to keep the controller, to weaken it, or to go back to previous_controller.toml."
     )
 
@@ -372,7 +372,7 @@ def _controller_words(study: Study) -> str:
             " It compensates the friction that is present with 95 % confidence: more would inject energy if the robot "
             "has less."
         )
-    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, and its file says so."
+    words += f" It feeds back {STATE_WORDS[chosen.estimator]}, as its file states."
     recovered = study.validation.recovered
     if recovered is not None:
         scale = np.abs(study.design.gain).max()

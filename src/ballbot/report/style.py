@@ -1,7 +1,7 @@
 """How the report's figures look, and how they become part of the page.
 
-Every line is told apart by its dash or its weight as well as by its colour, so that a page printed in grey reads the
-same; the colours are a pair (blue, orange) that colour-blind readers tell apart.
+Every line has its own dash or weight as well as its own colour, so that a page printed in grey reads the
+same; the colours are a pair (blue, orange) that colour-blind readers can distinguish.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ STATE_UNITS: Mapping[str, str] = MappingProxyType(
 #: a figure of 7.4 inches is as wide as the page's text, 46 rem
 _POINTS_ON_PAGE = 552.0 / (7.4 * 72.0)
 
-#: most points of a line: more than a page's width in printed dots says nothing and weighs much
+#: most points of a line: more than a page's width in printed dots adds bytes and shows no more
 _MOST_POINTS = 900
 
 #: characters of a name in a figure

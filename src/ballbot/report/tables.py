@@ -95,7 +95,7 @@ class AblationRow:
     ratio: str  #: to the whole controller's, with its interval
     roughness: str
     falls: str
-    reading: str  #: what that says, in a word or two
+    reading: str  #: its meaning, in a word or two
 
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
@@ -112,7 +112,7 @@ def parameter_rows(found: Identification) -> list[ParameterRow]:
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:
-    """Return the errors of each state: (4.1), their ratio with a 95 % interval and what it says, and RMSE."""
+    """Return the errors of each state: (4.1), their ratio with a 95 % interval and its meaning, and RMSE."""
     lower, upper = pair.ratio_interval()
     normalised, verdicts = pair.normalised_rmse, pair.verdicts()
     rows = []

@@ -197,7 +197,7 @@ def symbols(labels: Sequence[str]) -> list[str]:
     ]
 
 
-#: how wheels are told apart, in grey too
+#: styles of the wheels, distinct in grey too
 _WHEELS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (INK, "D"))
 #: from a peak's number to the peak
 _ARROW = {"arrowstyle": "-|>", "color": INK, "lw": 0.6}

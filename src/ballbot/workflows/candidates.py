@@ -56,7 +56,7 @@ _Result = TypeVar("_Result")
 
 
 class UserController:
-    """A user's controller, made by their file; what goes wrong in it is told in one sentence.
+    """A user's controller, made by their file; an error in it is reported in one sentence.
 
     A copy, in this process or in another, is made anew from the file: so that runs cannot remember each other.
     """
@@ -328,7 +328,7 @@ def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
     Raises
     ------
     InputError
-        Where there is none, two have one name, or there is no such estimator.
+        If there is none, two have one name, or there is no such estimator.
     """
     if not words:
         raise InputError("There is nothing to compare: at least one controller is needed.")
@@ -336,7 +336,7 @@ def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
     found: dict[str, Candidate] = {}
     for word, ending in zip(words, short, strict=True):
         name, equals, source = word.partition("=")
-        if not equals:  # by its file's name, where that tells it apart
+        if not equals:  # by its file's name, if that is unique
             name, source = ending if short.count(ending) == 1 else word, word
         source, estimator = _split_estimator(source)
         one = Candidate(name=name, source=source, estimator=estimator)

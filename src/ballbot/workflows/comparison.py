@@ -391,7 +391,7 @@ def _results_ahead(
 ) -> Iterator[Callable[[int], RunResult]]:
     """Give a function that returns the result of the run at a place.
 
-    From the first place that is asked for, the rest are computed ahead. A run whose result is on file is not asked
+    From the first place that is requested, the rest are computed ahead. A run whose result is on file is not asked
     for, and not computed.
     """
     pool: Executor | None = None

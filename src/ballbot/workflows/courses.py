@@ -42,7 +42,7 @@ class ReferenceSpec:
         Raises
         ------
         InputError
-            Where there is no such reference, or it has no such option.
+            If there is no such reference, or it has no such option.
         """
         if is_reference_file(self.name):
             if self.options:
@@ -99,7 +99,7 @@ class Course:
         Raises
         ------
         InputError
-            Where the robot would be none.
+            If the robot is not possible.
         """
         other = self.unlike
         true = robot
@@ -138,7 +138,7 @@ class ModelMismatchTable(_Table):
 
 
 class CourseTable(_Table):
-    """[set.course]: a course as a file says it."""
+    """[set.course]: a course in a file."""
 
     about: str = ""
     reference: str | dict[str, FiniteFloat | str]
@@ -163,7 +163,7 @@ def choose_courses(words: str, robot: Robot, plant: PlantName) -> tuple[Course, 
     Raises
     ------
     InputError
-        Where there is no such set, course or file, a file describes no courses, or two courses have one name.
+        If there is no such set, course or file, a file describes no courses, or two courses have one name.
     """
     sets = built_in_sets()
     found: dict[str, Course] = {}
@@ -187,7 +187,7 @@ def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Cours
     Raises
     ------
     InputError
-        Where the file cannot be read, is no TOML, or describes no courses.
+        If the file cannot be read, is no TOML, or describes no courses.
     """
     path = Path(path)
     sets = read_toml(path)
@@ -224,24 +224,24 @@ def _course(
     name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
 ) -> Course:
     try:
-        said = validate_table(CourseTable, table, of="a course")
-        asked = _reference_spec(said.reference, beside)
+        given = validate_table(CourseTable, table, of="a course")
+        asked = _reference_spec(given.reference, beside)
         asked.reference()  # refused before anything is run
         if plant == "model":
-            if said.scenario:
+            if given.scenario:
                 raise InputError("It has a scenario, which only the twin can simulate; choose --plant twin.")
             scenario = None
         else:
-            scenario = scenario_of(said.scenario, robot, default_name=name)
+            scenario = scenario_of(given.scenario, robot, default_name=name)
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
     return Course(
         name=name,
-        about=said.about,
+        about=given.about,
         asked=asked,
-        duration=said.duration,
-        settle=said.settle,
-        unlike=ModelMismatch(**said.unlike.model_dump()),
+        duration=given.duration,
+        settle=given.settle,
+        unlike=ModelMismatch(**given.unlike.model_dump()),
         scenario=scenario,
     )
 

@@ -115,7 +115,7 @@ def multisine_family(
     Raises
     ------
     InputError
-        Where the duration is not at least a sample.
+        If the duration is not at least a sample.
     """
     count = sample_count(duration, controller.sample_time)
     slowest = max(SLOWEST, MIN_TURNS / duration)
@@ -175,7 +175,7 @@ class DesignEffort:
     Raises
     ------
     InputError
-        Where a count is too small.
+        If a count is too small.
     """
 
     generations: int = 40  #: at most
@@ -194,7 +194,7 @@ class ExcitationDesign:
     """A reference and what is expected of it; errors are in shares of the width of each parameter's bounds."""
 
     times: NDArray[np.float64]  #: (N,) [s]
-    poses: NDArray[np.float64]  #: (N, 3), x and y [m] and psi [rad] that the robot is asked for
+    poses: NDArray[np.float64]  #: (N, 3), x and y [m] and psi [rad] of the reference
     frequencies: NDArray[np.float64]  #: (3, k), of the sines in x, y and psi [Hz]
     amplitudes: NDArray[np.float64]  #: (3, k) [m, m, rad]
     phases: NDArray[np.float64]  #: (3, k) [rad]
@@ -214,7 +214,7 @@ def design(
     effort: DesignEffort | None = None,
     run: Run = DEFAULT_RUN,
 ) -> ExcitationDesign:
-    """Find the reference whose log would tell the parameters best, that which it tells worst above all.
+    """Find the reference whose log determines the parameters best, above all the worst determined one.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def design(
     Raises
     ------
     InputError
-        Where no reference keeps within the limits, or none that does tells every parameter.
+        If no reference keeps within the limits, or none within them identifies every parameter.
     """
     effort = effort or DesignEffort()
     choice = multisine_family(task.robot, task.controller, limits=task.limits, duration=task.duration)

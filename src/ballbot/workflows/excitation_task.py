@@ -1,4 +1,4 @@
-"""What an experiment is designed for: a robot as it is believed to be, its controller, limits and questions.
+"""The task of an experiment: a robot with nominal friction, its controller, limits, and parameters to estimate.
 
 The value of a run is the standard errors that identification would give on its log, before there is one. A run that is
 simulated with the parameters believed is cut into windows as identification cuts a log, and linearised as its last
@@ -57,7 +57,7 @@ class RunLimits:
     Raises
     ------
     InputError
-        Where one is not a positive number.
+        If a limit is not positive.
     """
 
     lean: float  #: of the axis from the vertical [rad]
@@ -77,11 +77,11 @@ class RunLimits:
         return RunLimits(lean=share * self.lean, floor=share * self.floor, torque=share * self.torque)
 
     def used(self, peaks: RunPeaks) -> dict[str, float]:
-        """Return what share of each limit the peaks take; above 1 it does not hold."""
+        """Return the share of each limit that the peaks use; above 1 it is exceeded."""
         return {field.name: getattr(peaks, field.name) / getattr(self, field.name) for field in fields(self)}
 
     def exceeded(self, peaks: RunPeaks) -> list[str]:
-        """Return the names of the limits that do not hold."""
+        """Return the names of the limits that are exceeded."""
         return [name for name, share in self.used(peaks).items() if share > 1.0]
 
 
@@ -95,15 +95,15 @@ def peaks_of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> RunPe
     )
 
 
-#: a parameter that all others known would not tell to its range's width, by one residual, has no influence
+#: least information on a scaled parameter with the others known; below it the parameter has no influence
 _MIN_INFORMATION = 1.0
-#: relative to the largest: keeps directions of which a run says nothing as very uncertain ones
+#: relative to the largest; gives directions without information a large finite error
 _RIDGE = 1e-13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InformationProblem:
-    """What is asked of a run."""
+    """The parameters that a run is to determine."""
 
     predictor: Predictor  #: its step is the simulation's
     coordinates: Coordinates
@@ -127,24 +127,24 @@ def expected_errors(question: InformationProblem, logs: Sequence[Log]) -> NDArra
 
     Parameters
     ----------
-    question : Question
+    question : InformationProblem
     logs : sequence of Log
         Simulated with what is believed, without noise.
 
     Returns
     -------
     ndarray (f,)
-        Of the free parameters; infinite where the runs say nothing of one.
+        Of the free parameters; infinite if the runs have no information on one.
     """
     H = _information(question, logs)
     H = H[np.ix_(question.coordinates.free, question.coordinates.free)]
-    told = H.diagonal() > _MIN_INFORMATION
+    known = H.diagonal() > _MIN_INFORMATION
     errors = np.full(len(H), np.inf)
-    if told.any():
-        scale = 1.0 / np.sqrt(H.diagonal()[told])
-        R = H[np.ix_(told, told)] * np.outer(scale, scale)
+    if known.any():
+        scale = 1.0 / np.sqrt(H.diagonal()[known])
+        R = H[np.ix_(known, known)] * np.outer(scale, scale)
         inverse = np.linalg.inv(R + _RIDGE * np.eye(len(R)))
-        errors[told] = scale * np.sqrt(np.maximum(inverse.diagonal(), 1.0))
+        errors[known] = scale * np.sqrt(np.maximum(inverse.diagonal(), 1.0))
     return errors
 
 
@@ -199,7 +199,7 @@ class ReferenceRun:
 
     log: Log  #: with the friction believed
     peaks: RunPeaks  #: the worst, over less and more friction too
-    lasted: float  #: share of the duration before any of them fell; 1 where none did
+    lasted: float  #: share of the duration before any of them fell; 1 if none did
 
 
 def task(
@@ -221,13 +221,13 @@ def task(
         With friction from an identification before; without any, that from which identification's search begins.
     controller : Controller
         That the robot will be run with.
-    limits : Limits
+    limits : RunLimits
     duration : float
         Of the run [s].
     deviations : ndarray (10,)
         Standard deviation of each state's prediction over a window on the robot.
     law : {"stribeck", "coulomb", "viscous"}
-        Whose parameters are asked for.
+        The law whose parameters are estimated.
     bounds : Bounds, optional
         Identification's; errors count in shares of their width.
     window : float
@@ -236,7 +236,7 @@ def task(
     Raises
     ------
     InputError
-        Where a value makes no sense.
+        If a value is invalid.
     """
     if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
         raise InputError("The states' deviations must be ten positive numbers, one for each state.")

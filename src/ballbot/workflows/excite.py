@@ -64,7 +64,7 @@ def deviations_in(log: Log, robot: Robot, *, window: float) -> NDArray[np.float6
     Raises
     ------
     InputError
-        Where the log has no window, as when the robot fell at once.
+        If the log has no window, as when the robot fell at once.
     """
     coordinates = scale_between(robot)
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=window)
@@ -81,7 +81,7 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        Where the file cannot be read or is not such a file.
+        If the file cannot be read or is not such a file.
     """
     results = cast("dict[str, dict]", read_json(path))
     try:
@@ -98,7 +98,7 @@ def deviations_found(path: str | Path) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """A run of the twin and what its log told."""
+    """A run of the twin and the identification from its log."""
 
     log: Log  #: with its truth
     peaks: RunPeaks  #: true lean and place, torques as commanded
@@ -123,7 +123,7 @@ def follow_on_twin(
     Raises
     ------
     InputError
-        Where it cannot be run, or falls at once.
+        If it cannot be run, or falls at once.
     """
     return simulate(
         Twin(robot, scenario), controller, reference, duration=duration, seed=seed, progress=progress
@@ -139,7 +139,7 @@ def try_reference(
     window: float = 0.25,
     run: Run = DEFAULT_RUN,
 ) -> Trial:
-    """Identify from a log of the twin, as from a robot's, and return what it told.
+    """Identify from a log of the twin, as from a robot's.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def try_reference(
     Raises
     ------
     InputError
-        Where the log cannot be identified from, as when the robot fell early.
+        If the log cannot be identified from, as when the robot fell early.
     """
     asked = bounds or Bounds()
     found = identify(
@@ -182,7 +182,7 @@ def _scaled_errors(coordinates: Coordinates, found: Identification) -> NDArray[n
         return errors / coordinates.slopes(coordinates.scaled(found.values))
 
 
-#: the square that the design is held against: its side [m], where the floor has room for it, and its period [s]
+#: the square that the design is compared with: its side [m], if the floor has room for it, and its period [s]
 _SIDE, _PERIOD = 0.5, 32.0
 #: the twin's seed
 _SEED = 1
@@ -201,12 +201,12 @@ class PlainSquare:
     """The square, on the model."""
 
     run: ReferenceRun
-    errors: NDArray[np.float64]  #: (f,), expected, scaled; infinite where it says nothing
+    errors: NDArray[np.float64]  #: (f,), expected, scaled; infinite without information
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Excitation:
-    """A designed experiment and what is expected and known of it."""
+    """A designed experiment with its expected errors and its trials."""
 
     task: ExcitationTask
     design: ExcitationDesign
@@ -293,14 +293,14 @@ def excite(
     options: ExcitationOptions | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Excitation:
-    """Design an experiment, hold it against a square of the same length, and try both on the twin.
+    """Design an experiment, compare it with a square of the same length, and try both on the twin.
 
     Parameters
     ----------
     robot : Robot
         With the friction believed, or none.
     controller : Controller
-    limits : Limits
+    limits : RunLimits
     duration : float
         [s]
     scenario : Scenario
@@ -313,7 +313,7 @@ def excite(
     Raises
     ------
     InputError
-        Where no reference keeps within the limits, none that does tells every parameter, or a run cannot be made.
+        If no reference keeps within the limits, none within them identifies every parameter, or a run cannot be made.
     """
     options = options or ExcitationOptions()
     law, bounds, window = options.law, options.bounds, options.window

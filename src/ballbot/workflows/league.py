@@ -1,4 +1,4 @@
-"""The league: every controller on the same courses with the same seeds, and what the differences are worth.
+"""The league: every controller on the same courses with the same seeds, and the differences with intervals.
 
 A comparison (`ballbot.workflows.comparison`) of many controllers on many courses; its runs have an order, seeds
 outermost. The standings are means over the seeds, and every controller against the first one, with intervals.
@@ -62,11 +62,11 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class League:
-    """What became of every run."""
+    """The results of every run."""
 
     robot: str  #: its name
     courses: tuple[Course, ...]
-    controllers: tuple[str, ...]  #: by name; the first is what the others are held against
+    controllers: tuple[str, ...]  #: by name; the others are compared with the first
     seeds: tuple[int, ...]
     scores: Mapping[
         tuple[str, str], tuple[Score, ...]
@@ -83,7 +83,7 @@ def run_league(
     processes: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> League:
-    """Put every controller through every course with every seed.
+    """Run every controller on every course with every seed.
 
     A seed gives all that is random in the plant, and the start: at rest at the origin, leaning by up to 0.02 rad.
 
@@ -171,7 +171,7 @@ METRICS = (
     Metric("energy", "energy", "energy exchanged", unit="J", scale=1.0, decimals=1),
 )
 METRIC_BY_KEY = {metric.key: metric for metric in METRICS}
-#: that are never zero, so that their ratios tell something
+#: that are never zero, so that their ratios are finite
 RATIOS = ("peak_position_error", "rms_position_error", "high_frequency_torque", "energy")
 
 

@@ -1,7 +1,7 @@
 """Metrics of a closed-loop run: each number a function of its log, with its definition and its unit.
 
 Errors are the true position's and heading's if the log has the truth, and count once the robot has settled:
-`settled` says when. Torque and energy count from the first row to the last. `score` is every metric at once.
+see `settled`. Torque and energy count from the first row to the last. `score` is every metric at once.
 
 A real robot has no true position. `performance_of` therefore takes the errors of the logged state, with its drift, of
 a robot's log and of a simulated run alike: these are the quantities that a prediction names.
@@ -116,7 +116,7 @@ def high_frequency_torque(log: Log, *, above: float = HIGH_FREQUENCY) -> float:
     Raises
     ------
     InputError
-        Where half the log's sample rate is not above that frequency.
+        If half the log's sample rate is not above that frequency.
     """
     rate = 1.0 / log.sample_time
     if above >= 0.5 * rate:
@@ -209,7 +209,7 @@ def score(log: Log, *, settle: float = SETTLE, band: float = BAND, disturbed: Se
     Raises
     ------
     InputError
-        Where a run that did not end early has no row that counts.
+        If a run that did not end early has no row that counts.
     """
     counted = settled(log, settle)
     if not counted.any() and log.ended is None:
@@ -303,7 +303,7 @@ def performance_of(log: Log, controller: Controller) -> Performance:
 
 #: slower than this is drift [Hz]
 _MIN_CYCLE_FREQUENCY = 0.5
-#: shortest time in which a cycle can be told [s]
+#: shortest time in which a cycle can be detected [s]
 _MIN_CYCLE_TIME = 4.0
 
 
@@ -316,7 +316,7 @@ def cycle_amplitude(log: Log, *, settle: float = 6.0) -> float:
     Raises
     ------
     InputError
-        Where the run has less than 4 s from there on.
+        If the run has less than 4 s from there on.
     """
     place = log.truth() if "true_x" in log else log
     late = log.t - log.t[0] >= settle

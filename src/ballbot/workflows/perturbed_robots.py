@@ -40,7 +40,7 @@ class PerturbationRanges:
     Raises
     ------
     InputError
-        Where one is not what it can be.
+        If a range is not possible.
     """
 
     mass: float = (
@@ -110,12 +110,12 @@ class PerturbedRobots:
 
 
 def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed: int) -> PerturbedRobots:
-    """Draw robots as `spread` says; equal seeds give equal robots.
+    """Draw robots from the ranges; the same seed gives the same robots.
 
     Raises
     ------
     InputError
-        Where no robot is asked for, or one that is drawn cannot be.
+        If `count` is below 1, or a robot that is drawn is not possible.
     """
     if count < 1:
         raise InputError(
@@ -233,7 +233,7 @@ def cost_units(nominal: RunMeasures) -> CostUnits:
     Raises
     ------
     InputError
-        Where it falls with half of the robots.
+        If it falls with half of the robots.
     """
     if np.mean(nominal.fell) > 0.5:
         raise InputError(

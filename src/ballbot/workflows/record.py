@@ -140,7 +140,7 @@ def record_runs(
     Raises
     ------
     InputError
-        Where the folder holds a run of other settings, or a run cannot be made.
+        If the folder holds a run of other settings, or a run cannot be made.
     """
     # the folder has no files of its own but the seeds' folders
     with result_folder(folder, command="record --seeds", names=()):

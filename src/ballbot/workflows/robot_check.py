@@ -170,7 +170,7 @@ def prediction_band(
     Raises
     ------
     InputError
-        If no parameter has a standard deviation, fewer than two robots are asked for, or the log has no window.
+        If no parameter has a standard deviation, `draws` is below 2, or the log has no window.
     """
     if not any(np.any(np.asarray(one) > 0.0) for one in robot.standard_deviations.values()):
         raise InputError(

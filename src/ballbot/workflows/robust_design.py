@@ -50,10 +50,10 @@ class Effort:
     Raises
     ------
     InputError
-        Where a number is smaller than the search or the comparison takes.
+        If a number is below its minimum or above the largest number of trials.
     """
 
-    robots: int = 1000  #: perturbed robots that judge every candidate
+    robots: int = 1000  #: perturbed robots on which every candidate runs
     generations: int = 30
     population: int = 12  #: candidates of a generation
     fresh: int = 2000  #: other robots on which what was found is compared
@@ -87,7 +87,7 @@ class ComparedDesign:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobustDesign:
-    """What `robust_design` returns."""
+    """A gain found by search over perturbed robots, compared with others."""
 
     design: LqrDesign = field(metadata=left_out)
     controller: Controller = field(metadata=left_out)
@@ -110,14 +110,14 @@ def robust_design(
     run: Run = DEFAULT_RUN,
     threads: int | None = None,
 ) -> RobustDesign:
-    """Seek the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
+    """Search for the weights whose worst tenth over perturbed robots is best, and compare them on fresh robots.
 
     Parameters
     ----------
     robot : Robot
-        What is believed: the gain is designed for it, and its friction is what is compensated.
+        The nominal one: the gain is designed for it, and its friction is compensated.
     compensation : {"none", "full", "partial"}
-    spread : Spread
+    spread : PerturbationRanges
     effort : Effort
     run : Run, optional
         Its seed fixes the result bit for bit; its checkpoint answers for a generation's costs.
@@ -127,16 +127,16 @@ def robust_design(
     Raises
     ------
     InputError
-        Where the nominal gain falls with half of the perturbed robots, or the seed is none.
+        If the nominal gain falls with half of the perturbed robots, or the seed is invalid.
     """
-    judges = draw_perturbed(robot, effort.robots, spread=spread, seed=run.seed)
+    perturbed = draw_perturbed(robot, effort.robots, spread=spread, seed=run.seed)
 
     def controller_of(weights: tuple[float, ...], torque_weight: float = NOMINAL_TORQUE_WEIGHT) -> Controller:
         gain = design_gain(robot, state_weights=weights, torque_weight=torque_weight).gain
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
     nominal = measure_runs(
-        robot, [controller_of(NOMINAL_STATE_WEIGHTS)], judges, step=SEARCH_STEP, threads=threads
+        robot, [controller_of(NOMINAL_STATE_WEIGHTS)], perturbed, step=SEARCH_STEP, threads=threads
     )
     units = cost_units(nominal)
 
@@ -149,7 +149,7 @@ def robust_design(
             except InputError:
                 continue  # weights so far apart that the equations have no solution in these digits
         if made:
-            marks = measure_runs(robot, list(made.values()), judges, step=SEARCH_STEP, threads=threads)
+            marks = measure_runs(robot, list(made.values()), perturbed, step=SEARCH_STEP, threads=threads)
             costs[list(made)] = worst_tenth(units.costs(marks))
         return costs
 

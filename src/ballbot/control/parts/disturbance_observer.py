@@ -1,4 +1,4 @@
-"""A disturbance observer: the torque that is lost is given back, whatever took it. Friction need not be known.
+"""A disturbance observer: it estimates the torque lost to any cause and adds it. Friction need not be known.
 
     d' = w (lost - d),      u += d
 
@@ -56,7 +56,7 @@ def torque_balance(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 @inlined
 def _observe(law, memory, seen, n):
-    """Find the torque lost in the sample that has passed, and step what is given back."""
+    """Estimate the torque lost in the sample that has passed, and step the torque added."""
     a, measured = seen
     own, state, past = law.disturbance_observer, memory.disturbance_observer, memory.history
     if own.on == 0:
@@ -69,7 +69,7 @@ def _observe(law, memory, seen, n):
         )
         for i in range(n):
             if as_it_acted(law.prediction, past.beyond, i) > 0.0:
-                continue  # a sample at the limit says nothing of what was lost
+                continue  # a sample at the limit does not determine the lost torque
             needed = _torque_needed(own, i, changes, lean)
             lost = as_it_acted(law.prediction, past.given, i) - needed
             left = lost - as_it_acted(law.prediction, past.compensated, i) - state.given_back[i]
@@ -106,7 +106,7 @@ def _torque_needed(own, i, changes, lean):
 
 @inlined
 def _limited(torque, limit):
-    """Clip so that a NaN stays one."""
+    """Clip to the limit; NaN stays NaN."""
     return limit if torque > limit else (-limit if torque < -limit else torque)
 
 
@@ -118,7 +118,7 @@ def _give_back(law, memory, torque, i):
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceObserver(Part):
-    """How the lost torque is given back.
+    """How the lost torque is estimated.
 
     Raises
     ------
@@ -127,13 +127,13 @@ class DisturbanceObserver(Part):
     """
 
     label = "disturbance observer"
-    comment = "Torque that is lost is given back."
+    comment = "The torque that is lost is estimated and added."
     record = ObserverRecord
     state = ObserverState
     steps = Steps(observe=_observe, filter=_give_back)
 
     frequency: float = field(default=10.0, metadata=setting("rad/s", "w of the lag", above=0.0))
-    limit: float = field(default=0.5, metadata=setting("N m", "most that a wheel is given back", above=0.0))
+    limit: float = field(default=0.5, metadata=setting("N m", "largest torque added to a wheel", above=0.0))
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""

@@ -1,12 +1,12 @@
-"""Floor adaptation: what the floor takes is told from what a slope takes, and turns with the motion.
+"""Floor adaptation: the drag of the floor is separated from the pull of a slope, and turns with the motion.
 
 Rolling friction acts against the motion: where that turns or ends, it does so at once, and an integral that carries
 it is wrong until it has forgotten it. A slope's push stays. So the integral action's sum G (2,), world frame, is taken
-for a part b that stays and a drag kappa along the motion asked for,
+for a part b that stays and a drag kappa along the commanded motion,
 
     G = b + kappa d + noise        d = v_r/|v_r|, a ramp below the speed from which it counts as motion
 
-b and kappa are random walks, which a Kalman filter tells apart: at rest G shows b alone, and what comes with a motion
+b and kappa are random walks, which a Kalman filter separates: at rest G shows b alone, and what comes with a motion
 is kappa. What is given is I + kappa d in the integral's place, I = G - kappa d, so that nothing jumps as kappa changes
 (within the integral's limit), and a motion that turns or ends takes its drag with it. For each axis, phi being
 (1, 0, d_x) or (0, 1, d_y),
@@ -65,7 +65,7 @@ class FloorState:
 
 @inlined
 def direction(own, v_x, v_y):
-    """Return d (2,) for the velocity asked for; `own` is a `FloorRecord`."""
+    """Return d (2,) for the commanded velocity; `own` is a `FloorRecord`."""
     speed = (v_x * v_x + v_y * v_y) ** 0.5
     share = min(1.0, speed * own.steepness) / max(speed, 1e-300)
     return share * v_x, share * v_y
@@ -136,7 +136,8 @@ class FloorAdaptation(Part):
         default=0.15, metadata=setting("m s", "limit of the drag, in units of the integral", above=0.0)
     )
     full_speed: float = field(
-        default=0.02, metadata=setting("m/s", "asked for, from which on the drag is given whole", above=0.0)
+        default=0.02,
+        metadata=setting("m/s", "commanded speed from which on the whole drag is applied", above=0.0),
     )
 
     def numbers(self, settings: LawSettings) -> FloorRecord:

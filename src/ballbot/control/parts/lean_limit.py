@@ -1,11 +1,11 @@
-"""The lean that errors may ask for is limited, so that no error of position or speed asks for more than there is.
+"""The lean that errors command is limited, so that no error of position or speed commands more than is available.
 
 K e is a torque for each wheel, and its part for position and speed, K_p (e_x e_y e_x' e_y'), is what a lean error
-a = K_l^+ K_p (e_x e_y e_x' e_y') would give: the lean asked for. First the errors of position are made smaller where
-they alone ask for more than the limit, in one ratio, so that a robot far away comes no faster than it can be stopped;
+a = K_l^+ K_p (e_x e_y e_x' e_y') would give: the commanded lean. First the errors of position are reduced if
+they alone command more than the limit, in one ratio, so that a robot far away comes no faster than it can be stopped;
 then all four, where |a| is still beyond it. So while a fall or a push must be caught, the wheels' torque is left to the
 lean. (Saturations one within another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's error and
-its rate are limited by the turn they ask for. Nothing changes within the limits; beyond them integrals do not grow.
+its rate are limited by the turn that they command. Within the limits nothing changes; beyond them integrals stop.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _POSITION_PLACES = (0, 1, 5, 6)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LeanLimitRecord:
-    """The limits, and what errors ask for."""
+    """The limits, and the lean that errors command."""
 
     on: int = field(default=1, metadata=whole())
     lean: float = field(metadata=number("rad"))
@@ -34,12 +34,12 @@ class LeanLimitRecord:
     turn_rate: float = field(metadata=number("s"))
 
 
-def lean_asked(gain: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lean (2, 4) [rad] that errors of x, y [m] and of their rates [m/s] ask for under a gain (n, 10)."""
+def commanded_lean(gain: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lean (2, 4) [rad] that errors of x, y [m] and of their rates [m/s] command under a gain (n, 10)."""
     return np.asarray(np.linalg.pinv(gain[:, 2:4]) @ gain[:, _POSITION_PLACES], dtype=np.float64)
 
 
-def turn_asked(gain: NDArray[np.float64]) -> float:
+def commanded_turn(gain: NDArray[np.float64]) -> float:
     """Return the heading's error [rad] that is worth one of its rate [rad/s] under a gain (n, 10)."""
     heading = gain[:, 4]
     return float(heading @ gain[:, 9] / max(float(heading @ heading), 1e-300))
@@ -47,7 +47,7 @@ def turn_asked(gain: NDArray[np.float64]) -> float:
 
 @inlined
 def _limit_error(law, memory, error, a, wanted):
-    """Return the error with no more of position, speed and heading than may be asked for, and whether it is less."""
+    """Return the error with position, speed and heading within the limits, and whether it is reduced."""
     e, limited = error
     own = law.lean_limit
     if own.on == 0:
@@ -73,7 +73,7 @@ def _fraction(limit, a, b):
 
 @inlined
 def _lean(own, x, y, v_x, v_y):
-    """Return the lean that errors ask for."""
+    """Return the lean that errors command."""
     asked = own.asked
     return (
         asked[0, 0] * x + asked[0, 1] * y + asked[0, 2] * v_x + asked[0, 3] * v_y,
@@ -83,7 +83,7 @@ def _lean(own, x, y, v_x, v_y):
 
 @dataclass(frozen=True, kw_only=True)
 class LeanLimit(Part):
-    """How much lean, and how much of a turn, errors may ask for.
+    """The largest lean and turn that errors may command.
 
     Raises
     ------
@@ -92,18 +92,21 @@ class LeanLimit(Part):
     """
 
     label = "lean limit"
-    comment = "Errors of position and speed ask for no more lean than so much, those of the heading for no more turn."
+    comment = (
+        "Errors of position and speed command at most this lean, errors of the heading at most this turn."
+    )
     record = LeanLimitRecord
     steps = Steps(error=_limit_error)
 
-    lean: float = field(default=0.1, metadata=setting("rad", "most lean asked for", above=0.0))
+    lean: float = field(default=0.1, metadata=setting("rad", "largest commanded lean", above=0.0))
     turn: float = field(
-        default=0.5, metadata=setting("rad", "most turn asked for, with what its rate adds", above=0.0)
+        default=0.5,
+        metadata=setting("rad", "largest commanded turn, with the contribution of its rate", above=0.0),
     )
 
     def numbers(self, settings: LawSettings) -> LeanLimitRecord:
-        """Return the limits with what the gain asks for."""
+        """Return the limits with the lean that the gain commands."""
         gain = settings.gain
         return LeanLimitRecord(
-            lean=self.lean, asked=lean_asked(gain), turn=self.turn, turn_rate=turn_asked(gain)
+            lean=self.lean, asked=commanded_lean(gain), turn=self.turn, turn_rate=commanded_turn(gain)
         )

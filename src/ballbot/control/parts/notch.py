@@ -4,7 +4,7 @@
 
 sampled by the bilinear rule that keeps w where it is. Slow torques pass as they are, but late: the phase that it
 costs well below w is about (1 - depth) width times the frequency's fraction of w, in radians, so a notch far above the
-loop's crossover is cheap and one near it is not. `Notch.response` says how much.
+loop's crossover is cheap and one near it is not. See `Notch.response`.
 """
 
 from __future__ import annotations
