@@ -29,7 +29,6 @@ STILL_MANY_PARAMETERS = {
     "ballbot.simulation.batch.decide",
     "ballbot.simulation.batch.run_closed_loop_block",
     "ballbot.simulation.batch.simulate_batch",
-    "ballbot.simulation.gear_play.run_with_play",
 }
 
 

@@ -1,7 +1,7 @@
 """The seam between a robot's sensors and the state made from them: readings, estimators by name, and their errors.
 
 An estimator gets one reading a sample, in order of time, and answers at once: it knows nothing of what comes
-next, so that what is tried here runs on a robot as it is.
+next, so that the same code runs on a robot.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class Estimator(Protocol):
     """Readings in, states out. Over values that are missing (NaN) it predicts."""
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Forget the past; the robot stands still at (x, y) [m] when the next reading comes."""
+        """Reset: the robot stands still at (x, y) [m] when the next reading comes."""
         ...
 
     def update(self, reading: Reading) -> NDArray[np.float64]:

@@ -48,7 +48,7 @@ class OnboardState:
         self._gyro, self._attitude = np.zeros(3), np.zeros(3)
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Forget the past and call the present position (x, y) [m] so."""
+        """Start anew at the position (x, y) [m]."""
         self._position = np.array(position, dtype=np.float64)
         self._velocity = None
 

@@ -158,7 +158,7 @@ def check_number(parameter: Parameter, label: str, value: object) -> None:
 
 
 def _meant(number: float, si_unit: str, largest: float) -> str:
-    """Return, in words, the number in the first unit that brings it below `largest` ("" where none does)."""
+    """Return, as text, the number in the first unit that brings it below `largest` ("" if none does)."""
     for unit in UNITS.get(si_unit, ()):
         converted = to_si(number, unit, si_unit)
         if unit != si_unit and abs(converted) <= largest:
@@ -205,7 +205,7 @@ def _principal_moments(inertia: NDArray[np.float64]) -> tuple[float, float, floa
 
 
 def _fault_of(moments: tuple[float, float, float]) -> str:
-    """Return what is wrong with three principal moments, smallest first ("" for nothing)."""
+    """Return the fault of three principal moments, smallest first ("" if there is none)."""
     if moments[0] <= 0.0:
         return "each must be above zero"
     # a flat body meets the inequality with equality, up to rounding

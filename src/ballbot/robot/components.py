@@ -286,8 +286,8 @@ BY_NAME = {one.name: one for one in PARAMETERS}
 def scaled_body(body: Body, *, mass: float, height: float) -> Body:
     """Return a body of another mass whose centre lies at another height, each by its factor.
 
-    The inertia about the centre of mass grows with the mass; what the height does to it about the ball's centre
-    follows.
+    The inertia about the centre of mass grows with the mass; that about the ball's centre follows from the
+    height.
     """
     central = mass * body.inertia_about_center_of_mass()
     return replace(

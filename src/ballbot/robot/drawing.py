@@ -1,6 +1,6 @@
 """A robot drawn to scale in text, side view and top view, and the shapes that every drawing shows.
 
-A robot file does not say what the body looks like. Its outline is two equal discs, one above the other, that have the
+A robot file does not describe the body's shape. Its outline is two equal discs, one above the other, that have the
 body's mass, centre of mass and inertia. The same shapes are drawn for print by `ballbot.robot.figure`.
 """
 
@@ -100,7 +100,7 @@ def back_to_front(wheels: list[WheelShape], view: View) -> list[int]:
 
 
 def extent(robot: Robot, view: View) -> tuple[float, float, float, float]:
-    """Return left, right, bottom and top [m] of what a view shows, with the ground in the side view."""
+    """Return left, right, bottom and top [m] of a view, with the ground in the side view."""
     projection = PROJECTIONS[view]
     shape = body_shape(robot.body)
     rims = [wheel_rims(wheel, robot.wheels).reshape(-1, 3) @ projection.T for wheel in wheel_shapes(robot)]

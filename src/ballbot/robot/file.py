@@ -230,7 +230,7 @@ def _leaves(tree: Mapping[str, object], *, table: str = "") -> Iterator[tuple[st
 
 
 def _nearest(key: str, table: str) -> str:
-    """Say which key of the table was meant, or which there are ("" is the top of the file)."""
+    """Return a hint: the key of the table that was meant, or all its keys ("" is the top of the file)."""
     names = [*headings_of(RobotValues), *_TEXTS, *BY_NAME]
     siblings = [name.rpartition(".")[2] for name in names if name.rpartition(".")[0] == table]
     return suggest(key, siblings, otherwise=f"{f'[{table}]' if table else 'the top level'} has")

@@ -1,4 +1,4 @@
-"""Robot parameters: what is stated once, beside each field of the robot, and the units that files may use.
+"""Robot parameters, each stated once beside its field of the robot, and the units that files may use.
 
     radius: float = field(metadata=parameter("r_b, outer radius", unit="m", most=1.0))
 

@@ -1,6 +1,6 @@
 """Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
 
-`ballbot.robot.checks` refuses what no robot can be. Here is what a robot could be and hardly is, each a finding: an
+`ballbot.robot.checks` refuses impossible robots. These checks find possible but improbable ones, each a finding: an
 error where a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The
 ranges are wide: the presets, published robots of 0.6 to 52 kg, lie well within them. A slip of units is searched for
 among the parameters of each error, and named if it explains the error.
@@ -31,7 +31,7 @@ _GYRATION_USUAL, _GYRATION_POSSIBLE = (0.15, 1.2), (0.04, 2.5)
 
 
 def robot_findings(robot: Robot) -> tuple[Finding, ...]:
-    """Return what is unusual or impossible in a robot, errors first.
+    """Return the unusual and impossible values of a robot as findings, errors first.
 
     Parameters
     ----------
@@ -197,8 +197,8 @@ def _of_moments(robot: Robot) -> Iterator[Finding]:
     if products.max() > 0.5:
         names = ("body.inertia.xy", "body.inertia.xz", "body.inertia.yz")
         text = (
-            f"A product of inertia is {products.max():.2g} of what the moments allow; a robot that stands upright has "
-            "small ones."
+            f"A product of inertia is {products.max():.2g} of the largest that the moments allow; a robot that "
+            "stands upright has small ones."
         )
         yield Finding(code="robot-body", severity="warning", text=text, where=Place(columns=names))
 

@@ -3,7 +3,7 @@
 Errors of different parameters count as independent. Linear propagation is the delta method: with the central
 differences d_i of a result over a tenth of each standard deviation s_i, its variance is the sum of (d_i s_i)^2.
 
-A slip of units is one parameter that, had it been meant in another unit, explains what is wrong with a robot.
+A slip of units is one parameter that, had it been meant in another unit, explains the findings on a robot.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Propagated:
-    """A result (any shape) and what the parameters' uncertainty does to it."""
+    """A result (any shape) and its uncertainty from that of the parameters."""
 
     value: NDArray[np.float64]
     deviation: NDArray[np.float64]  #: standard deviation, of the value's shape
@@ -188,7 +188,7 @@ def likeliest_slip(robot: Robot, errors: Sequence[Finding], find: Find) -> Slip 
     errors : sequence of Finding
         Of that robot; the columns of their places name the parameters to look at.
     find : callable
-        Returns what is to find in a robot.
+        Returns the findings on a robot.
     """
     names = dict.fromkeys(name for finding in errors for name in finding.where.columns)
     found = len(list(find(robot)))
@@ -208,7 +208,7 @@ def likeliest_slip(robot: Robot, errors: Sequence[Finding], find: Find) -> Slip 
 
 
 def _slips(robot: Robot, name: str, find: Find) -> Iterator[Slip]:
-    """Yield what is left to find if a parameter was meant in another unit, or its decimal point slipped."""
+    """Yield the findings that remain if a parameter was meant in another unit, or its decimal point slipped."""
     parameter = BY_NAME[name]
     value = value_of(robot, parameter)
     if parameter.shape == "whole number":

@@ -24,6 +24,7 @@ while nothing sticks.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -158,10 +159,7 @@ class GearPlayPlant:
         transmitted = np.zeros(n)
         run_with_play(
             self.model.selected,
-            self._wheel_side,
-            self.model.packed,
-            self._inertia,
-            self.play,
+            GearPlayNumbers(self._wheel_side, self.model.packed, self._inertia, self.play),
             self._state,
             motors,
             torques,
@@ -203,26 +201,33 @@ def _row_without_motors(model: Model) -> NDArray[np.float64]:
 _MOMENTUM, _INERTIA, _DRY, _LOW, _HIGH, _SPEED, _MOTOR_ROWS = range(7)
 
 
+class GearPlayNumbers(NamedTuple):
+    """A robot whose gears have play, in compiled code."""
+
+    wheel_side: NDArray[np.float64]  #: the packed robot without motors
+    whole: NDArray[np.float64]  #: the packed robot with them
+    inertia: float  #: j_r of a motor [kg m^2]
+    play: float  #: [rad]
+
+
 @called
 def _torque_at(wheel, u):
     return u[wheel]
 
 
 @compiled
-def run_with_play(
-    selected, wheel_side, whole, inertia, play, state, motors, torques, loads, h, steps, transmitted
-):
+def run_with_play(selected, robot, state, motors, torques, loads, h, steps, transmitted):
     """Advance a robot by `steps` steps of h [s]; state, motors and transmitted are overwritten.
 
-    `wheel_side` is the packed robot without motors and `whole` the one with them, `state` (10,) or (11,) has the Euler
-    angles' rates, and the rows of `motors` (3, n) are the motors' speeds, their places ahead of their wheels, and the
-    wheels' angles. `transmitted` (n,) becomes the mean torque from each motor to its wheel.
+    `robot` is a `GearPlayNumbers`, `state` (10,) or (11,) has the Euler angles' rates, and the rows of `motors` (3, n)
+    are the motors' speeds, their places ahead of their wheels, and the wheels' angles. `transmitted` (n,) becomes the
+    mean torque from each motor to its wheel.
     """
-    n = len(torques)
+    n, inertia, play = len(torques), robot.inertia, robot.play
     work, friction = np.zeros(ROWS * LANES), np.zeros(ROWS * LANES)
-    for i in range(len(wheel_side)):
-        work[i * LANES] = wheel_side[i]
-        friction[i * LANES] = whole[i]
+    for i in range(len(robot.wheel_side)):
+        work[i * LANES] = robot.wheel_side[i]
+        friction[i * LANES] = robot.whole[i]
     start_lane(selected, work, 0, state, h)
     for i in range(n):
         friction[(TORQUE + i) * LANES] = torques[i]

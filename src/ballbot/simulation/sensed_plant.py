@@ -52,7 +52,7 @@ class Imperfections:
     Raises
     ------
     InputError
-        If a value is not a number of the kind that is asked for, or out of its bounds.
+        If a value is not a number of its kind, or out of its bounds.
     """
 
     sensors: Sensors  #: what the sensors really do; their sample time is the plant's
@@ -159,7 +159,7 @@ class SensedPlant:
         )
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Start at t = 0 and return what the sensors say.
+        """Start at t = 0 and return the sensors' measurement.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class SensedPlant:
         return self._measure()
 
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold the torques for a duration and return what the sensors say at its end.
+        """Hold the torques for a duration and return the sensors' measurement at its end.
 
         Parameters
         ----------
@@ -262,7 +262,7 @@ class _Drive:
         )
 
     def within_limits(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the motors can of torques (n,) [N m] at motor speeds (n,) [rad/s]."""
+        """Return the torques (n,) [N m] that the motors can give of those commanded at motor speeds (n,) [rad/s]."""
         limit, top = self._limit, self._top
         clipped = np.minimum(np.maximum(torques, -limit), limit)
         if np.abs(speeds).max() <= (1.0 - FALLING_PART) * top:

@@ -3,8 +3,8 @@
 Encoders count; the AHRS is noisy and drifts; an accelerometer sits at a place of the body; something outside (cameras,
 a laser scanner, beacons) sees where the robot is.
 
-Each is asked once a sample, in order of time, and knows nothing of what comes next. What a robot file says of its
-sensors is always there; `SensorFaults` are what a scenario puts upon that. `SensorSuite` reads all sensors of one robot
+Each is read once a sample, in order of time, and knows nothing of later samples. The errors in the robot file are
+always there; `SensorFaults` are those that a scenario adds. `SensorSuite` reads all sensors of one robot
 together, once a sample.
 """
 
@@ -49,7 +49,7 @@ class Encoders:
         self._start = np.zeros(robot.wheel_count)
 
     def reset(self, angles: ArrayLike) -> None:
-        """Call the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
+        """Set the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
         self._start = real_array(angles, self._start.shape, "The array of motor angles").copy()
         self._recent[:] = 0.0
 
@@ -124,7 +124,7 @@ class AttitudeSensor:
     sensors : Sensors
         Sizes of the errors.
     random : Generator
-        Source of the noise; what the faults draw is a stream of its own.
+        Source of the noise; the faults draw from a stream of their own.
     faults : SensorFaults, optional
         What it does besides.
     """
@@ -408,7 +408,7 @@ class SensorSuite:
         body_velocity: NDArray[np.float64],
         motor_angles: NDArray[np.float64],
     ) -> Reading:
-        """Return what the sensors say.
+        """Return the sensors' readings.
 
         Parameters
         ----------
