@@ -304,15 +304,14 @@ def _friction_covariance(found: Identification) -> NDArray[np.float64]:
     P, layout, n = parameter_covariance(found), found.layout, found.robot.wheel_count
     places, signs = np.full(6 * n + 3, -1), np.ones(6 * n + 3)
     places[: 3 * n + 3] = np.arange(3 * n + 3)
-    offset = layout.part("torque_offset", np.arange(len(P), dtype=np.float64))
-    load = layout.part("load", np.arange(len(P), dtype=np.float64))
-    if found.robot.friction.coulomb_asymmetry and offset is not None:
-        places[3 * n + 3 : 4 * n + 3], signs[3 * n + 3 : 4 * n + 3] = (
-            offset,
-            -1.0,
-        )  # a torque against the friction
-    if load is not None:
-        places[5 * n + 3 :] = load
+    terms = {"torque_offset": 3 * n + 3, "stribeck_asymmetry": 4 * n + 3, "load": 5 * n + 3}
+    if not found.robot.friction.coulomb_asymmetry:
+        del terms["torque_offset"]  # it is the motor's
+    for name, first in terms.items():
+        numbers = layout.part(name, np.arange(len(P)))
+        if numbers is not None:
+            places[first : first + n] = numbers
+    signs[3 * n + 3 : 4 * n + 3] = -1.0  # an offset is a torque against the friction
     known = places >= 0
     covariance = np.zeros((6 * n + 3, 6 * n + 3))
     covariance[np.ix_(known, known)] = P[np.ix_(places[known], places[known])]
