@@ -308,7 +308,7 @@ def _friction_covariance(found: Identification) -> NDArray[np.float64]:
     if not found.robot.friction.coulomb_asymmetry:
         del terms["torque_offset"]  # it is the motor's
     for name, first in terms.items():
-        numbers = layout.part(name, np.arange(len(P)))
+        numbers = layout.part(name, np.arange(len(P), dtype=np.float64))
         if numbers is not None:
             places[first : first + n] = numbers
     signs[3 * n + 3 : 4 * n + 3] = -1.0  # an offset is a torque against the friction

@@ -45,7 +45,7 @@ from ballbot.mechanics.friction import directed_friction
 class FrictionLaw(Protocol):
     """A friction law's values. Speeds may be [rad/s] or [m/s]; torques are then [N m] or [N], and so on."""
 
-    def numbers(self) -> tuple[float, ...]:
+    def numbers(self) -> tuple[object, ...]:
         """Return the named tuple that compiled code reads."""
         ...
 
