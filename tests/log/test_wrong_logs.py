@@ -70,10 +70,10 @@ WRONG_LOGS = {
         lambda log: renamed(log, (3, 1, 2), "u"), "torque-order", "u1 drives wheel 3"
     ),
     "torques doubled": wrong(
-        lambda log: scaled(log, 2.0, *TORQUES), "torque-scale", "scaled", "heavier than its file"
+        lambda log: scaled(log, 2.0, *TORQUES), "torque-scale", "scaled", "heavier than in the robot file"
     ),
     "torques halved": wrong(
-        lambda log: scaled(log, 0.5, *TORQUES), "torque-scale", "scaled", "lighter than its file"
+        lambda log: scaled(log, 0.5, *TORQUES), "torque-scale", "scaled", "lighter than in the robot file"
     ),
     "one torque doubled": WrongLog(
         spoil=lambda correct: scaled(correct.other, 2.0, "u2"),
