@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballbot import Controller, Robot, simulate
 from ballbot.control.presets import adaptive, precise_controller
@@ -68,7 +68,7 @@ class ChangingFloor:
         self._then = (floor.pivoting, moment, moment)
         self.robot = robot
 
-    def reset(self, initial_state: NDArray[np.float64] | None, *, seed: int) -> Measurement:
+    def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
         """Start again on the nominal floor."""
         self._friction[:] = self._first
         return self._twin.reset(initial_state, seed=seed)
@@ -223,7 +223,6 @@ def run_courses(known: Robot, *, seeds: Sequence[int], courses: str = LEAGUE) ->
         controllers,
         choose_courses(courses, known, "twin"),
         seeds=seeds,
-        estimators=dict.fromkeys(controllers, "kalman"),
     )
 
 
