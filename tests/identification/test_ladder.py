@@ -68,7 +68,7 @@ def test_every_law_but_the_first_has_another_within_it():
     assert LAWS[0].within is None
     for place, law in enumerate(LAWS[1:], start=1):
         (within,) = [one for one in LAWS[:place] if one.name == law.within]
-        assert set(within.sought) < set(law.sought)
+        assert set(within.free) < set(law.free)
 
 
 def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():

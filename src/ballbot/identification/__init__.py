@@ -1,4 +1,4 @@
-"""Friction from logs: what a robot's own motion tells, how surely, and what it does not."""
+"""Identification of friction and other parameters from logs, with standard errors and validation."""
 
 from ballbot.identification.holdout import HoldoutResult, cross_validate
 from ballbot.identification.identify import identify

@@ -101,7 +101,7 @@ UPPER: Five = (0.1, 0.5, 0.5, 5.0, 4.0)
 
 
 def driveline_parameters(*, lower: Five = LOWER, upper: Five = UPPER) -> ParameterSpace:
-    """Return the five parameters with the bounds within which they are sought.
+    """Return the five parameters with the bounds within which they are estimated.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def fit_driveline(
     Raises
     ------
     InputError
-        If the sweep has no piece to compare, or tells none of the five.
+        If the sweep has no piece to compare, or determines none of the five.
     """
     pieces = sweep.pieces()
     if not any(sweep.speed[first:end].any() for first, end in pieces):

@@ -1,22 +1,17 @@
-"""Validation of an identification on logs that it never saw, by window and by horizon.
+"""Validation of an identification on a log that it was not fitted to, by window and by horizon.
 
-How far off a prediction is after a tenth, a quarter and half a second: the wheels' speeds and the lean.
+Windows are as long as those of the fit. The errors by horizon are those of the wheels' speeds and the lean after a
+tenth, a quarter and half a second. The speeds are compared with the encoders' where the log has them, so that what the
+model does not have, as a ball that pivots on the floor, counts as an error too.
 
-The speeds are compared with the encoders' where the log has them, so that what the model does not have, as a ball that
-pivots on the floor, counts as an error too.
-
-Beside the errors stands how much of the friction a log asks for. With e_0 the errors without friction and d = e_0 - e
-what friction makes of the prediction, the share of d that leaves the least squares is
+Beside the errors it is estimated how much of the friction the log needs. With e_0 the errors without friction and d =
+e_0 - e what friction makes of the prediction, the share of d that leaves the least squares is
 
     a = (sum e_0 d) / (sum d^2)
 
-1 where the log rubs as the model does, less where it rubs less. It tells a friction that has changed from one log
-to the next, a < 1 for speeds and lean alike, from errors that have nothing to do with friction, which leave a as it is.
-
-An identification judged on a log that it never saw: open-loop errors with its friction and without.
-
-They are those of windows as long as those of the fit, all samples together; and, for the wheels' speeds and the lean,
-those by how long ago the prediction began.
+It is 1 if the log has the model's friction, and less if it has less. It separates a friction that has changed from one
+log to the next, a < 1 for speeds and lean alike, from errors that have nothing to do with friction, which leave a as it
+is.
 """
 
 from __future__ import annotations
@@ -44,7 +39,7 @@ HORIZONS = (0.1, 0.25, 0.5)
 #: from times of rows (m,) [s] to states (m, 10), NaN if there is none
 InitialStates = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-#: blocks of neighbouring starts that a share's error is judged by
+#: blocks of neighbouring starts of the jackknife
 _BLOCKS = 10
 _HALF = len(STATE_NAMES) // 2
 _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
@@ -202,13 +197,13 @@ def _share(without: NDArray[np.float64], effect: NDArray[np.float64]) -> tuple[f
     return share, float(np.sqrt((_BLOCKS - 1) * shares.var()))
 
 
-#: a log asks for another friction where the share of it that it wants is off 1 by so much, and by so many errors
-_DIFFERS, _SURE = 0.2, 3.0
+#: a log needs another friction if its share differs from 1 by this much, and by this many standard errors
+_DIFFERS, _SIGNIFICANT = 0.2, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoldoutResult:
-    """What an identification is worth on one log."""
+    """How well an identification predicts one log."""
 
     name: str  #: of the log
     errors: WindowErrors
@@ -255,15 +250,15 @@ def cross_validate(
     )
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
-    judged = errors(predictor, windows, found.values)
-    worse = [state for state, ratio in judged.ratios.items() if not ratio < 1.0]
+    found_errors = errors(predictor, windows, found.values)
+    worse = [state for state, ratio in found_errors.ratios.items() if not ratio < 1.0]
     moved = chatter(log, predictor.robot)
     horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
     remarks = [
         warning(
             "not-predicted",
             f"In {name}, {state} is not predicted better with friction than without "
-            f"(error ratio {judged.ratios[state]:.2f}).",
+            f"(error ratio {found_errors.ratios[state]:.2f}).",
         )
         for state in worse
     ]
@@ -272,7 +267,7 @@ def cross_validate(
         remarks.append(chatter_finding(moved, predictor.robot, name))
     return HoldoutResult(
         name=name,
-        errors=judged,
+        errors=found_errors,
         horizons=horizons,
         causal=starts is not None,
         chatter=moved,
@@ -281,16 +276,16 @@ def cross_validate(
 
 
 def _share_findings(name: str, horizons: Sequence[FrictionAtHorizon]) -> list[Finding]:
-    """Return a warning where a log asks for clearly more or less friction than was found.
+    """Return a warning if a log needs clearly more or less friction than was found.
 
-    The shortest horizon is asked: after it, whatever else moves an unstable robot has grown.
+    It is taken from the shortest horizon: after it, whatever else moves an unstable robot has grown.
     """
     if not horizons:
         return []
     speed, lean = horizons[0].wheel_speed, horizons[0].lean
     off = abs(speed.share - 1.0)
     # NaN, where there are too few starts to be sure, is never beyond a bound
-    if not (off > _DIFFERS and off > _SURE * speed.share_error):
+    if not (off > _DIFFERS and off > _SIGNIFICANT * speed.share_error):
         return []
     word = "less" if speed.share < 1.0 else "more"
     text = (

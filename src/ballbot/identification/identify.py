@@ -1,8 +1,8 @@
-"""A robot's friction, and what else is asked for, from balancing logs.
+"""Identification of a robot's friction, and of other quantities, from balancing logs.
 
-Evolution finds the basin, Gauss-Newton finishes, held-out windows judge. The method is the thesis's (section 3.4:
-twelve parameters at once, a stochastic search within bounds, short windows because the plant is unstable), with a
-polish, standard errors and held-out windows added.
+Evolution finds the basin, Gauss-Newton the minimum, and held-out windows validate the result. The method is the
+thesis's (section 3.4: twelve parameters at once, a stochastic search within bounds, short windows because the plant is
+unstable), with Gauss-Newton, standard errors and held-out windows added.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def identify(
     law : str
         The friction law, of `ballbot.identification.laws.LAWS`, if "friction" is estimated.
     bounds : Bounds, optional
-        Within which the parameters are sought; a quantity with equal bounds is held there.
+        Within which the parameters are estimated; equal bounds fix a quantity.
     window : float
         Length of the windows predicted [s].
     seed : int, optional
@@ -213,7 +213,7 @@ def estimated_parameters(robot: Robot, *, free: Sequence[str], law: LawName, bou
     """
     names, chosen = names_in(free), law_named(law)
     if set(FRICTION) <= set(names):
-        names = (*chosen.sought, *(name for name in names if name not in FRICTION))
+        names = (*chosen.free, *(name for name in names if name not in FRICTION))
         bounds = bounds_of(chosen, bounds)
     return scale_between(robot, free=names, bounds=bounds)
 
@@ -231,34 +231,34 @@ def _result(
     run: Run,
 ) -> Identification:
     coordinates, predictor = prepared.problem.coordinates, prepared.problem.predictor
-    sure = assess(
+    uncertainty = assess(
         estimate.finished,
         estimated=estimate.estimated,
         at_bound=_at_bounds(coordinates, estimate),
         run=run,
     )
     layout = predictor.layout
-    final = Estimate(values=estimate.values, uncertainty=sure)
+    final = Estimate(values=estimate.values, uncertainty=uncertainty)
     if options.sweep is not None:
         final = with_sweep(coordinates, final, options.sweep)
-    values, sure = final.values, final.uncertainty
+    values, uncertainty = final.values, final.uncertainty
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found_robot(
             predictor.robot,
             layout,
             values,
-            sure.standard_errors,
+            uncertainty.standard_errors,
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),
         predictor=predictor,
         values=values,
         parameters=layout.by_symbol(np.where(estimate.unknown, np.nan, values)),
-        standard_errors=layout.by_symbol(sure.standard_errors),
-        bootstrap_errors=layout.by_symbol(sure.bootstrap_errors),
-        intervals=sure.intervals,
-        correlation=sure.correlation,
+        standard_errors=layout.by_symbol(uncertainty.standard_errors),
+        bootstrap_errors=layout.by_symbol(uncertainty.bootstrap_errors),
+        intervals=uncertainty.intervals,
+        correlation=uncertainty.correlation,
         fit=errors(predictor, prepared.fit, values),
         held_out=held_out,
         fit_windows=prepared.fit.spans,
@@ -266,7 +266,7 @@ def _result(
         window=window,
         excluded_states=tuple(options.excluded_states),
         evolution_cost=evolved.history,
-        gauss_newton_cost=estimate.polished.history,
+        gauss_newton_cost=estimate.gauss_newton.history,
         warnings=(
             *_log_findings(predictor, logs, options.excluded_states),
             *_findings(prepared, estimate, final, held_out),
@@ -279,25 +279,25 @@ def _result(
 def _findings(
     prepared: Prepared, estimate: PointEstimate, final: Estimate, held_out: WindowErrors
 ) -> list[Finding]:
-    """Return what to know of the numbers."""
-    coordinates, sure = prepared.problem.coordinates, final.uncertainty
+    """Return the findings on the parameters."""
+    coordinates, uncertainty = prepared.problem.coordinates, final.uncertainty
     apart = (
-        *correlation_findings(coordinates.labels, sure.correlation),
-        *ridge_findings(coordinates.labels, sure.correlation),
+        *correlation_findings(coordinates.labels, uncertainty.correlation),
+        *ridge_findings(coordinates.labels, uncertainty.correlation),
     )
     return [
         *prepared.excitation.remarks,
         *influence_findings(coordinates, final.values, estimate.no_influence),
         *bound_findings(coordinates, final.values, _at_bounds(coordinates, estimate)),
-        *error_findings(coordinates, sure.scaled_errors),
-        *interval_findings(sure.intervals),
+        *error_findings(coordinates, uncertainty.scaled_errors),
+        *interval_findings(uncertainty.intervals),
         *dict.fromkeys(apart),
         *prediction_findings(held_out.ratios),
     ]
 
 
 def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:
-    """Return what the logs themselves show that the model does not have: spoilt rows, play, and a ball that pivots."""
+    """Return findings on effects that the model does not have: corrupted rows, play, and a ball that pivots."""
     robot = predictor.robot
     found = [chatter(log, robot) for log in logs]
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]

@@ -1,6 +1,6 @@
-"""The ladder of friction laws, and the choice of one by its error on windows held out.
+"""Friction laws, and the selection of one by its error on held-out windows.
 
-The ladder of friction laws, each of which has the ones before it within it.
+Each law contains another one:
 
     none                 0
     viscous              b w
@@ -17,14 +17,14 @@ any torque from -c- to c+. With c = (c+ + c-)/2 and o = (c+ - c-)/2 that is c sg
 
 So it is the symmetric law and a constant torque -o on the wheel, the set of torques that hold it at rest included, and
 the same holds with s exp(..) added to c on both sides. The offset is found as `torque_offset` (= -o): a motor driver's
-own offset has the same effect, and no log tells one from the other. It is physical while |o| <= c. A viscous part that
+own offset has the same effect, and no log separates the two. It is physical while |o| <= c. A viscous part that
 differs with direction is another law, of |w|, and not in it.
 
 Directed. With s+ and s- by direction and e = (s+ - s-)/2 the friction is the asymmetric one and e exp(-|w/v_s|^delta).
-It is results from an offset only at speeds around v_s, where the exponential fades; it is physical while |e| <= s.
+It differs from an offset at speeds around v_s, where the exponential fades. It is physical while |e| <= s.
 
 Load. A gear's teeth rub in proportion to what they carry, here the motor's torque u, which is held over a sample; so is
-then the friction's size. It stands beside asymmetric on the ladder, not above it: both have stribeck within them.
+then the friction's size. It is an alternative to asymmetric: both contain stribeck.
 
 Each law is fitted to the same windows; `ballbot.fitting.model_selection` has how one is selected.
 """
@@ -57,15 +57,15 @@ _NO_STRIBECK: dict[str, Limits] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Law:
-    """A law on the ladder."""
+    """A friction law to select from."""
 
     name: LawName
     formula: str
     within: LawName | None  #: the law that it contains and is compared with; None: no friction
-    sought: tuple[str, ...]  #: quantities
-    held: Mapping[str, Limits]  #: quantities of `FRICTION` that it does not have, at values without effect
-    #: bounds where none are given: without dry friction, b has to do its part
-    wide: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
+    free: tuple[str, ...]  #: quantities
+    fixed: Mapping[str, Limits]  #: quantities of `FRICTION` that it does not have, at values without effect
+    #: bounds if none are given: without dry friction, b has to take its part
+    wide_bounds: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
 
 
 LAWS: tuple[Law, ...] = (
@@ -73,44 +73,44 @@ LAWS: tuple[Law, ...] = (
         name="viscous",
         formula="b w",
         within=None,
-        sought=("viscous",),
-        held={**_NO_STRIBECK, "coulomb": (0.0, 0.0), "rolling": (0.0, 0.0)},
-        wide={"viscous": (0.0, 1.0)},
+        free=("viscous",),
+        fixed={**_NO_STRIBECK, "coulomb": (0.0, 0.0), "rolling": (0.0, 0.0)},
+        wide_bounds={"viscous": (0.0, 1.0)},
     ),
     Law(
         name="coulomb",
         formula="b w + c sgn w, rolling C_rr",
         within="viscous",
-        sought=("viscous", "coulomb", "rolling"),
-        held=_NO_STRIBECK,
+        free=("viscous", "coulomb", "rolling"),
+        fixed=_NO_STRIBECK,
     ),
     Law(
         name="stribeck",
         formula="b w + (c + s exp(-|w/v_s|^delta)) sgn w, C_rr",
         within="coulomb",
-        sought=FRICTION,
-        held={},
+        free=FRICTION,
+        fixed={},
     ),
     Law(
         name="asymmetric",
         formula="stribeck, c of either direction",
         within="stribeck",
-        sought=(*FRICTION, "torque_offset"),
-        held={},
+        free=(*FRICTION, "torque_offset"),
+        fixed={},
     ),
     Law(
         name="directed",
         formula="stribeck, c and s of either direction",
         within="asymmetric",
-        sought=(*FRICTION, "torque_offset", "stribeck_asymmetry"),
-        held={},
+        free=(*FRICTION, "torque_offset", "stribeck_asymmetry"),
+        fixed={},
     ),
     Law(
         name="load",
         formula="stribeck, c + mu |u|",
         within="stribeck",
-        sought=(*FRICTION, "load"),
-        held={},
+        free=(*FRICTION, "load"),
+        fixed={},
     ),
 )
 
@@ -121,7 +121,7 @@ def law_named(name: str) -> Law:
     Raises
     ------
     InputError
-        If there is none.
+        If there is no such law.
     """
     names = [law.name for law in LAWS]
     if name in names:
@@ -131,8 +131,8 @@ def law_named(name: str) -> Law:
 
 
 def bounds_of(law: Law, bounds: Bounds) -> Bounds:
-    """Return bounds that hold what the law does not have; the rest stay as given."""
-    return Bounds({**law.wide, **bounds.limits, **law.held})
+    """Return bounds that fix what the law does not have; the rest stay as given."""
+    return Bounds({**law.wide_bounds, **bounds.limits, **law.fixed})
 
 
 #: neighbouring windows drawn together; of a quarter held out, four are some 4 s of the robot's way

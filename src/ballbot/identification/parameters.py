@@ -1,6 +1,4 @@
-"""The parameters of a fit: their bounds, and how a search scales them.
-
-Within which values each quantity is sought; a user may set them, in Python or in a TOML file.
+"""The parameters of a fit: their bounds, which a user may set in Python or in a TOML file, and their scaling.
 
     viscous = [0.0, 0.1]             # b [N m s/rad], every wheel's
     coulomb = [0.0, 0.5]             # c [N m]
@@ -108,7 +106,8 @@ def scale_between(
     ----------
     robot : Robot
     free : sequence of str
-        Names of the quantities sought, or of groups of them. What is given bounds is sought as well; the rest is held.
+        Names of the quantities to estimate, or of groups of them. Quantities with bounds are estimated as well; the
+        others are fixed.
     bounds : Bounds, optional
 
     Raises
@@ -117,14 +116,14 @@ def scale_between(
         If a name is not a quantity or a group, or a quantity has no default bounds for this robot.
     """
     bounds = bounds or Bounds()
-    sought = names_in(free)
-    asked = {*sought, *bounds.limits}
+    estimated = names_in(free)
+    asked = {*estimated, *bounds.limits}
     extra = tuple(name for name in BY_NAME if name not in FRICTION and name in asked)
     layout = Layout(wheel_count=robot.wheel_count, extra=extra)
     parameters = []
     for name in layout.names:
         quantity = BY_NAME[name]
-        limits = _limits(quantity, robot, sought, bounds)
+        limits = _limits(quantity, robot, estimated, bounds)
         values = zip(quantity.labels(robot.wheel_count), limits, quantity.nominal(robot), strict=True)
         parameters += [
             Parameter(
@@ -140,12 +139,14 @@ def scale_between(
     return Coordinates(layout=layout, parameters=tuple(parameters))
 
 
-def _limits(quantity: Quantity, robot: Robot, sought: Sequence[str], bounds: Bounds) -> NDArray[np.float64]:
+def _limits(
+    quantity: Quantity, robot: Robot, estimated: Sequence[str], bounds: Bounds
+) -> NDArray[np.float64]:
     """Return the least and greatest value of each of a quantity's numbers (k, 2); equal where it is held."""
     given = bounds.limits.get(quantity.name)
     if given is not None:
         return np.tile(given, (len(quantity.labels(robot.wheel_count)), 1))
-    if quantity.name not in sought:
+    if quantity.name not in estimated:
         return np.repeat(quantity.nominal(robot)[:, None], 2, axis=1)
     default = quantity.default_bounds(robot)
     if not np.all(default[:, 1] > default[:, 0]):

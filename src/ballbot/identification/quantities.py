@@ -1,12 +1,8 @@
-"""Every quantity that identification can estimate, and the rigid body made of them.
+"""The table of quantities that identification can estimate: name, symbol, unit, scale and default bounds.
 
-A robot's rigid body as parameters that keep it physical whatever their values, and back.
-
-Every quantity that identification can seek, in one table: name, symbol, unit, scale and default bounds.
-
-Friction always stands first, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]; what else is
-sought follows in the table's order. A quantity that is not sought has its value before: the robot's own, or the neutral
-one of an input and of sensors without fault (gain 1, all others 0).
+Friction always comes first, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]; other quantities
+follow in the table's order. A quantity that is not estimated has its nominal value: the robot's own, or the neutral one
+of an input and of sensors without fault (gain 1, all others 0).
 
 The bounds keep the robot physical: masses' second moments S_x, S_y, S_z about the centre of mass stand for its
 inertia, J_xx = S_y + S_z and so on in turn, of which any that are positive belong to some body (the triangle inequality
@@ -163,8 +159,8 @@ class Quantity:
     #: default bounds of each of its numbers; in shares of `of(robot)`, where that is given
     bounds: Limits
     of: Callable[[Robot], Sequence[float]] | None = None
-    #: the values before; zero if there is none
-    before: Callable[[Robot], Sequence[float]] | None = None
+    #: the nominal values; zero if None
+    nominal_of: Callable[[Robot], Sequence[float]] | None = None
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:
         """Return the label of each of its numbers, as "b1" or "S_x"."""
@@ -173,9 +169,9 @@ class Quantity:
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
-        """Return its numbers as the robot has them, or as they are where nothing is amiss."""
+        """Return its numbers as the robot has them, or the neutral ones."""
         count = len(self.labels(robot.wheel_count))
-        return np.zeros(count) if self.before is None else np.array(self.before(robot), dtype=float)
+        return np.zeros(count) if self.nominal_of is None else np.array(self.nominal_of(robot), dtype=float)
 
     def default_bounds(self, robot: Robot) -> NDArray[np.float64]:
         """Return the least and greatest value of each of its numbers (k, 2)."""
@@ -195,7 +191,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="viscous friction of each wheel",
         each="wheels",
         bounds=(0.0, 0.1),
-        before=lambda robot: robot.friction.viscous,
+        nominal_of=lambda robot: robot.friction.viscous,
     ),
     Quantity(
         name="coulomb",
@@ -204,7 +200,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="dry friction at speed of each wheel",
         each="wheels",
         bounds=(0.0, 0.5),
-        before=lambda robot: robot.friction.coulomb,
+        nominal_of=lambda robot: robot.friction.coulomb,
     ),
     Quantity(
         name="stribeck",
@@ -213,7 +209,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="break-away torque above c of each wheel",
         each="wheels",
         bounds=(0.0, 0.5),
-        before=lambda robot: robot.friction.stribeck,
+        nominal_of=lambda robot: robot.friction.stribeck,
     ),
     Quantity(
         name="stribeck_speed",
@@ -222,7 +218,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="speed over which s fades",
         scale="ratio",
         bounds=(0.1, 3.0),
-        before=lambda robot: (robot.friction.stribeck_speed,),
+        nominal_of=lambda robot: (robot.friction.stribeck_speed,),
     ),
     Quantity(
         name="stribeck_exponent",
@@ -231,7 +227,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="how sharply s fades",
         scale="ratio",
         bounds=(0.3, 10.0),
-        before=lambda robot: (robot.friction.stribeck_exponent,),
+        nominal_of=lambda robot: (robot.friction.stribeck_exponent,),
     ),
     Quantity(
         name="rolling",
@@ -239,7 +235,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         unit="",
         meaning="rolling friction of the ball on the floor",
         bounds=(0.0, 0.05),
-        before=lambda robot: (robot.friction.rolling,),
+        nominal_of=lambda robot: (robot.friction.rolling,),
     ),
     Quantity(
         name="stribeck_asymmetry",
@@ -249,7 +245,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         scale="signed",
         bounds=(-0.2, 0.2),
-        before=lambda robot: robot.friction.stribeck_asymmetry or (0.0,) * robot.wheel_count,
+        nominal_of=lambda robot: robot.friction.stribeck_asymmetry or (0.0,) * robot.wheel_count,
     ),
     Quantity(
         name="load",
@@ -258,7 +254,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="dry friction that each wheel's drive adds for each N m of its torque",
         each="wheels",
         bounds=(0.0, 0.5),
-        before=lambda robot: robot.friction.load or (0.0,) * robot.wheel_count,
+        nominal_of=lambda robot: robot.friction.load or (0.0,) * robot.wheel_count,
     ),
     Quantity(
         name="pivoting",
@@ -275,7 +271,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         scale="ratio",
         bounds=(0.5, 2.0),
         of=lambda robot: (robot.body.center_of_mass,),
-        before=lambda robot: (robot.body.center_of_mass,),
+        nominal_of=lambda robot: (robot.body.center_of_mass,),
     ),
     Quantity(
         name="second_moment",
@@ -286,7 +282,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         scale="ratio",
         bounds=(0.25, 4.0),
         of=second_moments,
-        before=second_moments,
+        nominal_of=second_moments,
     ),
     Quantity(
         name="ball_inertia",
@@ -296,7 +292,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         scale="ratio",
         bounds=(0.6, 1.0),
         of=lambda robot: (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),),
-        before=lambda robot: (robot.ball.inertia,),
+        nominal_of=lambda robot: (robot.ball.inertia,),
     ),
     Quantity(
         name="wheel_inertia",
@@ -305,7 +301,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="of a wheel about its axle",
         bounds=(0.0, 5.0),
         of=lambda robot: (robot.wheels.inertia,),
-        before=lambda robot: (robot.wheels.inertia,),
+        nominal_of=lambda robot: (robot.wheels.inertia,),
     ),
     Quantity(
         name="rotor_inertia",
@@ -314,7 +310,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="of a motor's rotor and gear, as felt at the wheel",
         bounds=(0.0, 5.0),
         of=rotor_inertia,
-        before=rotor_inertia,
+        nominal_of=rotor_inertia,
     ),
     Quantity(
         name="torque_gain",
@@ -324,7 +320,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         scale="ratio",
         bounds=(0.5, 2.0),
-        before=_ones,
+        nominal_of=_ones,
     ),
     Quantity(
         name="torque_offset",
@@ -401,10 +397,10 @@ def names_in(free: Sequence[str]) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        If one is neither, or there is none.
+        If one is neither, or the list is empty.
     """
     if not free:
-        raise InputError(f"Nothing is to be estimated. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
+        raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()
     for word in free:
         if word not in BY_NAME and word not in GROUPS:

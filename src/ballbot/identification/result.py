@@ -1,11 +1,4 @@
-"""What an identification gives: the robot, its numbers, and findings in sentences.
-
-What an identification gives.
-
-The robot that an identification leads to: what was found in place of what was there, and where it came from.
-
-What an identification has to say in plain words: each remark is a sentence.
-"""
+"""The result of an identification: its parameters, the identified robot with sources, and findings."""
 
 from __future__ import annotations
 
@@ -101,21 +94,21 @@ class WindowErrors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification:
-    """What logs told of a robot: p parameters, friction's 3 n + 3 first."""
+    """The identified parameters of a robot, friction's 3 n + 3 first."""
 
     #: the robot with the friction found; a parameter without influence is as it was before, where that predicts as well
     robot: Robot
     parameters: ParameterTable  #: SI units; NaN if a parameter has no influence
     standard_errors: ParameterTable  #: alike; NaN if a parameter has none: no influence, at a bound, or held
     predictor: Predictor  #: predicts windows with any such parameters
-    values: NDArray[np.float64]  #: (p,), those that the verdict's predictions were made with, SI units
+    values: NDArray[np.float64]  #: (p,), those of the predictions on held-out windows, SI units
     bootstrap_errors: ParameterTable  #: alike, from a bootstrap of blocks of windows
     intervals: dict[
         str, Interval
     ]  #: of 95 %, by label; none for a parameter without influence, held or refused
     correlation: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
     fit: WindowErrors  #: on the windows fitted
-    held_out: WindowErrors  #: on the windows that the fit never saw
+    held_out: WindowErrors  #: on the windows that were held out
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
     window: float  #: length of the windows [s]
@@ -134,7 +127,7 @@ class Identification:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the correlation's rows (p,): b1 .. bn, c1 .. cn, s1 .. sn, v_s, delta, C_rr and what else was sought."""
+        """Of the correlation's rows (p,): b1 .. bn, c1 .. cn, s1 .. sn, v_s, delta, C_rr, then the other quantities."""
         return self.layout.labels
 
     def to_dict(self) -> dict[str, object]:
@@ -189,10 +182,10 @@ def found_robot(
     log_count: int,
     asymmetric: bool = False,
 ) -> Robot:
-    """Return the robot with friction and rigid body out of parameters (p,); its sources tell the standard errors (p,).
+    """Return the robot with friction and rigid body out of parameters (p,); its sources state the standard errors (p,).
 
     Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
-    numbers; they stand in the result alone, and so does T_p. With the laws "asymmetric" and "directed" the offsets
+    numbers; they are in the result alone, and so is T_p. With the laws "asymmetric" and "directed" the offsets
     are friction.
     """
     rigid = {name: part for name in RIGID if (part := layout.part(name, values)) is not None}
@@ -206,9 +199,9 @@ def found_robot(
         part = layout.part(name, standard_errors)
         assert part is not None
         if name in FRICTION or np.isfinite(part).any():
-            told = ", ".join(f"{one:.2g}" if np.isfinite(one) else "none" for one in part)
+            errors = ", ".join(f"{one:.2g}" if np.isfinite(one) else "none" for one in part)
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
-            sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {told}")
+            sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {errors}")
     moved = estimated_robot(robot, layout, values, asymmetric=asymmetric)
     return moved.annotated(sources={**robot.sources, **sources})
 
@@ -229,7 +222,7 @@ def estimated_robot(
     return with_rigid_body(rubbing, rigid) if rigid else rubbing
 
 
-#: beyond this correlation, the logs tell two parameters' sum or ratio and not each
+#: beyond this correlation, the logs determine two parameters' sum or ratio and not each
 LARGEST_CORRELATION = 0.9
 #: pairs named in the remark
 MOST_PAIRS = 6
@@ -239,7 +232,7 @@ LARGEST_ERROR = 0.25
 LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
 
 _WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r", "late_imu", "late_v")
-#: symbols, and what would tell any two of them apart
+#: symbols, and what would separate any two of them
 _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
     (
         frozenset({"c", "s", "v_s", "delta"}),
@@ -281,7 +274,7 @@ _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
 def bound_findings(
     coordinates: Coordinates, values: NDArray[np.float64], at_bound: NDArray[np.bool_]
 ) -> list[Finding]:
-    """Return a finding for each parameter that stands at a bound; `values` (p,) in SI units."""
+    """Return a finding for each parameter at a bound; `values` (p,) in SI units."""
     remarks = []
     for i in np.flatnonzero(at_bound):
         lowest = values[i] <= coordinates.lower[i]
@@ -298,7 +291,7 @@ def bound_findings(
 def influence_findings(
     coordinates: Coordinates, values: NDArray[np.float64], no_influence: NDArray[np.bool_]
 ) -> list[Finding]:
-    """Return a finding for each parameter that the logs say nothing of; `values` (p,) in SI units."""
+    """Return a finding for each parameter without influence on the logs; `values` (p,) in SI units."""
     return [
         warning(
             "no-influence",
@@ -341,7 +334,7 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
 
 
 def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
-    """Return findings that name the pairs of parameters that the logs cannot tell apart, and what would."""
+    """Return findings that name the pairs of parameters that the logs cannot separate, and what would."""
     rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
     strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
     named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
@@ -361,7 +354,7 @@ def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float6
 def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
     """Return a finding that names parameters each of which the others can stand in for, where more than a pair do.
 
-    The inverse's diagonal tells what knowing all others would take off a parameter's variance.
+    The inverse's diagonal is what knowing all others would take off a parameter's variance.
     """
     places = np.flatnonzero(np.isfinite(correlation.diagonal()))
     if not len(places):
@@ -383,7 +376,7 @@ def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) ->
 
 
 def _experiment(one: str, other: str) -> str:
-    """Return what would tell two parameters apart, by their labels; empty if nothing is known."""
+    """Return what would separate two parameters, by their labels; empty if nothing is known."""
     symbols = {_symbol(one), _symbol(other)}
     return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
 

@@ -1,4 +1,4 @@
-"""The stages of an identification: windows prepared, a basin searched for, the estimate polished, and judged."""
+"""The stages of an identification: preparation of windows, evolution, Gauss-Newton, and errors on held-out windows."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Stage
 
-#: inner step of the evolution's simulations [s]; only the basin is asked of them, and the cost differs by 1e-4
+#: inner step of the evolution's simulations [s], which find the basin only; the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
 #: what the cost may rise by when a parameter without influence goes back to its value before
 LARGEST_LOSS = 1e-3
-#: quantities that act through another one only: v_s and delta say how s fades
+#: quantities that act through another one only: v_s and delta shape how s fades
 DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
-#: steps with freed starts for each step of the polish, at most
+#: steps with estimated initial states for each Gauss-Newton step, at most
 STEPS_WITH_STARTS = 3
 
 
@@ -46,7 +46,7 @@ def states_counted(excluded: Sequence[str]) -> NDArray[np.bool_]:
     Raises
     ------
     InputError
-        If one is no state, or none is left.
+        If one is not a state, or no state is left.
     """
     for name in excluded:
         if name not in STATE_NAMES:
@@ -110,7 +110,7 @@ DEFAULT_OPTIONS = IdentificationOptions()
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prepared:
-    """Windows to fit and to judge by, and what can be asked of them."""
+    """Windows to fit and to validate on, and the least-squares problems that they make."""
 
     problem: Problem  #: all windows to fit
     coarse: Problem  #: some of them and a longer inner step, for the search
@@ -123,11 +123,11 @@ class Prepared:
 class PointEstimate:
     """Where the search ended, and which parameters the logs determine there."""
 
-    polished: GaussNewtonFit  #: windows predicted from their measured starts
+    gauss_newton: GaussNewtonFit  #: windows predicted from their measured starts
     finished: InitialStatesFit  #: their starts estimated too: the estimate
     values: NDArray[np.float64]  #: (p,), SI units
     no_influence: NDArray[np.bool_]  #: (p,)
-    refused: NDArray[np.bool_]  #: (p,), those that the logs cannot give for want of excitation
+    refused: NDArray[np.bool_]  #: (p,), those that the logs do not excite
     estimated: NDArray[np.bool_]  #: (p,), those with a standard error
 
     @property
@@ -160,7 +160,7 @@ def prepare(
     options: IdentificationOptions = DEFAULT_OPTIONS,
     run: Run = DEFAULT_RUN,
 ) -> Prepared:
-    """Cut the logs, set windows aside and ask whether the rest can give the parameters.
+    """Cut the logs, hold windows out and check that the others excite the parameters.
 
     Parameters
     ----------
@@ -168,12 +168,12 @@ def prepare(
         Length of a window [s].
     options : IdentificationOptions, optional
     run : Run, optional
-        Its seed draws the windows that are held out; its executor does the work of the search and the polish.
+        Its seed draws the windows that are held out; its executor does the work of evolution and Gauss-Newton.
 
     Raises
     ------
     InputError
-        If the logs cannot give the parameters.
+        If the logs do not excite the parameters.
     """
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
     fit_rows, held_rows = split(len(windows), held_out=options.held_out, seed=run.seed)
@@ -211,14 +211,12 @@ def _problem(
 def stages_of(prepared: Prepared, options: IdentificationOptions) -> tuple[Stage, ...]:
     """Return the stages and their work, in simulations of a window by a set of parameters times inner steps."""
     free = int(prepared.problem.coordinates.free.sum())
-    polishing = CANDIDATES + 2 * free + 2  # candidates, then differences, the point itself and its variances
+    per_step = CANDIDATES + 2 * free + 2  # candidates, then differences, the point itself and its variances
     finishing = TRIALS + 2 * free + 2 + WORK_OF_STARTS
     search = options.population * _work(prepared.coarse)
     return (
         Stage(name="evolution", steps=options.generations, work=search),
-        Stage(
-            name="gauss_newton", steps=options.gauss_newton_steps, work=polishing * _work(prepared.problem)
-        ),
+        Stage(name="gauss_newton", steps=options.gauss_newton_steps, work=per_step * _work(prepared.problem)),
         Stage(
             name="starts",
             steps=STEPS_WITH_STARTS * options.gauss_newton_steps,
@@ -232,7 +230,7 @@ def _work(problem: Problem) -> float:
 
 
 def inputs_of(prepared: Prepared, *, options: IdentificationOptions, seed: int) -> NDArray[np.float64]:
-    """Return a digest (32,) of all that the search and the polish depend on, as a checkpoint's first question."""
+    """Return a digest (32,) of all that evolution and Gauss-Newton depend on, as a checkpoint's first question."""
     problem = prepared.problem
     start = options.warm_start
     counts = (options.generations, options.population, options.evolution_windows, options.gauss_newton_steps)
@@ -247,11 +245,11 @@ def search(problem: Problem, *, options: IdentificationOptions, run: Run) -> Sea
     """Find the basin: an evolution over the parameters that are free, the others where they are held."""
     coordinates = problem.coordinates
     free = coordinates.free
-    held = coordinates.scaled(coordinates.nominal)
+    fixed = coordinates.scaled(coordinates.nominal)
 
-    def points(sought: NDArray[np.float64]) -> NDArray[np.float64]:
-        all_of_them = np.tile(held, (len(sought), 1))
-        all_of_them[:, free] = sought
+    def points(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+        all_of_them = np.tile(fixed, (len(drawn), 1))
+        all_of_them[:, free] = drawn
         return np.where(free, coordinates.from_search(all_of_them), all_of_them)
 
     evolved = evolve(
@@ -271,22 +269,22 @@ def refine(
     options: IdentificationOptions,
     run: Run,
 ) -> PointEstimate:
-    """Polish, free the starts; then hold what turned out to be without influence, and finish the rest."""
+    """Run Gauss-Newton, estimate the initial states too, fix what has no influence, and fit the rest again."""
     problem = prepared.problem
     free, steps = problem.coordinates.free, STEPS_WITH_STARTS * options.gauss_newton_steps
-    polished = gauss_newton(problem, start, free=free, most_steps=options.gauss_newton_steps, run=run)
-    finished = fit_with_initial_states(problem, polished.point, free=free, most_steps=steps, run=run)
-    asleep = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
-    no_influence = free & (asleep.dependent | without_influence(finished.equations.normal))
+    first = gauss_newton(problem, start, free=free, most_steps=options.gauss_newton_steps, run=run)
+    finished = fit_with_initial_states(problem, first.point, free=free, most_steps=steps, run=run)
+    without_effect = unidentifiable(finished, DEPENDENCES, most_steps=steps, run=run)
+    no_influence = free & (without_effect.dependent | without_influence(finished.equations.normal))
     if no_influence.any():
-        again = _as_before(problem, finished.point, no_influence & ~asleep.dependent)
+        again = _as_before(problem, finished.point, no_influence & ~without_effect.dependent)
         own = problem.coordinates.scaled(problem.coordinates.nominal)
-        again = np.where(asleep.through, 0.0, np.where(asleep.dependent, own, again))
+        again = np.where(without_effect.through, 0.0, np.where(without_effect.dependent, own, again))
         rest = free & ~no_influence
         finished = fit_with_initial_states(problem, again, free=rest, most_steps=steps, run=run)
     refused = prepared.excitation.refused & ~no_influence
     return PointEstimate(
-        polished=polished,
+        gauss_newton=first,
         finished=finished,
         values=problem.coordinates.physical(finished.point),
         no_influence=no_influence,

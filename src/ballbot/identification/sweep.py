@@ -1,8 +1,8 @@
 """Balancing logs and a sweep of the free wheels in one estimate.
 
-A sweep tells b and c of each wheel far better than balancing does, but in units of the torque that its log has: ratios,
-as speed and dry friction for each unit of duty. A data sheet, or the balancing logs, give the scale. With g_i the gain
-of motor i, torque that acts for each N m logged (1 where it is not sought), and b', c' the sweep's numbers,
+A sweep determines b and c of each wheel far better than balancing does, but in units of the torque that its log has:
+ratios, as speed and dry friction for each unit of duty. A data sheet, or the balancing logs, give the scale. With g_i
+the gain of motor i, torque that acts for each N m logged (1 if it is not estimated), and b', c' the sweep's numbers,
 
     b_i - g_i b'_i = 0 +- g_i (error of b'_i)        c_i - g_i c'_i = 0 +- g_i (error of c'_i)
 
@@ -13,7 +13,7 @@ and S their covariance by the sweep,
     K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
 
 Friction under the robot's weight is not always that of a free wheel. A measurement that contradicts the logs by more
-than `CONTRADICTS` of its errors is left out, and a sentence says so.
+than `CONTRADICTS` of its errors is left out, and a finding reports it.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class SweepFriction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """An estimate and how sure it is."""
+    """An estimate with its uncertainty."""
 
     values: NDArray[np.float64]  #: (p,), SI units
     uncertainty: Uncertainty
@@ -64,7 +64,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combined:
-    """What logs and a sweep tell together."""
+    """The estimate from logs and a sweep together."""
 
     values: NDArray[np.float64]  #: (p,), SI units
     covariance: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
@@ -101,16 +101,18 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
 
 
 def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFriction) -> Estimate:
-    """Return what logs and a sweep tell together, within bounds; bootstrap errors stay those of the logs.
+    """Return the estimate from logs and a sweep together, within bounds; bootstrap errors stay those of the logs.
 
     Of two errors of the logs, clustered and by bootstrap, the larger counts. Where nothing of the sweep could be used,
     all is as it was.
     """
-    sure = estimate.uncertainty
-    logs = np.fmax(sure.standard_errors, sure.bootstrap_errors)
-    combined = combine(coordinates.layout, estimate.values, sure.correlation * np.outer(logs, logs), sweep)
+    uncertainty = estimate.uncertainty
+    logs = np.fmax(uncertainty.standard_errors, uncertainty.bootstrap_errors)
+    combined = combine(
+        coordinates.layout, estimate.values, uncertainty.correlation * np.outer(logs, logs), sweep
+    )
     if not combined.used:
-        return Estimate(values=estimate.values, uncertainty=sure, remarks=combined.remarks)
+        return Estimate(values=estimate.values, uncertainty=uncertainty, remarks=combined.remarks)
     values = np.clip(combined.values, coordinates.lower, coordinates.upper)
     errors = np.sqrt(combined.covariance.diagonal())
     half = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) * errors
@@ -124,9 +126,9 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
         uncertainty=Uncertainty(
             scaled_errors=errors / coordinates.slopes(coordinates.scaled(values)),
             standard_errors=errors,
-            bootstrap_errors=sure.bootstrap_errors,
+            bootstrap_errors=uncertainty.bootstrap_errors,
             correlation=combined.covariance / np.outer(errors, errors),
-            intervals=sure.intervals | intervals,
+            intervals=uncertainty.intervals | intervals,
         ),
         remarks=combined.remarks,
     )
@@ -135,7 +137,7 @@ def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFrictio
 def combine(
     layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: SweepFriction
 ) -> Combined:
-    """Return what logs and sweep tell together.
+    """Return the estimate from logs and sweep together.
 
     Parameters
     ----------
@@ -183,7 +185,7 @@ def combine(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Measurements:
-    """What the sweep says of k combinations of parameters."""
+    """The sweep's measurements of k combinations of parameters."""
 
     labels: tuple[str, ...]
     theirs: NDArray[np.float64]  #: (k,), g times the sweep's number
@@ -195,7 +197,7 @@ class _Measurements:
 def _measurements(
     layout: Layout, values: NDArray[np.float64], known: NDArray[np.bool_], sweep: SweepFriction
 ) -> _Measurements:
-    """Return the measurements of parameters that the logs tell and the sweep has an error of."""
+    """Return the measurements of parameters that the logs determine and the sweep has an error of."""
     places = np.arange(len(values), dtype=np.float64)
     friction = np.array([layout.part(name, places) for name in _QUANTITIES], dtype=np.int64)
     gain = layout.part("torque_gain", places)

@@ -11,7 +11,7 @@ Friction of drivelines and ball-wheel contacts from a robot upside down, the bal
 
 The cost is the thesis's (3.5), the norm of modelled less measured speed, over windows. An evolution strategy finds
 the basin; a trust-region method within the bounds finishes (T. F. Coleman and Y. Li, SIAM J. Optimization 6 (1996)
-418-445, by SciPy); windows held out judge.
+418-445, by SciPy); held-out windows validate it.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ def identify_upside_down(
     logs : Log or sequence of Log
         With u1 .. un and ball_omega_x, _y, _z in the robot's frame, of one sample time.
     bounds : Bounds, optional
-        Within which the parameters are sought; those of rolling friction are without use.
+        Within which the parameters are estimated; those of rolling friction are not used.
     window : float
         Length of the windows predicted [s].
     held_out : float
@@ -233,8 +233,8 @@ def identify_upside_down(
     evolution_windows : int
         How many of the windows to fit the evolution looks at; what follows takes all.
     run : Run, optional
-        Its checkpoint answers for each generation and for the polish. The cost of its progress is in rad/s here. Of its
-        executor, the number of threads counts; the result does not depend on it.
+        Its checkpoint answers for each generation and for the least squares. The cost of its progress is in rad/s here.
+        Of its executor, the number of threads counts; the result does not depend on it.
 
     Raises
     ------
@@ -269,18 +269,18 @@ def identify_upside_down(
         run=run,
     )
     start = coordinates.from_search(evolved.best)
-    point = run.memoize("gauss_newton", start, lambda: [_polished(problem, start)])[0]
+    point = run.memoize("gauss_newton", start, lambda: [_least_squares(problem, start)])[0]
     run.progress(Progress(stage="gauss_newton", done=1, total=1, cost=float(problem.costs(point[None])[0])))
-    judged = {"found": coordinates.physical(point)}
+    candidates = {"found": coordinates.physical(point)}
     if robot.friction != Friction.none(robot.wheel_count):
-        judged["robot file"] = coordinates.nominal
-    judged["none"] = coordinates.layout.without_friction(coordinates.nominal)
+        candidates["robot file"] = coordinates.nominal
+    candidates["none"] = coordinates.layout.without_friction(coordinates.nominal)
     return _result(
         robot,
         problem,
         point,
-        held_out=_errors(replace(problem, windows=windows.take(held_rows)), judged, robot.friction),
-        fit=_errors(problem, judged, robot.friction),
+        held_out=_errors(replace(problem, windows=windows.take(held_rows)), candidates, robot.friction),
+        fit=_errors(problem, candidates, robot.friction),
         held_out_windows=windows.take(held_rows),
         evolution_cost=evolved.history,
         remarks=remarks,
@@ -347,7 +347,7 @@ def _coordinates(robot: Robot, bounds: Bounds) -> Coordinates:
 
 def _check(problem: BallProblem) -> list[Finding]:
     """Refuse too few windows and a ball at rest; return a warning for each wheel that hardly turns."""
-    windows, sought = problem.windows, int(problem.coordinates.free.sum())
+    windows, free_count = problem.windows, int(problem.coordinates.free.sum())
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")
     speeds = windows.measured @ problem.ball.A.T
@@ -357,10 +357,10 @@ def _check(problem: BallProblem) -> list[Finding]:
             "The ball stands still: its wheels turn faster than "
             f"{LEAST_SPEED:g} rad/s in hardly any window. Use larger torques."
         )
-    if len(windows) < WINDOWS_PER_PARAMETER * sought:
+    if len(windows) < WINDOWS_PER_PARAMETER * free_count:
         raise InputError(
-            f"{len(windows)} windows are too few to fit {sought} parameters, which need "
-            f"{WINDOWS_PER_PARAMETER * sought}. Log for longer, or choose a shorter window."
+            f"{len(windows)} windows are too few to fit {free_count} parameters, which need "
+            f"{WINDOWS_PER_PARAMETER * free_count}. Log for longer, or choose a shorter window."
         )
     return [
         warning(
@@ -372,7 +372,7 @@ def _check(problem: BallProblem) -> list[Finding]:
     ]
 
 
-def _polished(problem: BallProblem, start: NDArray[np.float64]) -> NDArray[np.float64]:
+def _least_squares(problem: BallProblem, start: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the point (p,) where the least squares end, within bounds; held parameters stay."""
     free = np.flatnonzero(problem.coordinates.free)
 

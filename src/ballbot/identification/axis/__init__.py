@@ -1,4 +1,4 @@
-"""One axis with friction: a mass or inertia, its friction and what a record of force and position tells of both."""
+"""One axis with friction: a mass or inertia and its friction, identified from a record of force and position."""
 
 from ballbot.identification.axis.identify import AxisIdentification, identify_axis
 from ballbot.identification.axis.inverse import InverseFit, inverse_fit
