@@ -117,15 +117,15 @@ def test_verdict_requires_the_whole_interval() -> None:
     def over(*values: float) -> Check:
         return Check.over(values, claim="it is so", quantity="a number", lowest=1.0)
 
-    clear, open_still, against = over(*range(2, 11)), over(*(0.1 * k for k in range(6, 15))), over(*[0.5] * 9)
-    assert [one.outcome for one in (clear, open_still, against)] == ["yes", "undecided", "no"]
+    clear, uncertain, against = over(*range(2, 11)), over(*(0.1 * k for k in range(6, 15))), over(*[0.5] * 9)
+    assert [one.outcome for one in (clear, uncertain, against)] == ["yes", "undecided", "no"]
     # of nine values the second and the eighth hold the median with 96 %: 1 - 2 (1 + 9) / 2^9
     assert clear.interval == (3, 9)
     assert clear.measured == "6 (3 to 9), 9 runs"
-    assert item_of(clear, open_still).verdict == "undecided"
-    assert "leave open that it is so" in item_of(clear, open_still).sentence
-    assert item_of(clear, open_still, against).verdict == "agrees in part"
-    assert item_of(open_still, against).verdict == "does not agree"
+    assert item_of(clear, uncertain).verdict == "undecided"
+    assert "do not decide whether it is so" in item_of(clear, uncertain).sentence
+    assert item_of(clear, uncertain, against).verdict == "agrees in part"
+    assert item_of(uncertain, against).verdict == "does not agree"
 
 
 @given(st.integers(6, 30))
