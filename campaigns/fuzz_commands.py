@@ -121,14 +121,14 @@ VALUES = (
     *("1e9", "0.01", "torque"),
 )
 #: what takes minutes, by the module that calls it
-_WORK = (
+WORK = (
     ("ballbot.cli.excite", "find"),
-    ("ballbot.cli.identify", "find"),
+    ("ballbot.cli.identify", "identify_by_law"),
     ("ballbot.cli.identify_axis", "identify_record"),
-    ("ballbot.cli.identify_driveline", "fit_driveline"),
+    ("ballbot.cli.identify_driveline", "fit_drivelines"),
     ("ballbot.cli.identify_upside_down", "find_friction"),
     ("ballbot.cli.identify_geometry", "survey_geometry"),
-    ("ballbot.cli.validate", "validate_pair"),
+    ("ballbot.cli.validate", "validate_logs"),
     ("ballbot.cli.align", "align_log"),
     ("ballbot.cli.design", "robust_design"),
     ("ballbot.cli.limits", "find_limits"),
@@ -161,7 +161,7 @@ class Commands:
         self._contents = contents
         self._targets: dict[str, Target] = known
         os.chdir(folder)
-        for module, name in _WORK:
+        for module, name in WORK:
             where = import_module(module)
             assert hasattr(where, name), f"{module} has no {name}"
             setattr(where, name, _begins)

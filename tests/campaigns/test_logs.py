@@ -3,6 +3,7 @@
 import sys
 import warnings
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from ballbot.errors import InputError
 from campaigns.false_alarms import PRESETS, checked, drawn, record, section
 from campaigns.fuzz import COUNTS, attempt, limits, outcome, outcomes, run, target_names
+from campaigns.fuzz_commands import WORK
 from campaigns.fuzz_targets import targets
 
 DURATION = 6.0  # [s], a quarter of the campaign's logs
@@ -114,3 +116,8 @@ def test_fuzzing_writes_only_into_its_folder(tmp_path):
     with limits():
         outcome(attempt("reference", SEED, tmp_path), 1)
     assert set(Path(tmp_path).parent.iterdir()) == before
+
+
+@pytest.mark.parametrize(("module", "name"), WORK)
+def test_work_that_fuzzed_command_lines_leave_out_exists(module, name):
+    assert hasattr(import_module(module), name)
