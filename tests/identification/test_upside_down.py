@@ -129,14 +129,16 @@ class TestPlant:
             assert not found[-1].any()
 
     def test_friction_by_direction_is_a_torque_and_load_is_coulomb_friction(self):
-        d, mu, u = np.array([0.03, -0.02, 0.01]), np.array([0.1, 0.05, 0.2]), np.array([0.25, -0.3, 0.2])
+        d, mu, u = np.array([0.03, -0.02, 0.01]), np.array([0.1, 0.05, 0.2]), np.array([0.25, -0.3, 0.4])
         torques = np.concatenate([np.tile(u, (60, 1)), np.tile(-u, (60, 1))])[None]
         terms = friction_terms(replace(FRICTION, coulomb_asymmetry=tuple(d), load=tuple(mu)))
         common = {"initial": np.zeros((1, 3)), "sample_time": 0.005, "threads": 1}
         ours = simulate_balls(BALL, friction=[ROW], terms=terms, torques=torques, **common)
         loaded = friction_row(replace(FRICTION, coulomb=tuple(FRICTION.coulomb + mu * np.abs(u))))
         theirs = simulate_balls(BALL, friction=[loaded], torques=torques - d, **common)
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+        # the same law; only where a wheel reverses may the two choose another step, of first order, as the test below
+        np.testing.assert_allclose(ours[:, :, :60], theirs[:, :, :60], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-5)
         assert np.abs(ours[0, 0] @ BALL.A.T).max(axis=0).min() > 0.3  # every wheel turns
 
     def test_the_step_converges(self):
