@@ -32,7 +32,7 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress, part_o
 from ballbot.robot import Robot
 from ballbot.validation.alignment import Clock, MotionFit
 from ballbot.validation.alignment.clock import Turning, candidate_clocks
-from ballbot.validation.alignment.motion import fit_linear, fit_motion, wahba
+from ballbot.validation.alignment.motion import fit_in_blocks, fit_motion, wahba
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
@@ -318,7 +318,7 @@ def compare_with_wheels(
     difference = by_video - wheels
     both = np.isfinite(difference).all(axis=1)
     gains = [
-        fit_linear(wheels[both, axis, None, None], by_video[both, axis, None], spin.t[both])
+        fit_in_blocks(wheels[both, axis, None, None], by_video[both, axis, None], spin.t[both])
         for axis in range(3)
     ]
     return WheelComparison(
