@@ -29,7 +29,7 @@ from ballbot.identification.parameters import read_bounds
 from ballbot.identification.sweep import read_sweep
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
-from ballbot.log.formats import read_foreign_table
+from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
 from ballbot.log.log import LONGEST, summarize
 from ballbot.log.mapping_file import parse_mapping, read_mapping
 from ballbot.log.pose import read_poses
@@ -305,7 +305,7 @@ def _judge_log(path: Path) -> None:
     _assert_log(log)
     summarize(log)
     check(log, robot=ALTEN)
-    for suffix in (".csv", ".parquet"):
+    for suffix in WRITTEN_SUFFIXES:
         copy = path.with_name(f"copy{suffix}")
         try:
             log.write(copy)

@@ -1,4 +1,4 @@
-"""The one error that a user's input can raise, and the nearest names to suggest in it."""
+"""The one error that a user's input can raise, and what a sentence of it lists: choices, the nearest names."""
 
 from __future__ import annotations
 
@@ -33,6 +33,12 @@ def nearest(word: str, choices: Iterable[str], *, count: int = 1, likeness: floa
     return get_close_matches(word, list(choices), n=count, cutoff=likeness)
 
 
+def either(words: Iterable[str]) -> str:
+    """Return words as a choice between them: a, b or c."""
+    *others, last = words
+    return f"{', '.join(others)} or {last}" if others else last
+
+
 def suggest(
     word: str, choices: Iterable[str], *, otherwise: str, count: int = 1, likeness: float = 0.6
 ) -> str:
@@ -52,5 +58,5 @@ def suggest(
     choices = list(choices)
     near = nearest(word, choices, count=count, likeness=likeness)
     if near:
-        return f"did you mean {' or '.join(map(repr, near))}?"
+        return f"did you mean {either(map(repr, near))}?"
     return f"{otherwise} {', '.join(choices)}."

@@ -1,6 +1,10 @@
 """Files of logs: values that come back to the last bit, and a sentence for each kind of bad file."""
 
+import io
+import json
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from ballbot.errors import InputError
+from ballbot.files import LARGEST_TABLE
 from ballbot.log import Log
+from ballbot.log.formats import FORMATS, WRITTEN_SUFFIXES, LogFormat, read_columns, read_variables
+from ballbot.log.formats import npz as npz_file
 from ballbot.log.formats.text import TextLayout, read_text_table
 from tests.support.log_examples import smooth_log
 
@@ -27,7 +34,7 @@ def logs(draw):
     return Log({"t": np.cumsum(steps)} | {name: draw(values) for name in names})
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("suffix", WRITTEN_SUFFIXES)
 # the folder is shared between examples, each of which overwrites the file
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(log=logs())
@@ -40,6 +47,98 @@ def test_every_value_comes_back_to_the_bit(tmp_path, suffix, log):
         np.testing.assert_array_equal(again[name], log[name])
         known = ~np.isnan(log[name])
         np.testing.assert_array_equal(np.signbit(again[name][known]), np.signbit(log[name][known]))
+
+
+def mat_bytes(columns: dict[str, np.ndarray]) -> bytes:
+    stream = io.BytesIO()
+    scipy.io.savemat(stream, columns)
+    return stream.getvalue()
+
+
+def json_bytes(columns: dict[str, np.ndarray]) -> bytes:
+    return json.dumps({name: values.tolist() for name, values in columns.items()}).encode()
+
+
+#: contents of files in the formats that are only read
+READ_ONLY = {".mat": mat_bytes, ".json": json_bytes}
+every_format = pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
+
+
+def written(one: LogFormat, folder: Path, columns: dict[str, np.ndarray]) -> Path:
+    path = folder / f"log{one.suffixes[0]}"
+    if one.write:
+        one.write(path, columns)
+    else:
+        assert one.suffixes[0] in READ_ONLY, f"READ_ONLY needs the content of a {one.name} file"
+        path.write_bytes(READ_ONLY[one.suffixes[0]](columns))
+    return path
+
+
+@every_format
+def test_every_format_reads_missing_and_too_large_values_as_nan(tmp_path, one):
+    values = np.array([1.0, np.nan, np.inf, -np.inf, 1e31, -2.5])
+    read = read_columns(written(one, tmp_path, {"t": np.arange(6.0), "x": values}))
+    assert list(read) == ["t", "x"]
+    np.testing.assert_array_equal(read["t"], np.arange(6.0))
+    np.testing.assert_array_equal(read["x"], [1.0, np.nan, np.nan, np.nan, np.nan, -2.5])
+
+
+@every_format
+def test_every_format_reads_or_refuses_a_file_cut_or_changed_anywhere(tmp_path, one):
+    random = np.random.default_rng(0)
+    path = written(one, tmp_path, {name: random.normal(size=5) for name in ("t", "x", "u1")})
+    content = path.read_bytes()
+    changes = [content[:size] for size in range(0, len(content), max(len(content) // 100, 1))]
+    for _ in range(300):
+        changed = bytearray(content)
+        for place in random.integers(0, len(content), 3):
+            changed[place] = random.integers(256)
+        changes.append(bytes(changed))
+    refused = accepted = 0
+    for change in changes:
+        path.write_bytes(change)
+        try:
+            read = read_columns(path)
+        except InputError as error:
+            refused += str(error).startswith(str(path))
+        else:
+            assert len({len(values) for values in read.values()}) == 1
+            assert all(values.dtype == np.float64 for values in read.values())
+            accepted += 1
+    assert refused + accepted == len(changes), "a refusal does not begin with the file's path"
+    assert refused > 50
+
+
+@every_format
+def test_every_format_refuses_an_oversized_file_before_reading_it(tmp_path, one):
+    path = tmp_path / f"log{one.suffixes[0]}"
+    with path.open("wb") as stream:
+        stream.truncate(LARGEST_TABLE + 1)
+    with pytest.raises(InputError, match="at most 500 MB are read") as caught:
+        read_columns(path)
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize("suffix", WRITTEN_SUFFIXES)
+def test_a_column_name_that_cannot_be_printed_is_not_written(tmp_path, suffix):
+    path = tmp_path / f"log{suffix}"
+    with pytest.raises(InputError, match="cannot be printed"):
+        Log({"t": np.zeros(1), "a\x07": np.ones(1)}).write(path)
+    assert not path.exists()
+
+
+def test_the_documents_show_every_format():
+    rows = ["| format | suffixes | written | needs |", "|---|---|---|---|"]
+    for one in FORMATS:
+        suffixes = ", ".join(f"`{suffix}`" for suffix in one.suffixes)
+        option = f"`--format {one.suffixes[0].removeprefix('.')}`" if one.write else "no"
+        extra = f" `pip install 'ballbot[{one.extra}]'` " if one.extra else " "
+        rows.append(f"| {one.name} | {suffixes} | {option} |{extra}|")
+    text = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
+    table = re.search(r"^## File formats\n.*?(\|.*?)\n\n", text, flags=re.M | re.S)
+    assert table, "docs/logs.md has no table of file formats"
+    wanted = "\n".join(rows)
+    assert table[1] == wanted, f"the table in docs/logs.md should be:\n{wanted}"
 
 
 @pytest.mark.parametrize(
@@ -112,7 +211,7 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     with pytest.raises(InputError, match="not a complete MATLAB file"):
         Log.read(tmp_path / "log.mat")
     (tmp_path / "log.xlsx").write_text("")
-    with pytest.raises(InputError, match=r"give a file that ends in \.csv, .* \.parquet or \.mat"):
+    with pytest.raises(InputError, match=r"give a file that ends in \.csv, .*\.parquet, .* or \.mat"):
         Log.read(tmp_path / "log.xlsx")
     (tmp_path / "log.parqet").write_text("")
     with pytest.raises(InputError, match=r"did you mean \.parquet\?"):
@@ -120,7 +219,7 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     for name in ("absent.csv", "absent.parquet"):
         with pytest.raises(InputError, match="cannot be read: No such file"):
             Log.read(tmp_path / name)
-    with pytest.raises(InputError, match=r"end in \.csv or \.parquet"):
+    with pytest.raises(InputError, match=r"end in \.csv, \.parquet or \.npz"):
         smooth_log(rows=2).write(tmp_path / "log.xlsx")
     with pytest.raises(InputError, match="cannot be written to CSV"):
         Log({"t": [0.0], "a,b": [1.0]}).write(tmp_path / "log.csv")
@@ -153,6 +252,27 @@ def test_matlab_variables_as_long_as_time_are_the_columns_of_a_log(tmp_path):
     assert read.names == log.names
     for name in log:
         np.testing.assert_array_equal(read[name], log[name])
+
+
+def test_arrays_that_numpy_saves_are_the_columns_of_a_log(tmp_path):
+    path = tmp_path / "log.npz"
+    t = np.arange(5)
+    others = {"gain": 3.0, "words": "text", "wave": 1j * t, "objects": np.array([{}, 1], object)}
+    table = np.asfortranarray(np.arange(6.0).reshape(2, 3))
+    np.savez(path, t=t, x=np.full(5, 0.5, "f4"), table=table, allow_pickle=True, **others)
+    assert Log.read(path).names == ("t", "x")
+    np.testing.assert_array_equal(Log.read(path)["x"], np.full(5, 0.5))
+    variables = read_variables(path)
+    assert variables["gain"].tolist() == [3.0]
+    assert variables["table"].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_a_numpy_archive_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch):
+    path = tmp_path / "log.npz"
+    np.savez_compressed(path, t=np.zeros(100_000))
+    monkeypatch.setattr(npz_file, "LARGEST_TABLE", 700_000)
+    with pytest.raises(InputError, match=r"unpacks to .* at most 700 kB are read"):
+        Log.read(path)
 
 
 @pytest.mark.parametrize(

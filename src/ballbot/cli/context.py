@@ -26,10 +26,11 @@ from rich.console import Console, RenderableType
 
 from ballbot.cli import ARGV
 from ballbot.cli.output import Bar, print_parts, progress_bar, standard_output
-from ballbot.errors import InputError
+from ballbot.errors import InputError, either
 from ballbot.files import write_text
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.run import Executor, ExecutorError, Run, Threads
+from ballbot.log.formats import WRITTEN_FORMATS
 from ballbot.printable import shell_line
 from ballbot.progress import ProgressCallback
 from ballbot.report.page import Provenance, provenance
@@ -57,6 +58,11 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
 
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
+
+#: the option --format of the commands that write logs, checked by `ballbot.log.formats.check_format`
+LogFormatName = Annotated[
+    str, Parameter(help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.")
+]
 
 
 @Parameter(name="*")

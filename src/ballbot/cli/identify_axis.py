@@ -64,7 +64,7 @@ def identify_axis(
     Parameters
     ----------
     record
-        A MATLAB file (.mat, its variables by name), CSV or Parquet.
+        A log file (docs/logs.md), its columns or variables by name.
     against
         Other records of the same axis, with the same columns, used only for validation.
     out

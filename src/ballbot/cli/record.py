@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from ballbot.cli.context import WholeNumber, parse_seeds
+from ballbot.cli.context import LogFormatName, WholeNumber, parse_seeds
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import progress_bar, standard_output
@@ -17,7 +17,7 @@ from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import check_folder
 from ballbot.fitting.run import check_seed
-from ballbot.log.formats import check_ending
+from ballbot.log.formats import check_format
 from ballbot.robot import Robot
 from ballbot.simulation.run import sample_count
 from ballbot.twin.recording import DURATIONS, Experiment
@@ -42,13 +42,12 @@ class ExperimentOptions:
 
     reference: str = "square"
     """The reference motion of a balancing robot: hold, square, change_pose, circle, figure_eight, or a file with
-    t, ref_x, ref_y and ref_psi, as ballbot excite writes it."""
+    t, ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s."""
 
     duration: float | None = None
     """Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down."""
 
-    format: str = "csv"
-    """File format of the log, the truth and the motion capture: csv or parquet."""
+    format: LogFormatName = "csv"
 
 
 @Parameter(name="*")
@@ -117,7 +116,7 @@ def record(
         experiment=run.experiment,
         reference=run.reference,
         duration=DURATIONS[run.experiment] if run.duration is None else run.duration,
-        log_format=check_ending(run.format),
+        log_format=check_format(run.format),
     )
     console = standard_output()
     if chosen.controller:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import WholeNumber, input_files, open_result
+from ballbot.cli.context import LogFormatName, WholeNumber, input_files, open_result
 from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation, warn_of_overcompensation
 from ballbot.cli.findings import Accept, check_robot
 from ballbot.cli.output import standard_output
@@ -16,7 +16,7 @@ from ballbot.control.references import reference_from
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import check_seed
 from ballbot.log import Log
-from ballbot.log.formats import WRITTEN_ENDINGS, check_ending
+from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
@@ -27,7 +27,7 @@ from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import load_scenario
 from ballbot.workflows.metrics import SETTLE, score, score_results, settled
 
-_WRITTEN = (*(f"log.{ending}" for ending in WRITTEN_ENDINGS), "results.json")
+_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "results.json")
 
 
 @Parameter(name="*")
@@ -58,7 +58,7 @@ def simulate(
     duration: float = 32.0,
     chosen: ControllerOptions = _CONTROLLER,
     simulated: PlantOptions = _PLANT,
-    format: str = "csv",
+    format: LogFormatName = "csv",
     accept: Accept = None,
     out: Path,
 ) -> None:
@@ -76,18 +76,16 @@ def simulate(
         A preset's name or a robot file, with its friction.
     reference
         The reference motion: hold, square, change_pose, circle, figure_eight, or a file with t,
-        ref_x, ref_y and ref_psi, as ballbot excite writes it.
+        ref_x, ref_y and ref_psi, as ballbot excite writes it. The square stays at the start for 8 s.
     duration
         Length of the run [s].
-    format
-        File format of the log: csv or parquet.
     out
         The folder to write into.
     """
     described = Robot.load(robot)
     check_robot(described, robot, accept=accept)
     check_seed(simulated.seed)
-    check_ending(format)
+    check_format(format)
     path = reference_from(reference)
     controller = chosen.read(described)
     console = standard_output()

@@ -212,7 +212,7 @@ def sampled_reference(times: NDArray[np.float64], poses: NDArray[np.float64]) ->
 
 
 def write_reference(times: NDArray[np.float64], poses: NDArray[np.float64], path: str | Path) -> None:
-    """Write a reference, times (N,) and poses (N, 3), as a CSV or Parquet file.
+    """Write a reference, times (N,) and poses (N, 3), as a log file, in the format of its suffix.
 
     Raises
     ------

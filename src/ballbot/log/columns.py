@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 
+#: columns (N,) by name
+Columns = dict[str, NDArray[np.float64]]
+
 POSITION_NAMES = ("x", "y", "theta", "phi", "psi")
 STATE_NAMES = (*POSITION_NAMES, *(f"{name}_dot" for name in POSITION_NAMES))
 TRUE_PREFIX = "true_"

@@ -71,8 +71,8 @@ class Log:
         Parameters
         ----------
         path : str or Path
-            A file of one of the `ballbot.log.formats` (CSV, Parquet, MATLAB) with Ballbot's column names; with a
-            mapping, with any names, and tables of text in any layout.
+            A log file (docs/logs.md) with Ballbot's column names; with a mapping, with any names, and tables of
+            text in any layout.
         mapping : str, Path or LogMapping, optional
             How a foreign file becomes a log: a TOML file (see `ballbot.log.mapping_file`) or its
             content.

@@ -33,7 +33,7 @@ from pydantic import Field, FiniteFloat, PositiveFloat
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
-from ballbot.log.columns import mark_missing, numbered_names
+from ballbot.log.columns import Columns, mark_missing, numbered_names
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.signals import new_messages, sampling_times
 
@@ -175,8 +175,6 @@ def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> ND
 #: [s] by which rounding may move a delayed row past the one it belongs to
 _ROUNDING = 1e-9
 _ATTITUDE_NAMES = ("theta", "phi", "psi")
-
-Columns = dict[str, NDArray[np.float64]]
 
 
 def apply_mapping(

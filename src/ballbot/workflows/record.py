@@ -1,6 +1,6 @@
 """Recording the twin into folders: one run or hundreds, each with all that made it.
 
-log, truth, motion_capture   see `ballbot.twin.recording`; .csv or .parquet
+log, truth, motion_capture   see `ballbot.twin.recording`; in a format that `ballbot.log.formats` writes
 results.json                 the run in numbers
 robot.toml, scenario.toml, controller.toml
 record.toml                  seed, experiment, the cameras' frame and clock
@@ -27,7 +27,7 @@ from ballbot.control.references import is_reference_file, reference_from, refere
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.files import write_text
-from ballbot.log.formats import WRITTEN_ENDINGS
+from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.result_folder import read_manifest, result_folder
@@ -41,7 +41,7 @@ _LOGS = ("log", "truth", "motion_capture")
 _SETTINGS = ("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml")
 #: all that a run may leave
 _FILES = (
-    *(f"{name}.{ending}" for name in _LOGS for ending in WRITTEN_ENDINGS),
+    *(f"{name}{suffix}" for name in _LOGS for suffix in WRITTEN_SUFFIXES),
     "results.json",
     *_SETTINGS,
 )

@@ -5,7 +5,7 @@
 The axis is   M a = F - offset - friction(v)   with F held over a sample. For an axis that turns, M is an inertia
 [kg m^2], forces are torques [N m] and positions angles [rad].
 
-A file holds it as named variables (MATLAB) or columns (CSV, Parquet).
+A file of any format of logs holds it, as columns or named variables (docs/logs.md).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import real_array, whole_number
 from ballbot.errors import InputError, suggest
-from ballbot.log.columns import LARGEST_CELL
+from ballbot.log.columns import LARGEST_CELL, Columns
 from ballbot.log.formats import read_variables
 
 #: rows that make a record too short for any of the methods
@@ -137,9 +137,6 @@ def even_sample_time(name: str, t: NDArray[np.float64]) -> float:
     return mean
 
 
-Variables = dict[str, NDArray[np.float64]]
-
-
 @dataclass(frozen=True, kw_only=True)
 class AxisColumns:
     """The variables of a file. A number is written out, or is the name of a scalar variable."""
@@ -216,7 +213,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     return replace(record, loop=_with_span(record, reference, loop))
 
 
-def _loop(name: str, variables: Variables, columns: AxisColumns, scale: float) -> PositionVelocityLoop | None:
+def _loop(name: str, variables: Columns, columns: AxisColumns, scale: float) -> PositionVelocityLoop | None:
     if columns.position_gain is None and columns.velocity_gain is None:
         return None
     if columns.position_gain is None or columns.velocity_gain is None:
@@ -243,7 +240,7 @@ def _with_span(
     return replace(loop, span=min(range(1, 5), key=error))
 
 
-def _variable(name: str, variables: Variables, wanted: str) -> NDArray[np.float64]:
+def _variable(name: str, variables: Columns, wanted: str) -> NDArray[np.float64]:
     if wanted not in variables:
         raise InputError(
             f"{name} has no variable {wanted!r}; {suggest(wanted, variables, otherwise='it has')}"
@@ -251,7 +248,7 @@ def _variable(name: str, variables: Variables, wanted: str) -> NDArray[np.float6
     return variables[wanted]
 
 
-def _number(name: str, variables: Variables, text: str) -> float:
+def _number(name: str, variables: Columns, text: str) -> float:
     try:
         value = float(text)
     except ValueError:

@@ -2,6 +2,7 @@
 
 text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
 parquet   Parquet, by pyarrow
+npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
 """
 
@@ -16,9 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError, nearest, suggest
-from ballbot.log.columns import KNOWN_NAMES
+from ballbot.arrays import check_table
+from ballbot.errors import InputError, either, nearest, suggest
+from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
 from ballbot.log.formats.mat import read_mat
+from ballbot.log.formats.npz import read_npz, write_npz
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
 from ballbot.log.formats.text import (
     OWN_LAYOUT,
@@ -30,25 +33,31 @@ from ballbot.log.formats.text import (
     write_text_table,
 )
 
-#: columns (N,) of a file by name
-Columns = dict[str, NDArray[np.float64]]
-
 
 @dataclass(frozen=True, kw_only=True)
 class LogFormat:
-    """How files of one kind are read and written."""
+    """How files of one kind are read and written.
+
+    `read` takes a path and returns every numeric variable of the file by name, as one row of numbers (N,), float64.
+    - It reads the file with `ballbot.files.read_bytes` or `read_text`. It refuses a file that unpacks to more than
+      `ballbot.files.LARGEST_TABLE` bytes before it unpacks it.
+    - A missing value is NaN. Of two variables with the same name, neither is preferred: the file is refused.
+    - What is not a real number, such as a column of text, is skipped, or the file is refused with the column's name.
+    - A damaged or incomplete file raises InputError and no other exception. The sentence begins with the path.
+    - Whether names can be printed, whether there are numbers, how many, and which of them are too large to be values
+      is checked here, after `read`, for every format.
+
+    `write` takes a path and columns (N,) of equal length, whose names can be printed. It writes with
+    `ballbot.files.write_bytes` or `write_text`, so that the file is whole or not there. `read` then returns the same
+    names in the same order, and the same bits. It raises InputError if the format cannot hold a name.
+    """
 
     name: str  #: in messages
-    suffixes: tuple[str, ...]  #: of the names of its files; written files end in the first
+    suffixes: tuple[str, ...]  #: of the names of its files; a written file has the first
     read: Callable[[Path], Columns]
     write: Callable[[Path, Mapping[str, NDArray[np.float64]]], None] | None = None  #: None: only read
     extra: str = ""  #: the extra of `pip install ballbot[...]` that it needs
     is_text: bool = False  #: whether a mapping file may give its layout
-
-    @property
-    def ending(self) -> str:
-        """The ending of written files without its dot, as `--format` names it."""
-        return self.suffixes[0].removeprefix(".")
 
 
 #: every format; adding one takes a file beside this one and a line here
@@ -67,14 +76,17 @@ FORMATS: tuple[LogFormat, ...] = (
         write=write_parquet_table,
         extra="formats",
     ),
+    LogFormat(name="NumPy", suffixes=(".npz",), read=read_npz, write=write_npz),
     LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat),
 )
-#: endings of the files that are written, the default first
-WRITTEN_ENDINGS = tuple(one.ending for one in FORMATS if one.write)
+#: suffixes of the files that are written, the default first
+WRITTEN_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS if one.write)
+#: what `--format` may be: these suffixes without their dots
+WRITTEN_FORMATS = tuple(suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES)
 
 
 def is_log_file(path: str | Path) -> bool:
-    """Return whether a file's name ends as that of a log."""
+    """Return whether a file's name has the suffix of a log."""
     return Path(path).suffix.lower() in _suffixes()
 
 
@@ -116,7 +128,7 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     one = _known_format(path)
     if one.is_text:
         return read_text_table(path, layout or OWN_LAYOUT)
-    return _equally_long(_read(one, Path(path)))
+    return _table(one, Path(path))
 
 
 def read_variables(path: str | Path) -> Columns:
@@ -135,7 +147,7 @@ def read_foreign_table(path: str | Path) -> ForeignTable:
     one = _format_of(path)
     if one is None or one.is_text:
         return infer_text_table(path)
-    columns = _equally_long(_read(one, Path(path)))
+    columns = _table(one, Path(path))
     return ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=())
 
 
@@ -149,19 +161,21 @@ def write_columns(path: str | Path, columns: Mapping[str, NDArray[np.float64]]) 
     """
     for one in FORMATS:
         if one.write and Path(path).suffix.lower() == one.suffixes[0]:
+            check_column_names(columns, source=str(path))
             with _needing(one):
                 one.write(Path(path), columns)
             return
-    endings = " or ".join(f".{ending}" for ending in WRITTEN_ENDINGS)
-    raise InputError(f"{path} cannot be written: the name of a log file must end in {endings}.")
+    raise InputError(
+        f"{path} cannot be written: the name of a log file must end in {either(WRITTEN_SUFFIXES)}."
+    )
 
 
-def check_ending(ending: str) -> str:
-    """Return the ending of a format that is written, as `--format` names it; InputError if there is none."""
-    if ending not in WRITTEN_ENDINGS:
-        hint = suggest(ending, WRITTEN_ENDINGS, otherwise="the formats are")
-        raise InputError(f"Logs are not written in the format {ending!r}; {hint}")
-    return ending
+def check_format(word: str) -> str:
+    """Return a format that is written, as `--format` names it; InputError if it is not one."""
+    if word not in WRITTEN_FORMATS:
+        hint = suggest(word, WRITTEN_FORMATS, otherwise="the formats are")
+        raise InputError(f"Logs are not written in the format {word!r}; {hint}")
+    return word
 
 
 def _suffixes() -> list[str]:
@@ -181,13 +195,17 @@ def _known_format(path: str | Path) -> LogFormat:
         raise InputError(f"{path} cannot be read: No such file or directory.")
     near = nearest(Path(path).suffix.lower(), _suffixes())
     hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
-    *others, last = _suffixes()
-    raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {', '.join(others)} or {last}.")
+    raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_suffixes())}.")
 
 
 def _read(one: LogFormat, path: Path) -> Columns:
+    """Return a file's variables, checked as `LogFormat` promises."""
     with _needing(one):
-        return one.read(path)
+        variables = one.read(path)
+    if not any(len(values) for values in variables.values()):
+        raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
+    check_column_names(variables, source=str(path))
+    return {name: mark_missing(values) for name, values in variables.items()}
 
 
 @contextmanager
@@ -201,13 +219,14 @@ def _needing(one: LogFormat) -> Iterator[None]:
         ) from None
 
 
-def _equally_long(variables: Columns) -> Columns:
-    """Return the variables of the log's table; the file may also have constants."""
-    if not variables:
-        return variables
+def _table(one: LogFormat, path: Path) -> Columns:
+    """Return the variables of the log's table, which are equally long; the file may also have constants."""
+    variables = _read(one, path)
     counts = Counter(len(values) for values in variables.values())
     length = len(variables["t"]) if "t" in variables else max(counts, key=lambda n: (counts[n], n))
-    return {name: values for name, values in variables.items() if len(values) == length}
+    columns = {name: values for name, values in variables.items() if len(values) == length}
+    check_table(length, len(columns), source=str(path))
+    return columns
 
 
 def _own(names: Iterable[str]) -> bool:

@@ -20,10 +20,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import format_bytes
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_bytes
-from ballbot.log.columns import mark_missing
-
-#: the variables of a file (N,) by name
-Variables = dict[str, NDArray[np.float64]]
+from ballbot.log.columns import Columns
 
 #: numbers as a data element of version 5 stores them, by its type
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -48,7 +45,7 @@ class _Element:
     content: memoryview
 
 
-def read_mat(path: str | Path) -> Variables:
+def read_mat(path: str | Path) -> Columns:
     """Return the variables of a file, each as one row of numbers in the order of its rows.
 
     Raises
@@ -59,16 +56,25 @@ def read_mat(path: str | Path) -> Variables:
     return parse_mat(memoryview(read_bytes(path)), source=str(path))
 
 
-def parse_mat(content: memoryview, *, source: str) -> Variables:
+def parse_mat(content: memoryview, *, source: str) -> Columns:
     """Return the variables of a file's content, as `read_mat` does; a refusal names `source`."""
     try:
         if len(content) >= 4 and 0 in bytes(content[:4]):  # as no text of a header's begins
-            return dict(_variables_4(content))
-        return dict(_variables_5(content))
+            return _by_name(_variables_4(content))
+        return _by_name(_variables_5(content))
     except (_DamagedError, struct.error, zlib.error, UnicodeDecodeError) as error:
         raise InputError(
             f"{source} is not a complete MATLAB file of version 7 or earlier: {error}."
         ) from None
+
+
+def _by_name(variables: Iterator[tuple[str, NDArray[np.float64]]]) -> Columns:
+    found: Columns = {}
+    for name, values in variables:
+        if name in found:
+            raise _DamagedError(f"two variables have the name {name[:40]!r}")
+        found[name] = values
+    return found
 
 
 def _variables_5(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -164,4 +170,4 @@ def _mat_numbers(content: memoryview, stored: str, shape: list[int]) -> NDArray[
         raise _DamagedError(f"a variable has {len(content)} bytes for the shape {shape[:4]}")
     with np.errstate(invalid="ignore"):  # signalling NaN
         values = np.frombuffer(content, stored).astype(np.float64)
-    return mark_missing(values.reshape(shape, order="F").ravel())
+    return values.reshape(shape, order="F").ravel()

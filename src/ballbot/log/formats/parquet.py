@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_bytes, write_bytes
-from ballbot.log.columns import check_column_names, mark_missing
+from ballbot.log.columns import Columns
 
 
-def read_parquet_table(path: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Read the columns (N,) of a Parquet file; a null, or a value beyond `LARGEST_CELL`, is NaN.
+def read_parquet_table(path: str | Path) -> Columns:
+    """Read the columns (N,) of a Parquet file; a null is NaN.
 
     Raises
     ------
@@ -48,7 +48,6 @@ def _check_size(path: str | Path, metadata, schema) -> None:  # pyarrow's FileMe
     if not names or not metadata.num_rows:
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_table(metadata.num_rows, len(names), source=str(path))
-    check_column_names(names, source=str(path))
     for field in schema:
         if not (pyarrow.types.is_floating(field.type) or pyarrow.types.is_integer(field.type)):
             raise InputError(
@@ -79,4 +78,4 @@ def write_parquet_table(path: str | Path, columns: Mapping[str, NDArray[np.float
 
 
 def _numbers(column) -> NDArray[np.float64]:  # column: pyarrow.ChunkedArray
-    return mark_missing(column.to_numpy(zero_copy_only=False).astype(np.float64))
+    return column.to_numpy(zero_copy_only=False).astype(np.float64)
