@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 
 from ballbot.control.file import controller_text, read_controller
+from ballbot.control.parts import example_parts
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference, read_reference, reference_text
 from ballbot.errors import InputError
@@ -281,10 +282,10 @@ def _courses() -> bytes:
 
 
 def _controllers() -> tuple[bytes, ...]:
-    plain = controller_text(nominal_controller(ALTEN, compensation="full"))
-    parts = "\n[shaping]\nfrequency = 4.0\n[integral]\ngain = [[1.0, 0.0, 0.1], [0.5, 1.0, 0.1], [0.0, 1.0, 0.1]]\n"
-    parts += "[lean_limit]\n[prediction]\ndelay = 0.01\n"
-    return plain.encode(), (plain + parts).encode()
+    plain = nominal_controller(ALTEN, compensation="full")
+    return tuple(
+        controller_text(one).encode() for one in (plain, plain.with_parts(example_parts(ALTEN.wheel_count)))
+    )
 
 
 def _sweep() -> bytes:

@@ -8,11 +8,9 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import LARGEST_STATE
-from ballbot.control.parts import Parts
+from ballbot.control.parts import KINDS, Parts
 from ballbot.control.parts.integral import IntegralAction
-from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.presets import adaptive, precise_controller
 from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Estimator, Fix, Reading
@@ -24,31 +22,22 @@ from ballbot.simulation.conditions import Conditions
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.run import simulate
-from tests.support.control_examples import FRICTION, alten, leaning
+from tests.support.control_examples import FRICTION, alten, everything, leaning
 
 ROBOT = alten(FRICTION)
-ADAPTIVE = adaptive(precise_controller(ROBOT))
-OWN = ADAPTIVE.parts
-EVERYTHING = replace(
-    OWN,
-    notch=Notch(frequency=27.0),
-    prediction=DelayPrediction(delay=0.012),
-)
-#: what a part cannot be without
-NEEDED = {"feed_forward": ("shaping",), "floor_adaptation": ("integral", "shaping")}
-#: every part by itself, and all of them together
+EVERYTHING = everything(ROBOT)
+#: every part with those that it needs, and all of them together
 PARTS = {
-    name: Parts(**{one: getattr(EVERYTHING, one) for one in (name, *NEEDED.get(name, ()))})
-    for name in EVERYTHING.__dataclass_fields__
-    if getattr(EVERYTHING, name) is not None
+    name: Parts(**{one: getattr(EVERYTHING.parts, one) for one in (name, *kind.needs)})
+    for name, kind in KINDS.items()
 }
-PARTS |= {"none": Parts(), "all": EVERYTHING}
+PARTS |= {"none": Parts(), "all": EVERYTHING.parts}
 INVALID = (np.nan, np.inf, -np.inf, 2.0 * LARGEST_STATE)
 H = ROBOT.sensors.sample_time
 
 
 def with_parts(name: str) -> Controller:
-    return ADAPTIVE.with_parts(PARTS[name])
+    return EVERYTHING.with_parts(PARTS[name])
 
 
 def swaying(k: int) -> NDArray[np.float64]:
@@ -58,10 +47,6 @@ def swaying(k: int) -> NDArray[np.float64]:
 
 def moving(k: int) -> NDArray[np.float64]:
     return np.array([0.1 * np.sin(0.02 * k), 0.002 * k, 0, 0, 0.001 * k, 0, 0, 0, 0, 0])
-
-
-def test_every_part_is_covered_by_the_missing_sample_tests():
-    assert set(PARTS) == {*Parts.__dataclass_fields__, "none", "all"}
 
 
 @pytest.mark.parametrize("name", PARTS)
@@ -215,10 +200,10 @@ def test_a_reading_of_another_robot_is_refused(kind):
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: ADAPTIVE.with_parts(Parts(prediction=DelayPrediction(delay=10.0))),
-        lambda: ADAPTIVE.with_parts(Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
-        lambda: replace(OWN.integral, gain=np.zeros((3, 2))),
-        lambda: replace(OWN.integral, gain=[["1", "2", "3"]]),
+        lambda: EVERYTHING.with_parts(Parts(prediction=DelayPrediction(delay=10.0))),
+        lambda: EVERYTHING.with_parts(Parts(integral=IntegralAction(gain=np.zeros((4, 3))))),
+        lambda: replace(EVERYTHING.parts.integral, gain=np.zeros((3, 2))),
+        lambda: replace(EVERYTHING.parts.integral, gain=[["1", "2", "3"]]),
     ],
 )
 def test_a_part_of_another_size_is_refused(make):

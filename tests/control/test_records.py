@@ -1,6 +1,6 @@
 """Records: one schema gives the structured type, the file table and the conversion to single precision."""
 
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import MISSING, dataclass, field, fields, make_dataclass
 from typing import get_type_hints
 
 import numpy as np
@@ -114,10 +114,23 @@ def test_parts_list_gives_file_tables_and_records():
         assert {one.name for one in fields(kind)} <= set(get_type_hints(kind)), name
 
 
-def test_every_record_of_a_part_begins_with_whether_it_is_there():
-    """A step reads `on` of its record; zeros mean that there is no such part."""
-    record = everything(alten(FRICTION)).record
+def test_record_begins_with_a_flag_and_is_zero_without_the_part():
+    """A step reads `on` of its record: 1 if the controller has the part; otherwise the whole record is zeros."""
+    whole = everything(alten(FRICTION))
+    bare = whole.with_parts(Parts()).record
     for name, kind in KINDS.items():
         assert next(iter(schema_of(kind.record).fields)) == "on"
-        assert record[name]["on"][0] == 1
-    assert LAW.zeros()["notch"]["on"][0] == 0
+        assert whole.record[name]["on"][0] == 1
+        assert not any(bare[name].tobytes())
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_example_of_a_part_has_settings_within_their_range_that_are_no_defaults(name):
+    kind = KINDS[name]
+    example = kind.example(4)
+    for one in fields(kind):
+        value = getattr(example, one.name)
+        known = settings_of(kind)[one.name]
+        assert known.columns or known.allows(value)
+        assert one.default is MISSING or value != one.default
+    assert set(kind.needs) < set(KINDS)

@@ -6,11 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
-from ballbot.control.parts.disturbance_observer import DisturbanceObserver
-from ballbot.control.parts.floor_adaptation import FloorAdaptation
-from ballbot.control.parts.lean_limit import LeanLimit
-from ballbot.control.parts.notch import Notch
-from ballbot.control.parts.prediction import DelayPrediction
+from ballbot.control.parts import example_parts
 from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
@@ -47,17 +43,13 @@ def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
 
 
 def everything(robot: Robot) -> Controller:
-    """Return a controller with every part."""
-    precise = precise_controller(robot, compensation="partial")
+    """Return a controller with every part, at settings of which none is a default."""
+    precise, parts = precise_controller(robot, compensation="partial"), example_parts(robot.wheel_count)
+    assert precise.parts.integral is not None
+    assert parts.integral is not None
+    # the example's gain does not stabilise a robot
     return precise.with_parts(
-        replace(
-            precise.parts,
-            disturbance_observer=DisturbanceObserver(frequency=3.0),
-            floor_adaptation=FloorAdaptation(time=5.0),
-            lean_limit=LeanLimit(lean=0.6, turn=2.0),
-            notch=Notch(frequency=33.0, width=0.5, depth=0.2),
-            prediction=DelayPrediction(delay=0.012),
-        )
+        replace(parts, integral=replace(parts.integral, gain=precise.parts.integral.gain))
     )
 
 

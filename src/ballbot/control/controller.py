@@ -198,9 +198,9 @@ class Controller:
         )
 
     @property
-    def given_back(self) -> NDArray[np.float64]:
-        """The torque of each wheel that the disturbance observer gives back now (n,) [N m]."""
-        return self.memory["disturbance_observer"]["given_back"][0, : len(self.gain)].copy()
+    def disturbance_estimate(self) -> NDArray[np.float64]:
+        """The lost torque of each wheel that the disturbance observer estimates and adds now (n,) [N m]."""
+        return self.memory["disturbance_observer"]["estimate"][0, : len(self.gain)].copy()
 
     @property
     def drag(self) -> float:

@@ -1,19 +1,11 @@
 """The control law, compiled once for one robot and for batches of robots.
 
-    u = K S(psi) (r_s - x) + feed-forward + integral action + friction compensation + lost torque,  limited
+    u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
 
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
-psi = 0 and the wheels turn with the body. The law runs through stages in this order; each part of
-`ballbot.control.parts` has steps in some of them (`Steps` has their signatures, `STAGES` their order):
-
-    observe    evaluates the sample that has passed                 disturbance observer
-    predict    x, the state in which u will act                     prediction
-    shape      r_s, a smooth reference with its derivatives         reference shaping
-    error      S(psi) (r_s - x)                                     feed-forward, lean limit
-    torque     K times the error, and summands                      feed-forward, integral action
-               friction compensation
-    filter     each wheel's torque before the limit                 disturbance observer, notch
-    learn      updates of slow states                               integral action, floor adaptation
+psi = 0 and the wheels turn with the body. The law runs through the stages of `ballbot.control.parts.part.Steps` in the
+order of its fields. Each part has steps in some of them: `STAGES` lists the parts of each stage in the order of their
+calls. Friction compensation follows the stage `torque`, and the torque limit the stage `filter`.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory from
 update to update is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
@@ -22,8 +14,8 @@ a part is one file with these two structs and a function for each of its steps; 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
 from functools import reduce
 
 import numpy as np
@@ -32,8 +24,15 @@ from numpy.typing import NDArray
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.parts.compensation import CompensationRecord, compensate, compensation_record
-from ballbot.control.parts.part import LawSettings, Measured, Sample, Smooth
-from ballbot.control.parts.prediction import TorqueHistory
+from ballbot.control.parts.part import (
+    LawSettings,
+    Measured,
+    Sample,
+    Smooth,
+    Steps,
+    TorqueHistory,
+    clipped,
+)
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.equations import attitude
@@ -60,7 +59,7 @@ LAW = Schema(
         **{name: schema_of(kind.record) for name, kind in KINDS.items()},
     },
 )
-#: a controller's memory: the last torques, and each part's state by its name; zeros at the start of a run
+#: a controller's memory: torques of the last updates, and each part's state by its name; zeros at the start of a run
 MEMORY = Schema(
     name="memory",
     fields={
@@ -93,13 +92,28 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
 
 #: stages of the law with the parts that have a step in each, in the order of their calls
 STAGES = {
-    stage: tuple(name for name, kind in KINDS.items() if getattr(kind.steps, stage) is not None)
-    for stage in ("observe", "predict", "shape", "error", "torque", "filter", "learn")
+    stage.name: tuple(name for name, kind in KINDS.items() if getattr(kind.steps, stage.name) is not None)
+    for stage in fields(Steps)
 }
 
 
-def _in_turn(stage: str) -> Callable:
-    """Return the steps of a stage as one function (law, memory, *inputs) that calls them in turn."""
+def _steps_of(stage: str) -> list[Callable]:
+    return [getattr(KINDS[name].steps, stage) for name in STAGES[stage]]
+
+
+@inlined
+def _nothing(law, memory, *inputs):
+    """Do nothing; a stage without steps."""
+
+
+@inlined
+def _unchanged(law, memory, value, *inputs):
+    """Return the value; a stage without steps."""
+    return value
+
+
+def sequence(steps: Sequence[Callable]) -> Callable:
+    """Return one compiled function (law, memory, *inputs) that calls steps without a result in order."""
 
     def then(first: Callable, last: Callable) -> Callable:
         @inlined
@@ -109,11 +123,11 @@ def _in_turn(stage: str) -> Callable:
 
         return both
 
-    return reduce(then, (getattr(KINDS[name].steps, stage) for name in STAGES[stage]))
+    return reduce(then, steps) if steps else _nothing
 
 
-def _through(stage: str) -> Callable:
-    """Return the steps of a stage as one function (law, memory, value, *inputs) that passes a value through them."""
+def composition(steps: Sequence[Callable]) -> Callable:
+    """Return one compiled function (law, memory, value, *inputs) that gives each step the result of the one before."""
 
     def then(first: Callable, last: Callable) -> Callable:
         @inlined
@@ -122,16 +136,17 @@ def _through(stage: str) -> Callable:
 
         return both
 
-    return reduce(then, (getattr(KINDS[name].steps, stage) for name in STAGES[stage]))
+    return reduce(then, steps) if steps else _unchanged
 
 
-_observe = _in_turn("observe")
-_predict = _through("predict")
-_shape = _through("shape")
-_limit_error = _through("error")
-_add_torques = _through("torque")
-_filter = _through("filter")
-_learn = _in_turn("learn")
+_observe_stage = sequence(_steps_of("observe"))
+_predict_stage = composition(_steps_of("predict"))
+_shape_stage = composition(_steps_of("shape"))
+_error_stage = composition(_steps_of("error"))
+_torque_stage = composition(_steps_of("torque"))
+_filter_stage = composition(_steps_of("filter"))
+_act_stage = composition(_steps_of("act"))
+_learn_stage = sequence(_steps_of("learn"))
 
 
 @inlined
@@ -149,12 +164,6 @@ def _feedback(gain, e, i):
         + gain[i, 8] * e[8]
         + gain[i, 9] * e[9]
     )
-
-
-@inlined
-def _limited(torque, limit):
-    """Clip to the limit; NaN stays NaN."""
-    return limit if torque > limit else (-limit if torque < -limit else torque)
 
 
 @inlined
@@ -205,20 +214,19 @@ def _heading_error(a, state, wanted):
 
 
 @inlined
-def _release(law, memory, torques):
-    """Filter, limit and store the torques; return whether one was beyond the limit."""
-    past, given_back = memory.history, memory.disturbance_observer.given_back
-    limit = law.torque_limit
-    beyond = False
+def _filter_and_limit(law, memory, torques):
+    """Filter, limit and remember the torques; return whether one exceeded the limit."""
+    history, limit = memory.history, law.torque_limit
+    limited = False
     for i in range(len(torques)):
-        torques[i] = _filter(law, memory, torques[i], i)
-        beyond = beyond or abs(torques[i]) > limit
-        torques[i] = _limited(torques[i], limit)
-        past.given[0, i] = torques[i]
-        past.effective[0, i] = torques[i] - past.compensated[0, i] - given_back[i]
+        history.disturbance_compensation[0, i] = 0.0  # the stage adds to it
+        torques[i] = _filter_stage(law, memory, torques[i], i)
+        limited = limited or abs(torques[i]) > limit
+        torques[i] = clipped(torques[i], limit)
+        history.acting[0, i] = _act_stage(law, memory, torques[i], i)
     for i in range(len(torques)):
-        past.beyond[0, i] = 1.0 if beyond else 0.0
-    return beyond
+        history.limited[0, i] = 1.0 if limited else 0.0
+    return limited
 
 
 @inlined
@@ -235,17 +243,17 @@ def _decide(law, memory, measured, reference, torques):
     """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
     n = len(torques)
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
-    _observe(law, memory, seen, n)
-    a, state = _predict(law, memory, seen, n)
-    wanted = _shape(law, memory, _unshaped(reference), state)
-    e, error_limited = _limit_error(law, memory, (_heading_error(a, state, wanted), False), a, wanted)
+    _observe_stage(law, memory, seen, n)
+    a, state = _predict_stage(law, memory, seen, n)
+    wanted = _shape_stage(law, memory, _unshaped(reference), state)
+    e, error_limited = _error_stage(law, memory, (_heading_error(a, state, wanted), False), a, wanted)
     now = Sample(a, state, wanted, e)
     for i in range(n):
-        torques[i] = _add_torques(law, memory, _feedback(law.gain, e, i), now, i)
+        torques[i] = _torque_stage(law, memory, _feedback(law.gain, e, i), now, i)
     if law.compensation.full + law.compensation.partial > 0.0:
         compensate(law, memory, now, torques)
-    torque_limited = _release(law, memory, torques)
-    _learn(law, memory, now, torque_limited or error_limited)
+    torque_limited = _filter_and_limit(law, memory, torques)
+    _learn_stage(law, memory, now, torque_limited or error_limited)
 
 
 @compiled

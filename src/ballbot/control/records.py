@@ -5,15 +5,17 @@ of a controller file and its comments follow from it.
 
     @dataclass(frozen=True, kw_only=True)
     class Notch(Part):
-        frequency: float = field(metadata=setting("Hz", "centre of the band", above=0.0))
+        frequency: float = field(metadata=setting("Hz", "centre of the band", above=0.0, example=33.0))
 
 A record is a frozen dataclass whose fields carry a `Number`: unit and shape. `schema_of` derives the NumPy structured
 type from it; Numba reads its fields by name. Array lengths are compile-time maxima (`MAX_WHEELS`), so that every
 controller has the same record. What a part remembers is declared in the same way and starts as zeros.
 
     @dataclass(frozen=True, kw_only=True, eq=False)
-    class NotchRecord:
-        b: NDArray[np.float64] = field(metadata=number("1", 3))
+    class IntegralRecord:
+        on: int = field(default=1, metadata=whole())
+        step: float = field(metadata=number("s"))
+        gain: NDArray[np.float64] = field(metadata=number("N m/(m s)", MAX_WHEELS, 3))
 
 All fields are 8 bytes wide (or 4, see `converted`), so that a record has no padding: names, order, units and lengths
 are those of a C struct. `Schema.digest` covers all of them.
@@ -58,6 +60,7 @@ class Setting:
     at_most: float | None = None
     below: float | None = None  #: exclusive upper limit
     columns: int = 0  #: of a matrix with a row for each wheel; 0 for a number
+    example: float | tuple[float, ...]  #: a value, or each row of a matrix, for tests; not the default
 
     @property
     def range_text(self) -> str:
@@ -87,6 +90,7 @@ def setting(
     unit: str,
     text: str,
     *,
+    example: float | tuple[float, ...],
     above: float | None = None,
     at_least: float | None = None,
     at_most: float | None = None,
@@ -95,7 +99,14 @@ def setting(
 ) -> Mapping[str, Setting]:
     """Return the metadata of a settings field; see `Setting`."""
     made = Setting(
-        unit=unit, text=text, above=above, at_least=at_least, at_most=at_most, below=below, columns=columns
+        unit=unit,
+        text=text,
+        above=above,
+        at_least=at_least,
+        at_most=at_most,
+        below=below,
+        columns=columns,
+        example=example,
     )
     return {_SETTING: made}
 
@@ -103,6 +114,14 @@ def setting(
 def settings_of(part: type) -> dict[str, Setting]:
     """Return the settings of a part's dataclass by name, in order."""
     return {one.name: one.metadata[_SETTING] for one in fields(part)}
+
+
+def example_settings(part: type, wheel_count: int) -> dict[str, Any]:
+    """Return the example of every setting of a part by name, matrices with a row for each wheel."""
+    return {
+        name: np.tile(one.example, (wheel_count, 1)) if one.columns else one.example
+        for name, one in settings_of(part).items()
+    }
 
 
 def check_settings(part: object, label: str) -> None:
@@ -245,7 +264,7 @@ class Schema:
         return found
 
     def zeros(self) -> NDArray[np.void]:
-        """Return a record (1,) of zeros: a part that is absent, or what is remembered at the start."""
+        """Return a record (1,) of zeros: a part that the controller lacks, or the memory at the start."""
         return np.zeros(1, self.dtype())
 
 

@@ -1,9 +1,12 @@
-"""The parts that a controller may have besides its gain: one file a part, and this list of them."""
+"""The parts that a controller may have besides its gain: one file a part, and this list of them.
+
+`ballbot.control.parts.part` explains how to add one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import get_args, get_type_hints
 
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -28,28 +31,23 @@ class Parts:
     Raises
     ------
     InputError
-        If parts do not go together.
+        If a part lacks another that it needs.
     """
 
     shaping: ReferenceShaping | None = None  #: makes smooth motions of references
     feed_forward: FeedForward | None = None  #: lean and torques that a shaped motion needs
     integral: IntegralAction | None = None  #: works against errors that stay
-    disturbance_observer: DisturbanceObserver | None = None  #: gives back the torque that is lost
+    disturbance_observer: DisturbanceObserver | None = None  #: estimates the torque that is lost, and adds it
     floor_adaptation: FloorAdaptation | None = None  #: follows what the floor takes
     lean_limit: LeanLimit | None = None  #: keeps errors of position and speed from asking for too much
     notch: Notch | None = None  #: takes a resonance's band out of the torques
     prediction: DelayPrediction | None = None  #: of the state in which late torques will act
 
     def __post_init__(self) -> None:
-        if self.feed_forward is not None and self.shaping is None:
-            raise InputError(
-                "A feed-forward needs reference shaping: it uses the derivatives of the shaped reference."
-            )
-        if self.floor_adaptation is not None and (self.integral is None or self.shaping is None):
-            raise InputError(
-                "A floor adaptation needs integral action, from which it learns the friction of the floor, and "
-                "reference shaping, because only a smooth reference has a direction of motion at all times."
-            )
+        for _, part in self.present():
+            for needed, why in part.needs.items():
+                if getattr(self, needed) is None:
+                    raise InputError(f"The {part.label} needs {KINDS[needed].label}: {why}.")
 
     def present(self) -> Iterator[tuple[str, Part]]:
         """Return the parts that the controller has, by name."""
@@ -66,3 +64,8 @@ def _kinds() -> dict[str, type[Part]]:
 
 #: every part by its name in `Parts`
 KINDS: dict[str, type[Part]] = _kinds()
+
+
+def example_parts(wheel_count: int) -> Parts:
+    """Return every part with the examples of its settings, for tests."""
+    return replace(Parts(), **{name: kind.example(wheel_count) for name, kind in KINDS.items()})

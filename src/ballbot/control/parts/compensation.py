@@ -100,7 +100,7 @@ def rolling_torques(robot: Robot) -> NDArray[np.float64]:
 @inlined
 def compensate(law, memory, now, torques):
     """Add the friction's compensation to the feedback's torques."""
-    own, a, state, added = law.compensation, now.a, now.state, memory.history.compensated
+    own, a, state, added = law.compensation, now.a, now.state, memory.history.friction_compensation
     rates = (state[5], state[6], state[7], state[8], state[9])
     relative, force = _relative_rate(own, a, rates), _rolling_force(own, a, rates)
     agreement = 0.0  # u . rolling

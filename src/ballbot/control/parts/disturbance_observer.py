@@ -1,6 +1,6 @@
 """A disturbance observer: it estimates the torque lost to any cause and adds it. Friction need not be known.
 
-    d' = w (lost - d),      u += d
+    d' = w (lost - d),      u += d      d within its limit
 
 By the linearised exact model without friction, x' = A x + B u in the heading frame, the rates' change over a sample
 needed the torques B^+ (x' - A x), B^+ the inverse of least norm. What the motors gave beyond them was lost to friction,
@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Steps
-from ballbot.control.parts.prediction import as_it_acted
+from ballbot.control.parts.part import LawSettings, Part, Steps, clipped
+from ballbot.control.parts.prediction import over_last_sample
 from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import Model
@@ -40,11 +40,11 @@ class ObserverRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObserverState:
-    """The rates of the last sample, whether there are any, and d."""
+    """The rates of the last sample, whether there are any, and d, the estimate that is added."""
 
     rates: NDArray[np.float64] = field(metadata=number("m/s", 5))
     started: int = field(metadata=whole())
-    given_back: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+    estimate: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
 
 
 def torque_balance(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -68,13 +68,13 @@ def _observe(law, memory, seen, n):
             a.cos_psi * measured[3] - a.sin_psi * measured[2],
         )
         for i in range(n):
-            if as_it_acted(law.prediction, past.beyond, i) > 0.0:
+            if over_last_sample(law.prediction, past.limited, i) > 0.0:
                 continue  # a sample at the limit does not determine the lost torque
             needed = _torque_needed(own, i, changes, lean)
-            lost = as_it_acted(law.prediction, past.given, i) - needed
-            left = lost - as_it_acted(law.prediction, past.compensated, i) - state.given_back[i]
-            back = state.given_back[i] + own.fraction * left
-            state.given_back[i] = _limited(back, own.limit)
+            lost = over_last_sample(law.prediction, past.acting, i) - needed
+            compensated = over_last_sample(law.prediction, past.friction_compensation, i)
+            error = lost - compensated - state.estimate[i]
+            state.estimate[i] = clipped(state.estimate[i] + own.fraction * error, own.limit)
     for i in range(5):
         state.rates[i] = measured[5 + i]
     state.started = 1
@@ -105,15 +105,11 @@ def _torque_needed(own, i, changes, lean):
 
 
 @inlined
-def _limited(torque, limit):
-    """Clip to the limit; NaN stays NaN."""
-    return limit if torque > limit else (-limit if torque < -limit else torque)
-
-
-@inlined
-def _give_back(law, memory, torque, i):
-    """Add the torque lost by a wheel; zero without an observer."""
-    return torque + memory.disturbance_observer.given_back[i]
+def _add_estimate(law, memory, torque, i):
+    """Add the torque lost by a wheel, and report it; zero without an observer."""
+    estimate = memory.disturbance_observer.estimate[i]
+    memory.history.disturbance_compensation[0, i] += estimate
+    return torque + estimate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,10 +126,12 @@ class DisturbanceObserver(Part):
     comment = "The torque that is lost is estimated and added."
     record = ObserverRecord
     state = ObserverState
-    steps = Steps(observe=_observe, filter=_give_back)
+    steps = Steps(observe=_observe, filter=_add_estimate)
 
-    frequency: float = field(default=10.0, metadata=setting("rad/s", "w of the lag", above=0.0))
-    limit: float = field(default=0.5, metadata=setting("N m", "largest torque added to a wheel", above=0.0))
+    frequency: float = field(default=10.0, metadata=setting("rad/s", "w of the lag", above=0.0, example=3.0))
+    limit: float = field(
+        default=0.5, metadata=setting("N m", "largest torque added to a wheel", above=0.0, example=0.4)
+    )
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""

@@ -139,6 +139,7 @@ class FeedForward(Part):
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
     steps = Steps(error=_lean_error, torque=_add_torque)
+    needs = {"shaping": "it uses the derivatives of the shaped reference"}  # noqa: RUF012 (not changed)
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
         """Return what the robot's exact model asks for."""

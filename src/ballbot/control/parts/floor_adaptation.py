@@ -125,19 +125,28 @@ class FloorAdaptation(Part):
     record = FloorRecord
     state = FloorState
     steps = Steps(learn=_learn)
+    needs = {  # noqa: RUF012 (not changed)
+        "integral": "it learns the friction of the floor from the integrals",
+        "shaping": "only a smooth reference has a direction of motion at all times",
+    }
 
     time: float = field(
-        default=3.0, metadata=setting("s", "of motion, over which the drag is followed", above=0.0)
+        default=3.0,
+        metadata=setting("s", "of motion, over which the drag is followed", above=0.0, example=5.0),
     )
     slope_time: float = field(
-        default=20.0, metadata=setting("s", "over which a slope is followed, once it is known", above=0.0)
+        default=20.0,
+        metadata=setting("s", "over which a slope is followed, once it is known", above=0.0, example=25.0),
     )
     highest: float = field(
-        default=0.15, metadata=setting("m s", "limit of the drag, in units of the integral", above=0.0)
+        default=0.15,
+        metadata=setting("m s", "limit of the drag, in units of the integral", above=0.0, example=0.1),
     )
     full_speed: float = field(
         default=0.02,
-        metadata=setting("m/s", "commanded speed from which on the whole drag is applied", above=0.0),
+        metadata=setting(
+            "m/s", "commanded speed from which on the whole drag is applied", above=0.0, example=0.03
+        ),
     )
 
     def numbers(self, settings: LawSettings) -> FloorRecord:

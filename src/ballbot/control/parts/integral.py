@@ -93,15 +93,26 @@ class IntegralAction(Part):
     steps = Steps(torque=_add_torque, learn=_learn)
 
     gain: NDArray[np.float64] = field(
-        metadata=setting("N m/(m s)", "K_I for the integrals of x, y and psi", columns=3)
+        metadata=setting(
+            "N m/(m s)", "K_I for the integrals of x, y and psi", columns=3, example=(0.5, 0.3, 0.2)
+        )
     )
-    limit: float = field(default=0.3, metadata=setting("m s", "of the integral of x, and of y", above=0.0))
-    yaw_limit: float = field(default=0.5, metadata=setting("rad s", "of the integral of psi", above=0.0))
-    memory: float = field(default=60.0, metadata=setting("s", "time T over which it forgets", above=0.0))
+    limit: float = field(
+        default=0.3, metadata=setting("m s", "of the integral of x, and of y", above=0.0, example=0.2)
+    )
+    yaw_limit: float = field(
+        default=0.5, metadata=setting("rad s", "of the integral of psi", above=0.0, example=0.4)
+    )
+    memory: float = field(
+        default=60.0, metadata=setting("s", "time T over which it forgets", above=0.0, example=40.0)
+    )
     dead_band: float = field(
         default=0.0,
         metadata=setting(
-            "m, rad", "error of x and y, and of psi, below which the integrals rest", at_least=0.0
+            "m, rad",
+            "error of x and y, and of psi, below which the integrals rest",
+            at_least=0.0,
+            example=0.001,
         ),
     )
 

@@ -98,10 +98,14 @@ class LeanLimit(Part):
     record = LeanLimitRecord
     steps = Steps(error=_limit_error)
 
-    lean: float = field(default=0.1, metadata=setting("rad", "largest commanded lean", above=0.0))
+    lean: float = field(
+        default=0.1, metadata=setting("rad", "largest commanded lean", above=0.0, example=0.6)
+    )
     turn: float = field(
         default=0.5,
-        metadata=setting("rad", "largest commanded turn, with the contribution of its rate", above=0.0),
+        metadata=setting(
+            "rad", "largest commanded turn, with the contribution of its rate", above=0.0, example=2.0
+        ),
     )
 
     def numbers(self, settings: LawSettings) -> LeanLimitRecord:

@@ -68,11 +68,17 @@ class Notch(Part):
     state = NotchState
     steps = Steps(filter=_filter)
 
-    frequency: float = field(metadata=setting("Hz", "centre of the band, such as a resonance", above=0.0))
-    width: float = field(default=1.4, metadata=setting("1", "of the band, over its frequency", above=0.0))
+    frequency: float = field(
+        metadata=setting("Hz", "centre of the band, such as a resonance", above=0.0, example=33.0)
+    )
+    width: float = field(
+        default=1.4, metadata=setting("1", "of the band, over its frequency", above=0.0, example=0.5)
+    )
     depth: float = field(
         default=0.15,
-        metadata=setting("1", "fraction of the torque left at its centre", at_least=0.0, below=1.0),
+        metadata=setting(
+            "1", "fraction of the torque left at its centre", at_least=0.0, below=1.0, example=0.2
+        ),
     )
 
     def numbers(self, settings: LawSettings) -> NotchRecord:

@@ -8,22 +8,47 @@ A part is one file with
     steps       compiled functions, each for one stage of the law (`Steps`)
 
 and joins the law by a line in `ballbot.control.parts.Parts`. In compiled code `law.NAME` is its record and
-`memory.NAME` its state, NAME being its field in `Parts`. A record of zeros means that the controller has no such part;
-every step must then return its value unchanged.
+`memory.NAME` its state, NAME being its field in `Parts`. To add a part:
+
+1. Copy `notch.py`. Give each field of the settings its `setting`: unit, meaning, range and an example. `eq=False` only
+   if a setting is a matrix; records and states always have it. A constant of the robot's hardware is no setting: take
+   it from `settings.robot` in `numbers`.
+2. Begin the record with `on`. If the controller lacks the part, its record is all zeros, so that `on` is 0. Every step
+   must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
+   numbers of the record or the state.
+3. Choose a state in which all zeros mean rest: this is the memory at the start and after `reset`. If a value does not
+   rest at zero, keep its difference from the start, or a flag `started` (`FloorState`, `ShapingState`).
+4. Choose stages from `Steps`. Stages run in the order of its fields, and within a stage parts run in the order of the
+   fields of `Parts`: put the line there accordingly, and look at `ballbot.control.law.STAGES`. Steps of `observe` and
+   `learn` return nothing. In each other stage a step must return its value, which the next one receives.
+5. Leave the torque limit to the law, which clips after the stage `filter`. If a torque exceeded the limit, or a step of
+   `error` reduced the error, `learn` receives `limited` as true: a slow state may then shrink but not grow.
+6. Read any record and any memory, but write your own state only. Two exceptions: a torque added against an estimated
+   disturbance is also added to `disturbance_compensation` of the `TorqueHistory`, and the floor adaptation moves a part
+   of the integrals into its own state. Name the parts that yours cannot work without in `needs`.
+7. The disturbance observer takes `acting` of the history for the torque that the motors gave; the prediction takes it
+   less both compensations. `acting` is the command, filtered and limited. If motors give another torque for a command,
+   return it in the stage `act`.
+8. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
+   missing samples, and the fuzzing of controller files, run with its `example`.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.records import check_settings, number
+from ballbot.control.records import MAX_WHEELS, check_settings, example_settings, number
+from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot import Robot
+
+#: updates that the law remembers
+MAX_PAST = 22
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +71,8 @@ class Steps:
     torque: Callable | None = None
     #: (law, memory, torque, i) -> torque [N m]: after friction compensation, before the torque limit
     filter: Callable | None = None
+    #: (law, memory, torque, i) -> torque [N m]: the mean over the coming sample that a motor gives for the command
+    act: Callable | None = None
     #: (law, memory, now, limited): update slow states; `limited` if a torque or the error was at its limit
     learn: Callable | None = None
 
@@ -74,6 +101,29 @@ class Sample(NamedTuple):
     state: NDArray[np.float64]  #: (10,) that is fed back
     wanted: tuple  #: `Smooth` of x, y and psi
     e: tuple  #: error (10,), heading frame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueHistory:
+    """What the law remembers of each wheel's torques at its last updates, the newest first.
+
+    Without a prediction only the newest are kept.
+    """
+
+    #: what acts on the wheel: the command, unless a part's stage `act` gives another torque
+    acting: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
+    #: the summand against the friction of the robot's model
+    friction_compensation: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
+    #: the summand against disturbances that parts estimate
+    disturbance_compensation: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
+    #: 1 if any wheel's torque was at its limit
+    limited: NDArray[np.float64] = field(metadata=number("1", MAX_PAST, MAX_WHEELS))
+
+
+@inlined
+def clipped(value, limit):
+    """Return a value within -limit .. limit; NaN stays NaN."""
+    return limit if value > limit else (-limit if value < -limit else value)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,6 +160,12 @@ class Part(ABC):
     record: ClassVar[type]
     state: ClassVar[type] = NoState
     steps: ClassVar[Steps]
+    needs: ClassVar[Mapping[str, str]] = {}  #: parts that it cannot work without, and why
+
+    @classmethod
+    def example(cls, wheel_count: int) -> Self:
+        """Return the part with the examples of its settings, none of which is a default."""
+        return cls(**example_settings(cls, wheel_count))
 
     def __post_init__(self) -> None:
         check_settings(self, self.label)

@@ -9,8 +9,8 @@ the state that the robot will then be in,
 with G_j what the torque of j updates ago still does until t_k + tau, held from its own t_(k-j) + tau on for a
 sample time: exact for any tau. (For whole samples it is the gain that the Riccati equation of the state with the
 torques under way gives.) A and B are those of the exact model without friction in the heading frame, and v the
-torques without what compensation and observer add, which friction takes. It is linear: what friction beyond that and a
-turn of the robot do meanwhile is not foreseen.
+acting torques less what friction compensation and disturbance observer added: the losses take that. The prediction is
+linear: what friction beyond that and a turn of the robot do meanwhile is not foreseen.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import held
-from ballbot.control.parts.part import LawSettings, Measured, Part, Steps
+from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part, Steps
 from ballbot.control.records import MAX_WHEELS, number, setting, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import called, inlined
@@ -30,26 +30,10 @@ from ballbot.mechanics.equations import attitude
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
 
-#: updates that the law remembers
-MAX_PAST = 22
 #: torques that may be under way; the past must have the sample before them as well, and room for one
 MAX_DELAY_SAMPLES = MAX_PAST - 2
 #: of a sample time, by which rounding may make a delay of whole samples longer
 _ROUNDING = 1e-9
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TorqueHistory:
-    """What the law remembers of each wheel's torques at its last updates, the newest first."""
-
-    #: what went to the motors
-    given: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
-    #: what friction compensation added
-    compensated: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
-    #: the torque without what friction is thought to take
-    effective: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
-    #: 1 if any wheel's torque was at its limit
-    beyond: NDArray[np.float64] = field(metadata=number("1", MAX_PAST, MAX_WHEELS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,14 +119,14 @@ def _predict(law, memory, seen, n):
     own = law.prediction
     if own.on == 0:
         return seen
-    _look_ahead(own, memory.prediction, memory.history.effective, seen.a, seen.state, n)
+    _look_ahead(own, memory.prediction, memory.history, seen.a, seen.state, n)
     _grow_older(memory.history, own.samples + 1)
     state = memory.prediction.ahead[:]  # a slice is an array of the same type as `seen.state`
     return Measured(attitude((state[2], state[3], state[4])), state)
 
 
 @called
-def _look_ahead(own, work, effective, a, state, n):
+def _look_ahead(own, work, past, a, state, n):
     """Compute the state (10,) in which the torque that is computed now will act, `work.ahead`."""
     turned, after = work.turned, work.after
     for i in range(10):
@@ -154,7 +138,8 @@ def _look_ahead(own, work, effective, a, state, n):
             after[i] += own.transition[i, j] * turned[j]
     for ago in range(own.count):
         for wheel in range(n):
-            v = effective[ago, wheel]
+            v = past.acting[ago, wheel] - past.friction_compensation[ago, wheel]
+            v -= past.disturbance_compensation[ago, wheel]
             for i in range(10):
                 after[i] += own.by_torque[wheel, ago, i] * v
     _turn(after, a.cos_psi, -a.sin_psi)
@@ -176,15 +161,18 @@ def _grow_older(past, updates):
     """Make room for another update, the last `updates` kept."""
     for ago in range(updates, 0, -1):
         for i in range(MAX_WHEELS):
-            past.given[ago, i] = past.given[ago - 1, i]
-            past.compensated[ago, i] = past.compensated[ago - 1, i]
-            past.effective[ago, i] = past.effective[ago - 1, i]
-            past.beyond[ago, i] = past.beyond[ago - 1, i]
+            past.acting[ago, i] = past.acting[ago - 1, i]
+            past.friction_compensation[ago, i] = past.friction_compensation[ago - 1, i]
+            past.disturbance_compensation[ago, i] = past.disturbance_compensation[ago - 1, i]
+            past.limited[ago, i] = past.limited[ago - 1, i]
 
 
 @inlined
-def as_it_acted(own, values, wheel):
-    """Return a number of the history as it was on the way to the motors while the last sample passed."""
+def over_last_sample(own, values, wheel):
+    """Return a number of the torque history for the torques that acted over the last sample, their mean in time.
+
+    `own` is a `PredictionRecord`; without a prediction these are the torques of the last update.
+    """
     last = values[own.samples, wheel]
     if own.fraction == 0.0:
         return last
@@ -207,7 +195,9 @@ class DelayPrediction(Part):
     state = PredictionState
     steps = Steps(predict=_predict)
 
-    delay: float = field(metadata=setting("s", "from a measurement to the action of its torque", above=0.0))
+    delay: float = field(
+        metadata=setting("s", "from a measurement to the action of its torque", above=0.0, example=0.012)
+    )
 
     def numbers(self, settings: LawSettings) -> PredictionRecord:
         """Return the prediction for the robot."""

@@ -200,17 +200,24 @@ class ReferenceShaping(Part):
 
     frequency: float = field(
         default=3.0,
-        metadata=setting("rad/s", "w of each of the four lags of x and y", at_least=_LEAST, at_most=_MOST),
+        metadata=setting(
+            "rad/s", "w of each of the four lags of x and y", at_least=_LEAST, at_most=_MOST, example=4.0
+        ),
     )
     speed_limit: float = field(
-        default=0.5, metadata=setting("m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST)
+        default=0.5,
+        metadata=setting(
+            "m/s", "speed of a jump over the floor", at_least=_LEAST, at_most=_MOST, example=0.4
+        ),
     )
     yaw_frequency: float = field(
         default=3.0,
-        metadata=setting("rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST),
+        metadata=setting(
+            "rad/s", "w of each of the four lags of psi", at_least=_LEAST, at_most=_MOST, example=2.5
+        ),
     )
     yaw_rate_limit: float = field(
-        default=1.0, metadata=setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST)
+        default=1.0, metadata=setting("rad/s", "rate of a turn", at_least=_LEAST, at_most=_MOST, example=0.8)
     )
     acceleration_limit: float = field(
         default=0.2,
@@ -219,10 +226,12 @@ class ReferenceShaping(Part):
             "beyond which a change of the reference's speed counts ever less as a bend",
             at_least=_LEAST,
             at_most=_MOST,
+            example=0.25,
         ),
     )
     yaw_acceleration_limit: float = field(
-        default=0.4, metadata=setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST)
+        default=0.4,
+        metadata=setting("rad/s^2", "the same of a turn", at_least=_LEAST, at_most=_MOST, example=0.5),
     )
 
     def numbers(self, settings: LawSettings) -> ShapingRecord:
