@@ -143,6 +143,13 @@ def test_a_wrapped_heading_is_found():
     assert "wrap" not in kinds(log.with_columns({"psi": psi}))
 
 
+def test_a_log_at_rest_gives_one_finding_for_all_columns():
+    resting = Log({name: CLEAN.t if name == "t" else np.zeros(len(CLEAN)) for name in CLEAN})
+    finding = only(resting, "constant")
+    assert finding.text.startswith("No measurement and no torque changes")
+    assert finding.where.columns == tuple(name for name in CLEAN if name != "t")
+
+
 @pytest.mark.parametrize("name", ["u2", "theta", "x_dot"])
 def test_a_dead_column_is_found(name):
     assert only(spoiled(CLEAN, name, slice(None), 0.25), "constant").where.columns == (name,)

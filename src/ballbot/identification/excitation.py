@@ -82,10 +82,12 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
     least = WINDOWS_PER_PARAMETER * parameters
     if fitted < least:
         length = windows.samples * windows.sample_time
+        # the same share of the windows is held out
+        needed = math.ceil(math.ceil(least * len(windows) / max(fitted, 1)) * length)
         raise InputError(
             f"The logs have {len(windows)} windows of {length:g} s without gaps or "
             f"missing values, of which {fitted} are used to fit {parameters} parameters; "
-            f"this needs at least {least}. Log the robot balancing for longer."
+            f"this needs at least {least}. Log the robot balancing for about {needed} s in all."
         )
 
 

@@ -41,7 +41,9 @@ def robot_check_parts(checked: CheckedRobot, *, framed: bool) -> list[Renderable
     ]
     for name, meaning in MATRICES.items():
         mistake = MISTAKEN_MATRICES.get(name)
-        heading = f"\n{meaning}" + (f"\nMISTAKEN: {mistake}" if mistake else "")
+        heading = f"\n{meaning}" + (
+            f"\nFor comparison only, no fault of the robot: {mistake}" if mistake else ""
+        )
         parts += [Text(heading), Text(matrix_text(name, checked.matrices[name]))]
     parts += [*_linear_lines(checked), *_pole_lines(checked.poles), Text(_uncertainty_line(checked.spread))]
     if checked.band:

@@ -38,6 +38,8 @@ _FAR, _ENDS = 5.0, 0.005
 _HEADING, _TURN = "psi", 2.0 * math.pi
 #: accelerometers measure shocks, and references may jump
 _NOT_EXAMINED = ("ref_", "acc_", TRUE_PREFIX)
+#: references and true states, which no sensor measures
+_NOT_MEASURED = ("ref_", TRUE_PREFIX)
 #: with fewer rows the usual range is unknown
 _LEAST_ROWS = 50
 
@@ -118,7 +120,19 @@ def check_names(log: Log) -> list[Finding]:
 
 
 def check_constant(log: Log) -> list[Finding]:
-    """Return a finding for each sensor or torque column that never changes, and a note for references."""
+    """Return a finding for each sensor or torque column that never changes, and a note for references.
+
+    If no sensor and no torque changes, the whole log is at rest, and one finding names all columns.
+    """
+    sensors = [name for name in log.names if name != "t" and not name.startswith(_NOT_MEASURED)]
+    if len(log) > 1 and len(sensors) > 1 and all(np.all(log[name] == log[name][0]) for name in sensors):
+        sentence = (
+            f"No measurement and no torque changes in {log.t[-1] - log.t[0]:.3g} s: the robot is at rest "
+            "throughout, or was not recorded. Record it while it moves."
+        )
+        return [
+            Finding(severity="warning", code="constant", text=sentence, where=Place(columns=tuple(sensors)))
+        ]
     findings = []
     for name in log.names:
         values = log[name]
