@@ -85,7 +85,7 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file, cap
         (["{log}", "--exclude-states", "psy"], "'psy' is not a state"),
         (["{log}", "--mapping", "a", "--mapping", "b"], "--mapping is given 2 times for 1 logs"),
         (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
-        (["{log}", "--estimate", ""], "Nothing is to be estimated. Name some of friction"),
+        (["{log}", "--estimate", ""], "There is nothing to estimate. Name some of friction"),
         (["{unread}"], "The log's column theta has no value in any row"),
         (["{dead}", "--window", "0.05"], "The torques u are 0.1, 0.1, 0.1 N m in every row"),
         (["{idle}", "--window", "0.05"], "The torques u are zero in every window"),

@@ -8,7 +8,7 @@ import pytest
 
 from ballbot.findings import texts
 from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals
-from ballbot.fitting.uncertainty import covariance, unleveraged
+from ballbot.fitting.uncertainty import covariance, leverage_corrected
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.result import correlation_findings, interval_findings, ridge_findings
 from tests.support.control_examples import alten
@@ -90,7 +90,7 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
     estimate = fitted(everything)
     apart = np.array([fitted(np.delete(everything, i)) for i in everything]) - estimate
     left = y + J @ estimate
-    equations = unleveraged(
+    equations = leverage_corrected(
         np.einsum("wki,wkj->wij", J, J), np.einsum("wki,wk->wi", J, left), np.ones(3, bool)
     )
     # `covariance` has W / (W - 1) where the jackknife about the estimate has (W - 1) / W

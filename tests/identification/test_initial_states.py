@@ -1,7 +1,5 @@
 """Start states estimated together with the parameters: the equations, and what they are good for."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -129,7 +127,7 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
 
 
 def test_a_profile_has_no_limit_where_the_logs_set_none():
-    bounds = replace(held_but("v_s"), stribeck=(0.0, 0.0))
+    bounds = Bounds(held_but("v_s").limits | {"stribeck": (0.0, 0.0)})
     problem = problem_of(seed=2, bounds=bounds)
     free = problem.coordinates.free
     place = problem.coordinates.labels.index("v_s")

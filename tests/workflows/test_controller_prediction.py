@@ -296,7 +296,7 @@ def test_single_missing_values_do_not_count_and_many_are_refused(
     verdict = evaluate_log(prediction, log.with_columns({"x": x}), KNOWN, controller)
     assert verdict.recommendation == "keep"
     x[::10] = np.nan
-    with pytest.raises(InputError, match="of the log's 4800 rows lack a state"):
+    with pytest.raises(InputError, match="480 of 4800 rows of the log lack a state"):
         evaluate_log(prediction, log.with_columns({"x": x}), KNOWN, controller)
 
 

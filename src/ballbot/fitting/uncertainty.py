@@ -150,9 +150,9 @@ def covariance_in_time(
         Of the matrix of the least squares, if it is not J^T J, as with weights: J then has the weights in it.
     """
     count = int(block.max()) + 1
-    scores = np.stack(
-        [np.bincount(block, weights=column, minlength=count) for column in (J * residual[:, None]).T], axis=1
-    )
+    scores = np.zeros((count, J.shape[1]))
+    for column, scored in enumerate((J * residual[:, None]).T):
+        scores[:, column] = np.bincount(block, weights=scored, minlength=count)
     spread = scores.T @ scores
     for k in range(1, min(neighbours, count - 1) + 1):
         both = scores[:-k].T @ scores[k:]
