@@ -1,6 +1,7 @@
 """Robot files: exact round trips, units, and one clear sentence for every mistake."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,11 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.robot import Ball, Body, Drive, Friction, Robot, Rollers, Sensors, Wheels
+from ballbot.robot import file as file_module
 from ballbot.robot import robot as robot_module
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.file import read_robot, robot_text, write_robot
-from ballbot.robot.parameters import SOURCES, UNITS, from_si, to_si
+from ballbot.robot.parameters import SOURCES, UNITS, Parameter, from_si, to_si
 
 PRESET = Path(robot_module.__file__).parent / "presets" / "alten.toml"
 TEXT = PRESET.read_text(encoding="utf-8")
@@ -160,6 +162,25 @@ def test_from_si_round_trips_exactly_or_raises(value: float, si_unit: str) -> No
         written = from_si(value, unit, si_unit)
         assert written is None or to_si(written, unit, si_unit) == value
     assert from_si(value, si_unit, si_unit) == value
+
+
+@pytest.mark.parametrize("one", PARAMETERS, ids=lambda one: one.name)
+def test_the_units_of_every_parameter_are_known(one: Parameter) -> None:
+    assert one.unit in UNITS, f"{one.name}: add the unit {one.unit!r} to UNITS in robot/parameters.py"
+    assert one.written_in in UNITS[one.unit], f"{one.name}: add {one.written_in!r} to UNITS[{one.unit!r}]"
+
+
+def test_a_value_that_may_be_left_out_is_written_if_its_source_is_stated(monkeypatch, tmp_path: Path) -> None:
+    optional = [
+        replace(one, default=0.0, written="if changed") if one.name == "friction.rolling" else one
+        for one in PARAMETERS
+    ]
+    monkeypatch.setattr(file_module, "PARAMETERS", optional)
+    robot = Robot.load("alten")
+    assert "\nrolling = " not in robot_text(robot.annotated(sources={}))
+    measured = robot.annotated(sources={"friction.rolling": "measured: none"})
+    write_robot(measured, tmp_path / "robot.toml")
+    assert Robot.load(tmp_path / "robot.toml").sources["friction.rolling"] == "measured: none"
 
 
 def test_file_that_omits_a_parameter_gets_its_default(tmp_path: Path) -> None:

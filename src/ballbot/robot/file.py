@@ -190,8 +190,7 @@ def robot_text(robot: RobotValues) -> str:
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:
     for parameter in PARAMETERS:
-        unchanged = value_of(robot, parameter) == parameter.default
-        if parameter.table == table and not (unchanged and parameter.written == "if changed"):
+        if parameter.table == table and not _left_out(robot, parameter):
             values = [value_of(robot, parameter)]
             if parameter.name in robot.standard_deviations:
                 values.append(robot.standard_deviations[parameter.name])
@@ -201,6 +200,15 @@ def _lines(robot: RobotValues, table: str) -> Iterator[str]:
             source = toml_string(robot.sources.get(parameter.name, parameter.source))
             yield f"# {parameter.meaning}"
             yield f"{parameter.key} = {{ value = {texts[0]}, {unit_text}{deviation}source = {source} }}"
+
+
+def _left_out(robot: RobotValues, parameter: Parameter) -> bool:
+    """Return whether a file need not have the parameter: reading gives the same value, source and deviation."""
+    value = value_of(robot, parameter)
+    if parameter.written != "if changed" or value != parameter.default:
+        return False
+    stated = robot.sources.get(parameter.name, parameter.source) != parameter.source
+    return value == () or not (stated or parameter.name in robot.standard_deviations)
 
 
 def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], str]:

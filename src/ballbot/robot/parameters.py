@@ -88,7 +88,7 @@ def parameter(
     source : str
         Source of a value that states none.
     written : {"always", "if changed"}
-        Whether files are written without a value that equals the field's default.
+        Whether files are written without a value that is the field's default and has no source of its own.
     """
     stated = Parameter(
         meaning=meaning,
