@@ -42,7 +42,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -50,7 +50,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import reflected_rotor_inertia
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, Payload, Softness
@@ -289,6 +289,7 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
         If the scenario does not fit the robot, or the robot's wheels do not fit its body.
     """
     check_scenario(scenario, robot)
+    _check_friction(scenario.friction)
     root = _document(robot, scenario, mounting)
     if scenario.softness and mounting != "stand":
         hard = _document(robot, replace(scenario, softness=None), mounting)
@@ -375,6 +376,28 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
         contype="0" if scenario.softness else "1",
         rgba="0.2 0.3 0.7 1",
     )
+
+
+#: terms of a scenario's friction that the twin simulates: wheels' here and in `driveline.py`, the floor's below
+SIMULATED_FRICTION = (
+    "viscous",
+    "coulomb",
+    "stribeck",
+    "stribeck_speed",
+    "stribeck_exponent",
+    "rolling",
+    "coulomb_asymmetry",
+    "stribeck_asymmetry",
+    "load",
+)
+
+
+def _check_friction(friction: Friction) -> None:
+    for one in fields(friction):
+        if one.name not in SIMULATED_FRICTION and np.any(getattr(friction, one.name)):
+            raise InputError(
+                f"The twin does not simulate friction.{one.name}; set it to zero in the scenario."
+            )
 
 
 def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
