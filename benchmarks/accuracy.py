@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from ballbot.mechanics.engine.compiled import FAST
 from ballbot.mechanics.engine.lanes import LANES, ROWS, TORQUE, put
+from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane
 from ballbot.mechanics.engine.smooth import derivative, pose
 from ballbot.mechanics.engine.vector import each
 from ballbot.mechanics.friction import sign
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import load
 
 
 @njit(error_model="numpy", fastmath=FAST)

@@ -11,10 +11,10 @@ from numba import njit
 
 from ballbot.mechanics.engine.compiled import FAST
 from ballbot.mechanics.engine.lanes import LANES, ROWS, STEP, TRIAL, stored
+from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import load_state, load_torques
 from ballbot.mechanics.engine.smooth import runge_kutta_step
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import load
 
 _COUNTED = ("fadd", "fsub", "fmul", "fdiv", "fneg", "fcmp", "select", "sqrt", "fptosi", "sitofp")
 

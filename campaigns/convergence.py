@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from ballbot import Model, Robot
+from ballbot.mechanics.floor import rolling_friction
 from benchmarks.workloads import nominal_robot
 from campaigns.section import Section
 
@@ -70,7 +71,7 @@ class EventDriven:
         n, friction = robot.wheel_count, robot.friction
         self._friction = friction
         self._held = np.array(friction.coulomb) + np.array(friction.stribeck)
-        self._rolling = (robot.ball.mass + robot.body.mass) * robot.gravity * friction.rolling
+        self._rolling_force = robot.rolling_force
         without_dry = replace(friction, coulomb=(0.0,) * n, stribeck=(0.0,) * n, rolling=0.0)
         self._model = Model(robot.replace(friction=without_dry))
 
@@ -131,7 +132,7 @@ class EventDriven:
             return float(np.hypot(*x[5:7])) - 0.5 * _BALL_AT_REST
 
         def unused_force(_: float, x: NDArray[np.float64]) -> float:
-            return float(self._rolling - np.hypot(*self._motion(x, u, mode).floor))
+            return float(self._rolling_force - np.hypot(*self._motion(x, u, mode).floor))
 
         return _terminal(speed if mode.rolls else unused_force)
 
@@ -180,7 +181,7 @@ class EventDriven:
                 if tried.signs[i] == 0
                 else tried.signs[i] * rates[i] > 0.0
                 for i in wheels
-            ) and (tried.rolls or np.hypot(*motion.floor) <= self._rolling):
+            ) and (tried.rolls or np.hypot(*motion.floor) <= self._rolling_force):
                 return tried
         return None
 
@@ -195,7 +196,7 @@ class EventDriven:
         forces = np.zeros(n + 2)
         forces[:n] = np.where(slides, dry * mode.signs, 0.0)
         if mode.rolls:
-            forces[n:] = self._rolling * q_dot[:2] / np.hypot(*q_dot[:2])
+            forces[n:] = -rolling_friction(q_dot[:2], self._rolling_force)
         rows = np.vstack([W, np.eye(5)[:2]])
         q_ddot = self._model.acceleration(q, q_dot, u) - np.linalg.solve(M, rows.T @ forces)
         sticks = np.append(~slides, [not mode.rolls] * 2)

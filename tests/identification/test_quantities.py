@@ -1,6 +1,6 @@
 """What identification can free besides friction, each against a log made with a known value of it."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -13,11 +13,21 @@ from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.parameters import Bounds, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import QUANTITIES, Layout, names_in, second_moments, with_rigid_body
+from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
+from ballbot.identification.quantities import (
+    NOT_IDENTIFIED,
+    QUANTITIES,
+    TERMS,
+    Layout,
+    names_in,
+    second_moments,
+    with_rigid_body,
+)
 from ballbot.identification.stages import windows_for
 from ballbot.identification.windows import back_emf_of, ball_spin, seen_late, standstill_torques, state_delays
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
+from ballbot.robot import Friction
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -33,6 +43,13 @@ def residuals(log: Log, extra: dict[str, list[float]], *, back_emf: float = 0.0)
     predictor = Predictor(robot=alten(), formulation="exact", step=1e-3, layout=layout, back_emf=back_emf)
     windows = windows_for(predictor, values, [log], duration=0.25)
     return predictor.residuals(values[None], windows, every=1)[0]
+
+
+def test_every_term_of_friction_is_identified_or_listed_as_not() -> None:
+    """Coulomb friction by direction is identified as a torque offset."""
+    identified = {*FRICTION_NAMES, *TERMS, "coulomb_asymmetry"}
+    assert identified.isdisjoint(NOT_IDENTIFIED)
+    assert identified | {*NOT_IDENTIFIED} == {one.name for one in fields(Friction)}
 
 
 def with_torques(log: Log, torques: np.ndarray) -> Log:

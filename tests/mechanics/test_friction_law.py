@@ -55,6 +55,17 @@ def test_terms_survive_the_robot_file_and_absent_terms_are_not_written(tmp_path)
     assert "load" not in text.split("[friction]")[1]
 
 
+def test_every_term_but_the_shape_of_the_stribeck_curve_is_scaled():
+    scaled = scaled_friction(FULL, (2.0, 3.0, 4.0), rolling_factor=5.0)
+    for one in fields(Friction):
+        before, after = getattr(FULL, one.name), getattr(scaled, one.name)
+        if one.name in ("stribeck_speed", "stribeck_exponent"):
+            assert after == before
+        else:
+            factors = (2.0, 3.0, 4.0) if isinstance(before, tuple) else 5.0
+            assert after == pytest.approx(np.multiply(factors, before), rel=1e-15), one.name
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -126,7 +137,7 @@ def test_moving_wheels_decelerate_by_the_friction_of_their_direction():
     speeds = model.wheel_speed(np.zeros(5), q_dot)
     net = TORQUES - wheel_friction(speeds, FULL, torque=TORQUES)
     expected = frictionless.acceleration(np.zeros(5), q_dot, net)
-    ball = (model.robot.ball.mass + model.robot.body.mass) * model.robot.gravity * FULL.rolling
+    ball = model.robot.weight * FULL.rolling
     force = np.concatenate([-ball * q_dot[:2] / np.hypot(*q_dot[:2]), np.zeros(3)])
     expected = expected + np.linalg.solve(frictionless.mass_matrix(np.zeros(5)), force)
     np.testing.assert_allclose(rate, expected, rtol=0, atol=2e-4)

@@ -78,9 +78,10 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
         raise InputError(f"The confidence is {confidence:g}; it must be at least 0.5 and below 1.")
     z = float(norm.ppf(confidence))
     fractions = [_certain_fraction(friction, wheel, P, z) for wheel in range(n)]
-    rolling_error = float(np.sqrt(P[3 * n + 2, 3 * n + 2]))
+    C_rr = 3 * n + 2  # its place, after v_s and delta
+    rolling_error = float(np.sqrt(P[C_rr, C_rr]))
     rolling = max(friction.rolling - z * rolling_error, 0.0)
-    cautious = replace(scaled_friction(friction, fractions, rolling=1.0), rolling=rolling)
+    cautious = replace(scaled_friction(friction, fractions, rolling_factor=1.0), rolling=rolling)
     if not friction.load:
         return cautious
     least = np.maximum(np.asarray(friction.load) - z * np.sqrt(P.diagonal()[5 * n + 3 :]), 0.0)

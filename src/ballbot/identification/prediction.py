@@ -32,9 +32,8 @@ from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.friction import DirectedLaw, PlainLaw, WheelLaw
 from ballbot.mechanics.parameters import (
-    PLACE_PIVOTING,
-    PLACE_ROLLING,
     PLACE_SPEED_SCALE,
+    PLACES,
     Formulation,
     friction_places,
     pack,
@@ -195,11 +194,11 @@ class Predictor:
         else:
             rows = np.repeat(pack(robot, self.formulation, law=self._law)[None], len(values), axis=0)
         n = robot.wheel_count
-        friction, places = values[:, : 3 * n + 3], friction_places(n)
-        rows[:, places] = friction
+        places = friction_places(n)
+        rows[:, places] = values[:, : len(places)]
         rows[:, places[:n]] += self.back_emf
-        rows[:, PLACE_SPEED_SCALE] = 1.0 / friction[:, -3]
-        rows[:, PLACE_ROLLING] = (robot.ball.mass + robot.body.mass) * robot.gravity * friction[:, -1]
+        rows[:, PLACE_SPEED_SCALE] = 1.0 / layout.number("stribeck_speed", values)
+        rows[:, PLACES["rolling_force"]] = robot.weight * layout.number("rolling", values)
         if isinstance(self._law, DirectedLaw):
             # a torque offset stands for the asymmetry of Coulomb friction
             of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
@@ -207,7 +206,7 @@ class Predictor:
                 rows[:, columns] = 0.0 if part is None else part
         pivoting = layout.part("pivoting", values)
         if pivoting is not None:
-            rows[:, PLACE_PIVOTING] = pivoting[:, 0]
+            rows[:, PLACES["pivoting"]] = pivoting[:, 0]
         return rows
 
     @property

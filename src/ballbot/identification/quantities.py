@@ -1,12 +1,12 @@
 """The table of quantities that identification can estimate: name, symbol, unit, scale and default bounds.
 
-Friction always comes first, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]; other quantities
-follow in the table's order. A quantity that is not estimated has its nominal value: the robot's own, or the neutral one
-of an input and of sensors without fault (gain 1, all others 0).
+A row of parameters begins with the friction, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]. Other
+quantities follow in the table's order. A quantity that is not estimated has its nominal value. That is the robot's own
+value, or the neutral value of an input or a sensor without fault: a gain of 1, and 0 for all others.
 
-The bounds keep the robot physical: masses' second moments S_x, S_y, S_z about the centre of mass stand for its
-inertia, J_xx = S_y + S_z and so on in turn, of which any that are positive belong to some body (the triangle inequality
-is S > 0).
+The bounds keep the robot physical. The body's second moments S_x, S_y, S_z about its centre of mass stand for its
+inertia: J_xx = S_y + S_z, and so on in turn. Any positive second moments belong to some body, because S > 0 is the
+triangle inequality of the inertia.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Limits, Scale
-from ballbot.robot import Body, Drive, Friction, Robot
+from ballbot.robot import Body, Drive, Robot
 from ballbot.robot.derived import reflected_rotor_inertia, thin_shell_inertia
 
 #: quantities of which the rigid body is made; what changes one of them makes another robot
@@ -73,7 +73,9 @@ def with_friction(
     torque_offset: NDArray[np.float64] | None = None,
     stribeck_asymmetry: NDArray[np.float64] | None = None,
 ) -> Robot:
-    """Return the robot with this friction and no other term.
+    """Return the robot with this friction; terms that identification estimates and that are not given become absent.
+
+    Terms in `NOT_IDENTIFIED` stay as they are.
 
     Parameters
     ----------
@@ -92,7 +94,8 @@ def with_friction(
     b, c, s = (tuple(values[k * n : (k + 1) * n].tolist()) for k in range(3))
     v_s, delta, C_rr = values[3 * n : 3 * n + 3].tolist()
     return robot.replace(
-        friction=Friction(
+        friction=replace(
+            robot.friction,
             viscous=b,
             coulomb=c,
             stribeck=s,
@@ -379,6 +382,10 @@ BY_NAME = MappingProxyType({quantity.name: quantity for quantity in QUANTITIES})
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling")
 #: further terms of the friction, beside the asymmetry that a torque offset stands for
 TERMS = ("stribeck_asymmetry", "load")
+#: of the wheels, in the same order: without the floor's
+OF_WHEELS = tuple(name for name in FRICTION if name != "rolling")
+#: fields of `Friction` that no quantity stands for; the robot's own are used
+NOT_IDENTIFIED: tuple[str, ...] = ()
 #: names that stand for several
 GROUPS = MappingProxyType(
     {
@@ -428,15 +435,26 @@ class Layout:
         """The label of each number (p,)."""
         return tuple(label for name in self.names for label in BY_NAME[name].labels(self.wheel_count))
 
-    def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None if it is not among them."""
+    def columns(self, name: str) -> slice | None:
+        """Return where a quantity stands in a row of parameters, None if it is not among them."""
         first = 0
         for other in self.names:
             size = len(BY_NAME[other].labels(self.wheel_count))
             if other == name:
-                return values[..., first : first + size]
+                return slice(first, first + size)
             first += size
         return None
+
+    def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None if it is not among them."""
+        columns = self.columns(name)
+        return None if columns is None else values[..., columns]
+
+    def number(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a quantity of one number (...) out of rows of parameters (..., p) that have it."""
+        part = self.part(name, values)
+        assert part is not None, name
+        return part[..., 0]
 
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return the parameters (p,) before identification."""

@@ -31,7 +31,7 @@ from ballbot.fitting.uncertainty import NormalEquations, correlation, covariance
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
 from ballbot.identification.prediction import DIFFERENCE
-from ballbot.identification.quantities import BY_NAME, FRICTION
+from ballbot.identification.quantities import BY_NAME, FRICTION, OF_WHEELS
 from ballbot.identification.result import (
     ParameterTable,
     bound_findings,
@@ -308,7 +308,7 @@ class BallProblem:
         windows = self.windows
         predicted = simulate_balls(
             self.ball,
-            friction=friction[:, :-1],
+            friction=np.delete(friction, self.rolling, axis=1),
             terms=terms,
             initial=windows.initial,
             torques=windows.torques,
@@ -318,6 +318,13 @@ class BallProblem:
             threads=self.threads,
         )
         return predicted - windows.measured[:, every - 1 :: every]
+
+    @property
+    def rolling(self) -> slice:
+        """Where C_rr stands, which a ball on clamped wheels does not have."""
+        columns = self.coordinates.layout.columns("rolling")
+        assert columns is not None
+        return columns
 
     def of_points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the residuals (sets, w, 3 k) of scaled parameters (sets, p) at the times of comparison."""
@@ -338,11 +345,11 @@ class BallProblem:
 
 
 def _coordinates(robot: Robot, bounds: Bounds) -> Coordinates:
-    """Return the coordinates of friction's 3 n + 3 parameters, the last, rolling friction, held as it is."""
+    """Return the coordinates of friction's 3 n + 3 parameters; rolling friction is held as it is."""
     others = [name for name in bounds.limits if name not in FRICTION]
     if others:
         raise InputError(f"{others[0]} cannot be identified upside down; remove its bounds.")
-    return scale_between(robot, free=FRICTION[:-1], bounds=bounds.without("rolling"))
+    return scale_between(robot, free=OF_WHEELS, bounds=bounds.without("rolling"))
 
 
 def _check(problem: BallProblem) -> list[Finding]:
@@ -442,8 +449,8 @@ def _result(
         robot=found.annotated(sources={**found.sources, "friction.rolling": rolling}),
         parameters=_by_symbol(coordinates, np.where(no_influence, np.nan, values)),
         standard_errors=_by_symbol(coordinates, physical_errors),
-        labels=coordinates.labels[:-1],
-        correlation=correlations[:-1, :-1],
+        labels=tuple(np.delete(coordinates.labels, problem.rolling).tolist()),
+        correlation=np.delete(np.delete(correlations, problem.rolling, axis=0), problem.rolling, axis=1),
         held_out=held_out,
         fit=fit,
         fit_windows=windows.spans,
@@ -462,4 +469,4 @@ def _result(
 
 def _by_symbol(coordinates: Coordinates, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
     table = coordinates.layout.by_symbol(values)
-    return {symbol: value for symbol, value in table.items() if symbol != BY_NAME[FRICTION[-1]].symbol}
+    return {symbol: value for symbol, value in table.items() if symbol != BY_NAME["rolling"].symbol}

@@ -66,12 +66,12 @@ def solve_in_place(K, right, size):
 
 
 @called
-def rest_is_held(M, free, C, limits, rolling, h):
+def rest_is_held(M, free, C, limits, rolling_force, h):
     """Return True where friction can hold the whole robot at rest.
 
     The forces that stop it, f = M nu_free / h, must come from wheels within their limits and a ground force
-    within `rolling`: C_w^T lambda = f_w, then r = f_v - C_v^T lambda, and pivoting likewise. Four wheels leave one
-    freedom in lambda.
+    within `rolling_force`: C_w^T lambda = f_w, then r = f_v - C_v^T lambda, and pivoting likewise. Four wheels leave
+    one freedom in lambda.
     """
     size = len(free)
     n = _wheel_count(C)
@@ -103,7 +103,7 @@ def rest_is_held(M, free, C, limits, rolling, h):
             ends = (-limits[wheel] - force) / idle, (limits[wheel] - force) / idle
             low, high = max(low, min(ends)), min(high, max(ends))
     pivots = size == 6 and not abs(pivot) <= limits[n]
-    return low <= high and r_x * r_x + r_y * r_y <= rolling * rolling and not pivots
+    return low <= high and r_x * r_x + r_y * r_y <= rolling_force * rolling_force and not pivots
 
 
 @called
@@ -145,14 +145,14 @@ def _mobility(M, C):
 
 
 @called
-def _disc_force(v_x, v_y, a, c, b, rolling, h):
+def _disc_force(v_x, v_y, a, c, b, rolling_force, h):
     """Return the disc's force and the velocity left: v = v_0 - h G r for the 2 x 2 mobility G = [[a, b], [b, c]].
 
     Sticking, r = G^-1 v_0 / h. Sliding, r = rho n with (s + h rho G) n = v_0 and |n| = 1; the speed s is where
     1/|n(s)| = 1, by Newton's method from s = 0 (as J. J. More and D. C. Sorensen do, Computing a trust region step,
     1983).
     """
-    if rolling <= 0.0:
+    if rolling_force <= 0.0:
         return 0.0, 0.0, v_x, v_y
     angle = 0.5 * math.atan2(2.0 * b, a - c)
     cos, sin = math.cos(angle), math.sin(angle)
@@ -160,12 +160,12 @@ def _disc_force(v_x, v_y, a, c, b, rolling, h):
     smallest = (a * c - b * b) / largest
     p, q = cos * v_x + sin * v_y, cos * v_y - sin * v_x
     hold_p, hold_q = p / (h * largest), q / (h * smallest)
-    if math.hypot(hold_p, hold_q) <= rolling:
+    if math.hypot(hold_p, hold_q) <= rolling_force:
         return cos * hold_p - sin * hold_q, sin * hold_p + cos * hold_q, 0.0, 0.0
     speed = 0.0
     n_p = n_q = length = 0.0
     for _ in range(_DISC_STEPS):
-        d_p, d_q = speed + h * rolling * largest, speed + h * rolling * smallest
+        d_p, d_q = speed + h * rolling_force * largest, speed + h * rolling_force * smallest
         n_p, n_q = p / d_p, q / d_q
         length = math.hypot(n_p, n_q)
         step = (length - 1.0) * length * length / (n_p * n_p / d_p + n_q * n_q / d_q)
@@ -173,7 +173,7 @@ def _disc_force(v_x, v_y, a, c, b, rolling, h):
         if abs(step) <= 1e-16 * d_p:
             break
     n_x, n_y = (cos * n_p - sin * n_q) / length, (sin * n_p + cos * n_q) / length
-    return rolling * n_x, rolling * n_y, speed * n_x, speed * n_y
+    return rolling_force * n_x, rolling_force * n_y, speed * n_x, speed * n_y
 
 
 @called
@@ -204,7 +204,7 @@ def _speeds_under(forces, G, ahead, h, count, speeds):
 
 
 @called
-def _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
+def _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
     """Fill the forces and speeds that follow from a guess: signs[i] is 0 where a box sticks. Returns False if none do.
 
     The sticking boxes' forces are X_0 - X_1 r_x - X_2 r_y, with r the disc's.
@@ -230,7 +230,7 @@ def _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
         a -= G[n, stuck[i]] * X[1, i]
         c -= G[n + 1, stuck[i]] * X[2, i]
         b -= G[n, stuck[i]] * X[2, i]
-    forces[n], forces[n + 1], v_x, v_y = _disc_force(v_x, v_y, a, c, b, rolling, h)
+    forces[n], forces[n + 1], v_x, v_y = _disc_force(v_x, v_y, a, c, b, rolling_force, h)
     for i in range(count):
         forces[stuck[i]] = X[0, i] - X[1, i] * forces[n] - X[2, i] * forces[n + 1]
     _speeds_under(forces, G, ahead, h, n + 2, speeds)
@@ -286,7 +286,7 @@ def _correct(signs, limits, forces, speeds):
 
 
 @called
-def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h):
+def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling_force, h):
     """Put forces and speeds of the best guess of all into the rows of `best`."""
     n = len(limits)
     signs, forces, speeds = np.empty(n), np.empty(n + 2), np.empty(n + 2)
@@ -295,7 +295,7 @@ def _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h):
         for i in range(n):
             signs[i] = rest % 3 - 1.0
             rest //= 3
-        if _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
+        if _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
             distance = _distance_at_most(signs, G, limits, forces, speeds, h)
             if distance < best_distance:
                 fill(best[0], forces)
@@ -318,7 +318,13 @@ def _first_guess(signs, C, limits, start):
 
 
 def minimise(
-    M: ArrayLike, free: ArrayLike, C: ArrayLike, limits: ArrayLike, rolling: float, h: float, start: ArrayLike
+    M: ArrayLike,
+    free: ArrayLike,
+    C: ArrayLike,
+    limits: ArrayLike,
+    rolling_force: float,
+    h: float,
+    start: ArrayLike,
 ) -> NDArray[np.float64]:
     """Return the velocities after a step with set-valued friction.
 
@@ -333,7 +339,7 @@ def minimise(
     limits : array_like (n,) or (n + 1,), or of as many pairs
         g_i and the largest pivoting friction [N m], not negative; a pair is what acts on a forward speed, and on a
         backward one.
-    rolling : float
+    rolling_force : float
         N C_rr [N], not negative.
     h : float
         Step [s].
@@ -358,7 +364,7 @@ def minimise(
     by_direction = np.ndim(limits) == 2
     sizes = real_array(limits, (len(rows), 2)[: 1 + by_direction], "The array of friction limits")
     first, end = real_array(start, (m,), "The start"), real_array(free, (m,), "The array of free velocities")
-    rolls, step = real_number(rolling, "The rolling friction"), real_number(h, "The step")
+    rolls, step = real_number(rolling_force, "The rolling friction"), real_number(h, "The step")
     if min(sizes.min(), rolls, step) < 0.0:
         raise InputError(
             "A friction limit, the rolling friction or the step is negative; each must be zero or more."
@@ -370,15 +376,15 @@ def minimise(
 
 
 @compiled
-def _minimise(M, free, C, limits, rolling, h, start):
-    return minimiser(M, free, C, limits, rolling, h, start)
+def _minimise(M, free, C, limits, rolling_force, h, start):
+    return minimiser(M, free, C, limits, rolling_force, h, start)
 
 
 @shared
-def minimiser(M, free, C, limits, rolling, h, start):
+def minimiser(M, free, C, limits, rolling_force, h, start):
     """Return what `minimise` does, to compiled code."""
     n, m = C.shape
-    if rest_is_held(M, free, C, limits, rolling, h):
+    if rest_is_held(M, free, C, limits, rolling_force, h):
         return np.zeros(m)
     Y, G = _mobility(M, C)
     ahead = np.zeros(n + 2)
@@ -397,7 +403,7 @@ def minimiser(M, free, C, limits, rolling, h, start):
     best, best_distance = np.zeros((2, n + 2)), np.inf
     _first_guess(signs, C, limits, start)
     for _ in range(_GUESSES):
-        if not _forces_of_guess(signs, C, G, ahead, limits, rolling, h, forces, speeds):
+        if not _forces_of_guess(signs, C, G, ahead, limits, rolling_force, h, forces, speeds):
             break
         distance = _distance_at_most(signs, G, limits, forces, speeds, h)
         if distance < best_distance:
@@ -408,7 +414,7 @@ def minimiser(M, free, C, limits, rolling, h, start):
             break
         _correct(signs, limits, forces, speeds)
     if best_distance > enough:
-        _try_all(best, best_distance, enough, C, G, ahead, limits, rolling, h)
+        _try_all(best, best_distance, enough, C, G, ahead, limits, rolling_force, h)
     return _velocities(free, Y, best[0], best[1], h)
 
 

@@ -56,11 +56,10 @@ def friction_sentence(robot: Robot) -> str:
     friction = robot.friction
     dry = np.array(friction.coulomb)
     start = dry + np.array(friction.stribeck)
-    rolling = (robot.ball.mass + robot.body.mass) * robot.gravity * friction.rolling
     return (
         f"The break-away torque of a wheel is {_range(start)} N m. Above about {digits(friction.stribeck_speed, 2)} "
         f"rad/s its friction is {_range(dry)} N m plus {_range(np.array(friction.viscous))} N m per rad/s. "
-        f"{_friction_terms_words(friction)}The rolling friction of the ball is {digits(rolling, 2)} N "
+        f"{_friction_terms_words(friction)}The rolling friction of the ball is {digits(robot.rolling_force, 2)} N "
         f"(C_rr = {digits(friction.rolling, 2)})."
     )
 

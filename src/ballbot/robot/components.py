@@ -277,6 +277,16 @@ class RobotValues:
         """Number of wheels and motors, n."""
         return len(self.wheels.azimuths)
 
+    @property
+    def weight(self) -> float:
+        """The weight N [N] of the ball and the body, which the floor carries."""
+        return (self.ball.mass + self.body.mass) * self.gravity
+
+    @property
+    def rolling_force(self) -> float:
+        """The friction N C_rr [N] of a ball that rolls on a level floor, and the largest that holds one at rest."""
+        return self.weight * self.friction.rolling
+
 
 #: every parameter of a robot, in the order of robot files, and by its dotted name
 PARAMETERS = parameters_of(RobotValues)
@@ -300,23 +310,23 @@ def scaled_body(body: Body, *, mass: float, height: float) -> Body:
 
 
 def scaled_friction(
-    friction: Friction, factor: float | Sequence[float], *, rolling: float | None = None
+    friction: Friction, factor: float | Sequence[float], *, rolling_factor: float | None = None
 ) -> Friction:
-    """Return friction whose torques and whose rolling resistance are that many times as large; speeds stay.
+    """Return friction whose torques and whose rolling friction are that many times as large; v_s and delta stay.
 
     Parameters
     ----------
     friction : Friction
     factor : float or sequence of float
         Of every term, of all wheels or of each.
-    rolling : float, optional
-        Of the rolling resistance; needed if each wheel has a factor of its own, `factor` by default.
+    rolling_factor : float, optional
+        Of the rolling friction C_rr; needed if each wheel has a factor of its own, `factor` by default.
     """
     count = len(friction.coulomb)
     if isinstance(factor, Sequence):
-        factors, of_floor = factor, rolling
+        factors, of_floor = factor, rolling_factor
     else:
-        factors, of_floor = (factor,) * count, factor if rolling is None else rolling
+        factors, of_floor = (factor,) * count, factor if rolling_factor is None else rolling_factor
     assert of_floor is not None
 
     def each(values: tuple[float, ...]) -> tuple[float, ...]:

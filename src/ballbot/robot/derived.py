@@ -188,14 +188,13 @@ def _of_drive(robot: Robot) -> list[Derived]:
     )
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
     break_away = max(friction.breakaway)
-    rolling = friction.rolling * (robot.ball.mass + robot.body.mass) * robot.gravity
     return [
         _derived("speed_ratio", robot.ball.radius / wheels.radius, "1", "r_b / r_w"),
         _derived("reflected_rotor_inertia", reflected, "kg m^2", "n^2 (j_m + j_g), at a wheel"),
         _derived("wheel_speed_limit", speed_limit, "rad/s", "at full supply without load"),
         _derived("encoder_step", step, "rad", "wheel angle of one count"),
         _derived("break_away_torque", break_away, "N m", "largest c + s of a wheel"),
-        _derived("rolling_resistance", rolling, "N", "C_rr N on level ground"),
+        _derived("rolling_resistance", robot.rolling_force, "N", "C_rr N on level ground"),
     ]
 
 

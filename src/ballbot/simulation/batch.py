@@ -21,6 +21,7 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import called, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES, STEP, TORQUE, new_work, robot_in
+from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import (
     load_state,
     load_torques,
@@ -33,7 +34,7 @@ from ballbot.mechanics.engine.smooth import pose
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.friction import wheel_law
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import load, pack, selector
+from ballbot.mechanics.parameters import pack, selector
 from ballbot.robot import Robot
 from ballbot.simulation.conditions import FALLING_PART, Conditions, pack_conditions
 from ballbot.simulation.model_plant import checked_states, friction_needed, lift_off, pack_contacts, sinking

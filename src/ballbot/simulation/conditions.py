@@ -72,7 +72,7 @@ def rest_on_slope(
     robot: Robot, slope: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lean (theta, phi) [rad] and the wheel torques (n,) [N m] of a robot at rest on a slope, at psi = 0."""
-    weight = (robot.ball.mass + robot.body.mass) * robot.gravity
+    weight = robot.weight
     torque = robot.ball.radius * weight * np.array([-slope[1], slope[0], 0.0])
     lean = torque[:2] / (robot.body.mass * robot.gravity * robot.body.center_of_mass)
     return lean, np.linalg.pinv(transforms(robot).T_owb.T) @ torque

@@ -36,12 +36,13 @@ from ballbot.mechanics.contacts import finished, free_motion
 from ballbot.mechanics.engine.arrays import box_rows, fill, in_order, mass_matrix
 from ballbot.mechanics.engine.compiled import called, compiled
 from ballbot.mechanics.engine.lanes import LANES, ROWS, STATE, TORQUE, stored
+from ballbot.mechanics.engine.loading import load
 from ballbot.mechanics.engine.run import load_state, start_lane, velocity_in, write_state
 from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, balancing_attitude
 from ballbot.mechanics.friction import dry_friction, friction_shift
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE, friction_places, load
+from ballbot.mechanics.parameters import PLACES, RIGID_SIZE, WHEEL_SIZE, friction_places
 from ballbot.mechanics.stick_slip import solve_in_place
 from ballbot.robot import Robot
 from ballbot.robot.derived import reflected_rotor_inertia
@@ -51,7 +52,7 @@ from ballbot.simulation.plant import Measurement
 #: longest step [s]; the twin's
 _STEP = 5e-4
 #: places of D1, D2 and D3 in a packed row; the rotors' inertia is a summand of each
-_INERTIA_PLACES = slice(5, 8)
+_INERTIA_PLACES = [PLACES[name] for name in ("d1", "d2", "d3")]
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]
 _SETTLED = 1e-10
@@ -251,7 +252,7 @@ def run_with_play(selected, robot, state, motors, torques, loads, h, steps, tran
         Y, G = _mobility(mass_matrix(free.system), rows)
         before, speeds = _speeds(rows, start), _speeds(rows, nu)
         _load_motors(drivelines, inertia, play, motors, torques, h, motor)
-        _settle(G, speeds, motor, P.rolling, P.pivoting, h, forces)
+        _settle(G, speeds, motor, P.rolling_force, P.pivoting, h, forces)
         for i in range(len(rows)):
             for j in range(len(nu)):
                 nu[j] += h * Y[i, j] * forces[i]
@@ -316,7 +317,7 @@ def _mobility(M, rows):
 
 
 @called
-def _settle(G, speeds, motor, rolling, pivoting, h, forces):
+def _settle(G, speeds, motor, rolling_force, pivoting, h, forces):
     """Find the forces at all contacts; `speeds` becomes those under them, and `motor` gets the motors' speeds.
 
     `forces` begins as a guess, the step's before.
@@ -337,9 +338,9 @@ def _settle(G, speeds, motor, rolling, pivoting, h, forces):
             force = forces[i] - speeds[i] / (h * G[i, i])
             force = min(max(force, -pivoting), pivoting)
             moved = max(moved, _change(G, speeds, forces, i, force - forces[i], h))
-        if rolling > 0.0:
+        if rolling_force > 0.0:
             p, q = forces[x] - speeds[x] / (h * stiffest), forces[y] - speeds[y] / (h * stiffest)
-            share = min(1.0, rolling / max(math.hypot(p, q), 1e-300))
+            share = min(1.0, rolling_force / max(math.hypot(p, q), 1e-300))
             p, q = share * p - forces[x], share * q - forces[y]
             moved = max(moved, _change(G, speeds, forces, x, p, h))
             moved = max(moved, _change(G, speeds, forces, y, q, h))

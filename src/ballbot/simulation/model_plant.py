@@ -26,20 +26,21 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES, ROWS
+from ballbot.mechanics.engine.loading import load_parameters, under_torque
 from ballbot.mechanics.engine.run import load_state, simulate_one, start_lane
 from ballbot.mechanics.engine.smooth import (
     acceleration,
     ball_velocity,
     body_velocity,
-    floor_friction,
     pose,
 )
 from ballbot.mechanics.engine.vector import add, cross, dot, each, each_with, rotate_back, scale
 from ballbot.mechanics.equations import LARGEST_LEAN, ball_rate, rates_of_angles
+from ballbot.mechanics.floor import floor_friction
 from ballbot.mechanics.friction import directed_friction, sign
 from ballbot.mechanics.geometry import body_rates_matrix, contact_directions, rolling_directions
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, load_parameters, under_torque
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis
 from ballbot.robot import Robot
 from ballbot.simulation.plant import Measurement
 
@@ -47,7 +48,7 @@ from ballbot.simulation.plant import Measurement
 def lift_off(robot: Robot) -> float:
     """Return -d^2/dt^2 (cos theta cos phi) [1/s^2] at which the floor no longer pushes."""
     body = robot.body
-    return (robot.ball.mass + body.mass) * robot.gravity / (body.mass * body.center_of_mass)
+    return robot.weight / (body.mass * body.center_of_mass)
 
 
 @inlined

@@ -142,7 +142,7 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
 def _scaled(robot: Robot, mass: float, height: float, friction: list[float]) -> Robot:
     """Return the robot with these factors on its body, and on the friction of each wheel and of the rolling ball."""
     *wheels, rolling = friction
-    new = scaled_friction(robot.friction, wheels, rolling=rolling)
+    new = scaled_friction(robot.friction, wheels, rolling_factor=rolling)
     return robot.replace(body=scaled_body(robot.body, mass=mass, height=height), friction=new)
 
 

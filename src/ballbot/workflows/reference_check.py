@@ -24,6 +24,7 @@ from ballbot.arrays import real_array
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
+from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
 from ballbot.results import key, left_out, reported, to_results
@@ -114,10 +115,7 @@ def _forces(
     n = model.robot.wheel_count
     unforced = model.acceleration(q, q_dot, np.zeros((len(q), n)))
     forces = np.einsum("kij,kj->ki", model.mass_matrix(q), q_ddot - unforced)
-    robot = model.robot
-    rolling = (robot.ball.mass + robot.body.mass) * robot.gravity * robot.friction.rolling
-    v = q_dot[:, :2]
-    forces[:, :2] += rolling * v / np.maximum(np.hypot(v[:, 0], v[:, 1]), _SLOW)[:, None]
+    forces[:, :2] -= rolling_friction(q_dot[:, :2], model.robot.rolling_force, slowest=_SLOW)
     return forces
 
 

@@ -27,6 +27,7 @@ from ballbot.control.records import MAX_WHEELS, number
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
 from ballbot.mechanics.equations import ball_rate, body_rates
+from ballbot.mechanics.floor import rolling_brake
 from ballbot.mechanics.friction import WheelTerms, dry_friction, friction_shift, friction_terms
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.parameters import DirectedWheel, Wheel
@@ -69,7 +70,7 @@ def compensation_record(settings: LawSettings) -> CompensationRecord:
         inv_rb=1.0 / robot.ball.radius,
         inv_vs=1.0 / friction.stribeck_speed,
         delta=friction.stribeck_exponent,
-        rolling=(robot.ball.mass + robot.body.mass) * robot.gravity * friction.rolling,
+        rolling=robot.rolling_force,
         steepness=1.0 / settings.speed_band,
         rolling_steepness=1.0 / (settings.speed_band * robot.ball.radius),
         full=float(settings.compensation == "full"),
@@ -126,7 +127,7 @@ def _rolling_force(own, a, rates):
     """Return N C_rr v/|v| in the heading frame, v/|v| a ramp around zero."""
     v_x, v_y = rates[0], rates[1]
     speed = (v_x * v_x + v_y * v_y) ** 0.5
-    size = own.rolling * min(1.0, speed * own.rolling_steepness) / max(speed, 1e-300)
+    size = rolling_brake(own.rolling * min(1.0, speed * own.rolling_steepness), speed)
     return size * (a.cos_psi * v_x + a.sin_psi * v_y), size * (a.cos_psi * v_y - a.sin_psi * v_x)
 
 

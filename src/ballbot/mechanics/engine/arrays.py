@@ -9,7 +9,8 @@ import numpy as np
 
 from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.engine.smooth import FloorFriction, acceleration
+from ballbot.mechanics.engine.loading import load_parameters
+from ballbot.mechanics.engine.smooth import acceleration
 from ballbot.mechanics.engine.vector import each, each_with, subtract
 from ballbot.mechanics.equations import (
     SpinTerms,
@@ -20,7 +21,8 @@ from ballbot.mechanics.equations import (
     wheel_force,
     wheel_speeds,
 )
-from ballbot.mechanics.parameters import Pivoting, Thesis, load_parameters
+from ballbot.mechanics.floor import FloorFriction
+from ballbot.mechanics.parameters import Pivoting, Thesis
 
 
 @inlined

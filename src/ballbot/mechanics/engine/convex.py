@@ -41,11 +41,12 @@ from ballbot.mechanics.engine.lanes import (
     restored,
     stored,
 )
-from ballbot.mechanics.engine.smooth import REST, rest_speeds
+from ballbot.mechanics.engine.loading import load, state_like
+from ballbot.mechanics.engine.smooth import rest_speeds
 from ballbot.mechanics.engine.vector import advanced, each, each_with, second, solve_dense, written
 from ballbot.mechanics.equations import balancing_attitude
+from ballbot.mechanics.floor import REST, rolling_brake
 from ballbot.mechanics.friction import sign
-from ballbot.mechanics.parameters import load, state_like
 
 #: Newton rounds at most
 ROUNDS = 5
@@ -86,7 +87,7 @@ def _disc_projection(s_x, s_y, limit):
     return s_x * share, s_y * share
 
 
-def newton_round(s, G, b, limits, rolling) -> tuple:  # pragma: no cover
+def newton_round(s, G, b, limits, rolling_force) -> tuple:  # pragma: no cover
     """Return (forces, their probe s, settled): one round from a probe, and 1 where it left every contact's state.
 
     G and b are those of the module's head, each row multiplied by kappa h and kappa.
@@ -95,13 +96,13 @@ def newton_round(s, G, b, limits, rolling) -> tuple:  # pragma: no cover
 
 
 @by_types_of(newton_round)
-def _newton_round(s, G, b, limits, rolling):
+def _newton_round(s, G, b, limits, rolling_force):
     k, m = len(limits), len(s)
     x, y = k, k + 1
     lines = [f"t{i} = box_derivative(s[{i}], limits[{i}])" for i in range(k)]
     lines += [f"p{i} = box_projection(s[{i}], limits[{i}])" for i in range(k)]
-    lines += [f"t_xx, t_yy, t_xy = disc_derivative(s[{x}], s[{y}], rolling)"]
-    lines += [f"p{x}, p{y} = disc_projection(s[{x}], s[{y}], rolling)"]
+    lines += [f"t_xx, t_yy, t_xy = disc_derivative(s[{x}], s[{y}], rolling_force)"]
+    lines += [f"p{x}, p{y} = disc_projection(s[{x}], s[{y}], rolling_force)"]
     rows, right = [], []
     for i in range(k):
         row = [f"t{i} * G[{i}][{j}]" + (f" + 1.0 - t{i}" if i == j else "") for j in range(m)]
@@ -116,9 +117,9 @@ def _newton_round(s, G, b, limits, rolling):
     lines.append(f"found = solve_dense(({', '.join(rows)},), ({', '.join(right)},))")
     lines.append("after = probe(found, G, b)")
     same = " * ".join(f"agrees(s[{i}], after[{i}], limits[{i}])" for i in range(k))
-    disc = f"disc_agrees(s[{x}], s[{y}], after[{x}], after[{y}], found[{x}], found[{y}], rolling)"
+    disc = f"disc_agrees(s[{x}], s[{y}], after[{x}], after[{y}], found[{x}], found[{y}], rolling_force)"
     return written(
-        "s, G, b, limits, rolling",
+        "s, G, b, limits, rolling_force",
         f"found, after, {same} * {disc}",
         *lines,
         box_derivative=_box_derivative,
@@ -147,7 +148,7 @@ def _probe(forces, G, b):
     return written("forces, G, b", f"({', '.join(rows)},)")
 
 
-def first_probe(speeds, held, rests, limits, rolling) -> tuple:  # pragma: no cover
+def first_probe(speeds, held, rests, limits, rolling_force) -> tuple:  # pragma: no cover
     """Return where to begin: contacts that move are taken to slide on, the others to stick with the forces `held`.
 
     `speeds` are those of the contacts at the step's start, `rests` those of the boxes below which they are at rest.
@@ -156,7 +157,7 @@ def first_probe(speeds, held, rests, limits, rolling) -> tuple:  # pragma: no co
 
 
 @by_types_of(first_probe)
-def _first_probe(speeds, held, rests, limits, rolling):
+def _first_probe(speeds, held, rests, limits, rolling_force):
     k = len(limits)
     slides = [
         f"(limits[{i}] + 1.0) * sign(speeds[{i}]) if abs(speeds[{i}]) > rests[{i}] else held[{i}]"
@@ -164,13 +165,14 @@ def _first_probe(speeds, held, rests, limits, rolling):
     ]
     lines = [
         f"speed = sqrt(speeds[{k}] * speeds[{k}] + speeds[{k + 1}] * speeds[{k + 1}])",
-        "size = (rolling + 1.0) / max(speed, 1e-300)",
+        "size = brake(rolling_force + 1.0, speed)",
     ]
     disc = [f"size * speeds[{k + i}] if speed > {REST} else held[{k + i}]" for i in range(2)]
     return written(
-        "speeds, held, rests, limits, rolling",
+        "speeds, held, rests, limits, rolling_force",
         f"({', '.join(slides + disc)},)",
         *lines,
+        brake=rolling_brake,
         sign=sign,
         sqrt=math.sqrt,
     )
@@ -211,20 +213,20 @@ def _scaled_problem(G, b, h):
     return written("G, b, h", f"({rows},), ({right},)", *lines)
 
 
-def all_stick(forces, limits, rolling) -> float:  # pragma: no cover
+def all_stick(forces, limits, rolling_force) -> float:  # pragma: no cover
     """Return 1 where the forces are inside every limit: the whole robot is held, else 0."""
     raise NotImplementedError("compiled code only")
 
 
 @by_types_of(all_stick)
-def _all_stick(forces, limits, rolling):
+def _all_stick(forces, limits, rolling_force):
     k = len(limits)
     boxes = " and ".join(f"abs(forces[{i}]) <= limits[{i}]" for i in range(k))
-    disc = f"forces[{k}] * forces[{k}] + forces[{k + 1}] * forces[{k + 1}] <= rolling * rolling"
-    return written("forces, limits, rolling", f"1.0 if {boxes} and {disc} else 0.0")
+    disc = f"forces[{k}] * forces[{k}] + forces[{k + 1}] * forces[{k + 1}] <= rolling_force * rolling_force"
+    return written("forces, limits, rolling_force", f"1.0 if {boxes} and {disc} else 0.0")
 
 
-def still_where_held(v, s, limits, rolling) -> tuple:  # pragma: no cover (compiled form below)
+def still_where_held(v, s, limits, rolling_force) -> tuple:  # pragma: no cover (compiled form below)
     """Return v with zero, to the bit, where the floor holds the ball's path or its spin.
 
     The probe decides, not the force: a sliding contact's force is at its limit but for rounding, its probe beyond.
@@ -233,14 +235,16 @@ def still_where_held(v, s, limits, rolling) -> tuple:  # pragma: no cover (compi
 
 
 @by_types_of(still_where_held)
-def _still_where_held(v, s, limits, rolling):
+def _still_where_held(v, s, limits, rolling_force):
     x = len(limits)
-    lines = [f"path = 0.0 if s[{x}] * s[{x}] + s[{x + 1}] * s[{x + 1}] < rolling * rolling else 1.0"]
+    lines = [
+        f"path = 0.0 if s[{x}] * s[{x}] + s[{x + 1}] * s[{x + 1}] < rolling_force * rolling_force else 1.0"
+    ]
     values = ["v[0] * path", "v[1] * path"]
     if len(v) == 3:
         lines.append(f"turns = 0.0 if abs(s[{x - 1}]) < limits[{x - 1}] else 1.0")
         values.append("v[2] * turns")
-    return written("v, s, limits, rolling", f"({', '.join(values)},)", *lines)
+    return written("v, s, limits, rolling_force", f"({', '.join(values)},)", *lines)
 
 
 class ConvexProblem(NamedTuple):
@@ -264,9 +268,11 @@ def convex_problem(selected, P, a, state, u, h):
     Y = responses(selected, P, a, free.system, ahead)
     G, b = scaled_problem(contact_matrix(selected, P, a, Y), ahead, h)
     held = solve_dense(G, b)
-    rests = all_stick(held, free.limits, P.rolling)
+    rests = all_stick(held, free.limits, P.rolling_force)
     rests_below = of_boxes(selected, rest_speeds(P, h), REST)
-    s = first_probe(contact_speeds(selected, P, a, free.v, free.w), held, rests_below, free.limits, P.rolling)
+    s = first_probe(
+        contact_speeds(selected, P, a, free.v, free.w), held, rests_below, free.limits, P.rolling_force
+    )
     return ConvexProblem(v + w, Y, G, b, free.limits, rests), s
 
 
@@ -275,7 +281,7 @@ def convex_end(selected, P, a, state, problem, forces, s, h):
     """Return the state after a step with these forces and their probe s; rest is exactly zero."""
     moves = 1.0 - problem.rests
     v, w = parted(each_with(_product, less_response(problem.free, problem.Y, forces, h), moves))
-    v = still_where_held(v, s, problem.limits, P.rolling)
+    v = still_where_held(v, s, problem.limits, P.rolling_force)
     return finished(selected, state, a, v, w, h)
 
 
@@ -318,7 +324,7 @@ def _three_wheeled_step(selected, P, state, u, h):
     problem, s = convex_problem(selected, P, a, state, u, h)
     forces, settled = problem.b, 0.0
     for _ in range(ROUNDS):
-        forces, s, settled = newton_round(s, problem.G, problem.b, problem.limits, P.rolling)
+        forces, s, settled = newton_round(s, problem.G, problem.b, problem.limits, P.rolling_force)
     end = convex_end(selected, P, a, state, problem, forces, s, h)
     return end, max(settled, problem.rests)
 
@@ -383,7 +389,7 @@ def _round(selected, work, first, last):
         problem = restored(_problem_like(selected), work, _PROBLEM, lane)
         s = restored(_contacts_like(selected), work, _PROBE, lane)
         forces = restored(_contacts_like(selected), work, _FORCES, lane)
-        new_forces, new_s, agrees = newton_round(s, problem.G, problem.b, problem.limits, P.rolling)
+        new_forces, new_s, agrees = newton_round(s, problem.G, problem.b, problem.limits, P.rolling_force)
         stored(work, _FORCES, lane, each_with(_chosen, each(_pair, forces, new_forces), settled > 0.0))
         stored(work, _PROBE, lane, each_with(_chosen, each(_pair, s, new_s), settled > 0.0))
         put(work, _SETTLED, lane, max(settled, agrees))

@@ -1,4 +1,4 @@
-"""The engine on an NVIDIA GPU: the equations of `smooth` and `proximal`, the same source, a thread for each robot.
+"""The engine on an NVIDIA GPU: the equations of `smooth` and `convex`, the same source, a thread for each robot.
 
 Needs the extra `gpu` (numba-cuda) and a CUDA device. A warp of 32 threads is a block of `LANES` robots with the layout
 of the engine's work array, so that what one thread loads lies beside its neighbour's. The state stays in registers
@@ -17,10 +17,11 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.convex import convex_step
 from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.loading import load_parameters, under_torque
 from ballbot.mechanics.engine.smooth import runge_kutta_step
 from ballbot.mechanics.engine.vector import each_with
 from ballbot.mechanics.equations import LARGEST_LEAN, attitude, rates_from_angles, rates_of_angles
-from ballbot.mechanics.parameters import Exact, load_parameters, row_size, under_torque
+from ballbot.mechanics.parameters import Exact, row_size
 
 # numba.cuda decorates at run time what its types do not say
 # pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false

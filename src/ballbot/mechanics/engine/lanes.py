@@ -15,12 +15,15 @@ from numba import types
 
 from ballbot.mechanics.engine.compiled import by_types_of, inlined
 from ballbot.mechanics.engine.vector import written
+from ballbot.mechanics.parameters import LARGEST_ROW
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling
 LANES = 32
 
 #: rows kept for a robot's numbers; the state and the rest follow
-MAX_PARAMETERS = np.int64(62)  # a plain integer would have each row compiled as a function of its own
+MAX_PARAMETERS = np.int64(
+    LARGEST_ROW
+)  # a plain integer would have each row compiled as a function of its own
 STATE = MAX_PARAMETERS
 TRIAL = STATE + 11  #: where a step would end
 TORQUE = TRIAL + 11

@@ -40,6 +40,7 @@ from ballbot.mechanics.engine.lanes import (
     stored,
     swap,
 )
+from ballbot.mechanics.engine.loading import load, row_count, state_like
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, begin_steps, smooth_block
 from ballbot.mechanics.engine.vector import each, each_with
 from ballbot.mechanics.equations import (
@@ -49,7 +50,7 @@ from ballbot.mechanics.equations import (
     rates_from_angles,
     rates_of_angles,
 )
-from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, load, row_count, row_size, state_like
+from ballbot.mechanics.parameters import Exact, Pivoting, Thesis, row_size
 from ballbot.mechanics.stick_slip import minimiser
 
 
@@ -77,7 +78,7 @@ def robust_lane(selected, work, lane):
     start = in_order(free.v, free.w)
     C, limits = box_rows(selected, P, a), np.array(free.limits)
     end = minimiser(
-        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling, h, start
+        mass_matrix(free.system), start + h * in_order(v_dot, w_dot), C, limits, P.rolling_force, h, start
     )
     stored(
         work, TRIAL, lane, finished(selected, state, a, velocity_in(free.v, end), (end[2], end[3], end[4]), h)

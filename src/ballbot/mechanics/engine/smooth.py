@@ -11,9 +11,6 @@ ahead. Of a short loop these are several turns, which it works on together while
 long one a single turn, and it stands still. So a part is a loop of its own wherever it passes on few numbers.
 """
 
-import math
-from typing import NamedTuple
-
 from ballbot.mechanics.accelerations import accelerated, forces_in, system_like, with_forces
 from ballbot.mechanics.engine.compiled import by_types_of, called, inlined
 from ballbot.mechanics.engine.elementary import power_of_two, sine_cosine, sine_cosine_of_lean
@@ -30,6 +27,7 @@ from ballbot.mechanics.engine.lanes import (
     restored,
     stored,
 )
+from ballbot.mechanics.engine.loading import load, load_wheel, state_like
 from ballbot.mechanics.engine.vector import add, advanced, each, each_with, smallest
 from ballbot.mechanics.equations import (
     attitude_of,
@@ -40,11 +38,9 @@ from ballbot.mechanics.equations import (
     wheel_force,
     wheel_speeds,
 )
+from ballbot.mechanics.floor import floor_friction, floor_margin, rolling_margin
 from ballbot.mechanics.friction import decay_exponent, directed_friction, sign, with_decay
-from ballbot.mechanics.parameters import load, load_wheel, state_like
 
-#: a ball slower than this [m/s, rad/s] is at rest
-REST = 1e-9
 _MOMENT = 0.01  # of a step: a wheel that friction stops in so short a time is at rest
 
 # A state here is the tuple (x, y, theta, phi, psi, v_x, v_y, w_1, w_2, w_3), and the ball's spin where it pivots.
@@ -116,45 +112,13 @@ def _faster(speed, rest):
 @inlined
 def moving_margin(P, v, speeds, h):
     """Return what is positive where no contact with dry friction is at rest: its sign is then known at the start."""
-    rolls = v[0] * v[0] + v[1] * v[1] - REST * REST if P.rolling > 0.0 else 1.0
-    return min(rolls, smallest(each(_faster, speeds, rest_speeds(P, h))))
+    return min(rolling_margin(P, v), smallest(each(_faster, speeds, rest_speeds(P, h))))
 
 
 @inlined
 def _wheel_torque(wheel, u, speed, sign_at_start, dry):
     """Return u - tau(w) of one wheel."""
     return u - wheel.b * speed - sign_at_start * dry
-
-
-class FloorFriction(NamedTuple):
-    """The floor's friction on the ball."""
-
-    force: tuple  #: on v: rolling, -N C_rr v/|v|, and pivoting, against the spin
-    holding: float  #: largest torque that keeps a ball without spin so [N m]; zero where it spins
-
-
-def floor_friction(P, v) -> FloorFriction:  # pragma: no cover (compiled form below)
-    """Return the floor's friction at a velocity v."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(floor_friction)
-def _floor_friction(P, v):
-    if len(v) == 2:
-        return lambda P, v: FloorFriction(_rolling_friction(P, v), 0.0)
-
-    def with_pivoting(P, v):
-        F = _rolling_friction(P, v)
-        holding = P.pivoting if v[2] == 0.0 else 0.0
-        return FloorFriction((F[0], F[1], -P.pivoting * sign(v[2])), holding)
-
-    return with_pivoting
-
-
-@inlined
-def _rolling_friction(P, v):
-    brake = P.rolling / max(math.sqrt(v[0] * v[0] + v[1] * v[1]), 1e-300)
-    return (-brake * v[0], -brake * v[1])
 
 
 @inlined
@@ -204,31 +168,6 @@ def pose(selected, P, state):
 @inlined
 def _weighted(k1, k2, k3, k4):
     return (k1 + 2.0 * (k2 + k3) + k4) * (1.0 / 6.0)
-
-
-def floor_margin(P, start, state) -> float:  # pragma: no cover (compiled form below)
-    """Return what stays positive while the ball rolls on forward and spins the same way."""
-    raise NotImplementedError("compiled code only")
-
-
-@by_types_of(floor_margin)
-def _floor_margin(P, start, state):
-    if len(start) == 10:
-        return lambda P, start, state: _rolling_margin(P, start, state)
-    return lambda P, start, state: min(
-        _rolling_margin(P, start, state), _spin_margin(start[10], state[10]) if P.pivoting > 0.0 else 1.0
-    )
-
-
-@inlined
-def _spin_margin(start, spin):
-    """Return what is positive while the spin keeps its sign, or stays zero."""
-    return start * spin if start != 0.0 or spin != 0.0 else 1.0
-
-
-@inlined
-def _rolling_margin(P, start, state):
-    return start[5] * state[5] + start[6] * state[6] if P.rolling > 0.0 else 1.0
 
 
 @inlined
