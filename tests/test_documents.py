@@ -108,8 +108,8 @@ def test_the_readmes_python_runs(tmp_path):
     pytest.importorskip("mujoco")
     (example,) = fenced("README.md", "python")
     for name, reference, seed in (("square", "square", "1"), ("figure_eight", "figure_eight", "2")):
-        # 8 s each hold twice the windows that the example's twelve parameters take
-        run = ["record", "nominal", "--reference", reference, "--seed", seed, "--duration", "8"]
+        # 5 s each hold more than the windows that the example's twelve parameters take
+        run = ["record", "nominal", "--reference", reference, "--seed", seed, "--duration", "5"]
         assert main([*run, "--out", str(tmp_path / "demo" / name)]) == 0
     subprocess.run([sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True)
 

@@ -48,6 +48,7 @@ def test_damaged_files_are_accepted_or_refused(tmp_path, name):
     assert {"refused"} <= {one["kind"] for one in found}
 
 
+@pytest.mark.slow
 def test_damaged_command_lines_are_accepted_or_refused():
     tally = run("command line", COMMANDS, seed=SEED)
     assert tally.failures == []

@@ -29,6 +29,7 @@ def errors(robot: Robot, controller: Controller, reference: Reference, *, durati
     return np.hypot(log["x"] - log["ref_x"], log["y"] - log["ref_y"])[log.t > 20.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
 def test_floor_adaptation_removes_most_of_the_error_on_carpet(robot: Robot):
     reference, cost = circle(period=32.0), {}

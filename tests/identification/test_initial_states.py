@@ -112,6 +112,7 @@ def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
         assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
 
 
+@pytest.mark.slow
 def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     problem = problem_of(seed=2, bounds=held_but("C_rr"))
     free = problem.coordinates.free

@@ -319,6 +319,7 @@ def test_delayed_row_is_the_previous_row():
 # --- drive and floor ---
 
 
+@pytest.mark.slow
 def test_friction_that_grows_with_the_load_is_that_of_each_sample():
     mu, robot = np.array([0.3, 0.2, 0.1]), alten(FRICTION)
     x = np.array([0, 0, 0.02, -0.01, 0, 0.1, 0, 0, 0, 0.2])

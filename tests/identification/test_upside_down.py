@@ -128,6 +128,7 @@ class TestPlant:
         if min(dry[:n]) > 0.15:  # decelerates from 20 rad/s within the two seconds
             assert not found[-1].any()
 
+    @pytest.mark.slow
     def test_friction_by_direction_is_a_torque_and_load_is_coulomb_friction(self):
         d, mu, u = np.array([0.03, -0.02, 0.01]), np.array([0.1, 0.05, 0.2]), np.array([0.25, -0.3, 0.4])
         torques = np.concatenate([np.tile(u, (60, 1)), np.tile(-u, (60, 1))])[None]

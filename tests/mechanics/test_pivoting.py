@@ -106,6 +106,7 @@ def driven(model: Model, state: NDArray, torques: NDArray) -> NDArray[np.float64
     return np.array(states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["3", "4"])
 def test_infinite_pivot_friction_gives_the_five_dof_model(robot: Robot) -> None:
     """Through smooth motion and stick-slip alike the spin is zero to the bit and all else equal to rounding."""
@@ -333,6 +334,7 @@ def test_in_closed_loop_the_heading_lags_the_more_the_less_holds_the_ball() -> N
     assert np.max(plain["psi"][moving] - loose["psi"][moving]) > 0.02
 
 
+@pytest.mark.slow
 def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
     robot = alten(FRICTION)
     model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")

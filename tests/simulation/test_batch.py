@@ -11,9 +11,15 @@ from ballbot.control.references import hold, square
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
 
-@pytest.mark.parametrize("formulation", ["exact", "thesis"])
 @pytest.mark.parametrize("compensation", ["none", "full", "partial"])
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+@pytest.mark.parametrize(
+    ("robot", "formulation"),
+    [
+        pytest.param(alten(FRICTION), "exact", id="three-exact"),
+        pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.slow),
+        pytest.param(alten(FRICTION), "thesis", id="three-thesis", marks=pytest.mark.slow),
+    ],
+)
 def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):
     model = Model(robot, formulation)
     controller = nominal_controller(robot, compensation=compensation)

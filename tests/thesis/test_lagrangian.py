@@ -112,6 +112,7 @@ def closed_form_acceleration(robot: Robot, q: NDArray, q_dot: NDArray, u: NDArra
     return np.linalg.solve(J, nu_dot)
 
 
+@pytest.mark.slow
 @unhurried
 @given(seeds, wheel_counts)
 def test_exact_equations_equal_the_closed_form(seed: int, wheel_count: int):
@@ -157,6 +158,7 @@ def test_kinetic_energy_of_the_body_is_that_of_its_points(seed: int):
     assert equations(robot, "exact").kinetic_energy(q, q_dot) == pytest.approx(expected, rel=TOLERANCE)
 
 
+@pytest.mark.slow
 @unhurried
 @given(seeds, wheel_counts)
 def test_thesis_energies_are_those_of_its_appendix(seed: int, wheel_count: int):

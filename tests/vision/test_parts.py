@@ -150,6 +150,7 @@ def test_a_frame_shows_the_seam_where_the_curve_projects_to():
     assert (off > 0.1) == (frame[60, 104, 2] < frame[60, 104, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2**32 - 1])
 def test_every_seed_that_a_command_takes_has_its_frames(seed):
     motion = motion_of(np.linspace(-0.1, 0.2, 301), np.tile([2.0, -3.0, 1.0], (301, 1)))

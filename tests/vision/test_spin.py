@@ -60,6 +60,7 @@ def off_view(spin: Spin, scene: Scene) -> float:
     return float(np.abs(off / spin.calibration.errors).max())
 
 
+@pytest.mark.slow
 def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
     """Its outline is no circle, and what it says of the ball's place and size depends on the camera's distance."""
     camera = replace(SMALL, size=(300, 240), centre=(70.0, 70.0), distance=4.0)
@@ -70,6 +71,7 @@ def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
     assert off_view(spin, made.scene) < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "suffix", "codec"),
     [(WORST, "mp4", "mp4v"), (BASKETBALL, "avi", "MJPG")],
@@ -82,6 +84,7 @@ def test_difficult_videos_are_accurate(tmp_path, scene, suffix, codec):
     assert made.error(spin) < HARD
 
 
+@pytest.mark.slow
 def test_a_covered_ball_is_lost_and_found_again(tmp_path):
     scene = Scene(camera=SMALL)
     motion = ball_video(tmp_path / "whole.avi", scene, duration=0.1, peak=6.0).motion

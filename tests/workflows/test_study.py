@@ -52,6 +52,9 @@ def run(checkpoint: Path, *, resume: bool) -> Study:
     return study(Robot.load("alten"), logs, plant="model", options=SMALL, run=Run(seed=3, checkpoint=kept))
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("kept") / "checkpoint.jsonl"
@@ -253,7 +256,6 @@ def test_a_study_killed_while_it_compares_goes_on_to_the_same(small: Study, chec
     )
 
 
-@pytest.mark.slow
 def test_measured_logs_are_predicted_better_with_friction(
     shared_data: Path, tmp_path: Path, monkeypatch, capsys
 ):
