@@ -57,6 +57,7 @@ CAMPAIGNS = {
     "spin": "campaigns.spin",
     "fuzz": "campaigns.fuzz",
     "validation": "campaigns.identified_twin:validation",
+    "mapping_corpus": "campaigns.mapping_corpus",
     "false_alarms": "campaigns.false_alarms",
     "exploration": "campaigns.exploration",
     "reproduce": "campaigns.reproduce",

@@ -36,6 +36,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "columns": "columns of a foreign file are recognised by their values, or needed ones are missing",
         "commands": "motor commands do not drive the wheels, or do so in another order or with other signs",
         "constant": "a column never changes",
+        "contradiction": "the name of a foreign column, or the log that a mapping makes, contradicts the numbers",
         "copied": "an interval of rows appears twice",
         "correlated": "parameters that the data cannot separate",
         "corrupted": "rows with corrupted values are not used",

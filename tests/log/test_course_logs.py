@@ -28,7 +28,7 @@ def test_handedness_phase_and_timing(shared_data, robot, name):
     tested = proposal.lean_test
     assert tested is not None
     assert not tested.placements[0].mirrored
-    assert tested.placements[0].flipped is None
+    assert tested.placements[0].reversed_wheels == ()
     assert tested.margin > 2.0
     first = np.degrees(robot.wheels.azimuths[0] - proposal.frame.measured_turn)
     assert abs((first - FIRST_WHEEL[name] + 180.0) % 360.0 - 180.0) < 5.0

@@ -13,10 +13,8 @@ from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.log.formats import is_foreign
-from ballbot.log.mapping_file import parse_mapping
 from ballbot.log.mapping_inference.proposal import Proposal, propose
-from ballbot.log.mapping_inference.report import findings_of, mapping_text
-from ballbot.log.pose import with_odometry
+from ballbot.log.mapping_inference.report import evaluate
 from ballbot.printable import shell_line
 from ballbot.report.log_check import CheckedLog, checked_log_parts, proposal_parts, proposal_results
 from ballbot.robot import Robot
@@ -26,11 +24,18 @@ _PROPOSED = ("results.json", "mapping.toml", "log.csv")  # of a foreign file
 
 
 def check_log(
-    file: Path, /, *, robot: str | None = None, mapping: Path | None = None, out: Path | None = None
+    file: Path,
+    /,
+    *,
+    robot: str | None = None,
+    mapping: Path | None = None,
+    columns: str | None = None,
+    out: Path | None = None,
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
-    For a file that is not in Ballbot's format, propose a mapping and test it against the robot's kinematics.
+    For a file that is not in Ballbot's format, propose a mapping and test it against the robot's equations. What cannot
+    be determined is a line to fill in, and the exit code is 2.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
@@ -39,24 +44,44 @@ def check_log(
     Parameters
     ----------
     file
-        The log: CSV or Parquet with Ballbot's column names, or any text file with a table.
+        The log: CSV or Parquet with Ballbot's column names, or any table of text, JSON or MATLAB.
     robot
         A preset's name or a robot file: checks the wheels' order, signs and gains against its kinematics.
     mapping
         A TOML file that describes the columns and units of a foreign log. If not given, one is proposed.
+    columns
+        The names of a foreign table's columns in its order, with commas between, for a file without a header:
+        t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. A name such as _ says nothing about its column.
     out
         A folder for results.json and, for a foreign file, the mapping and the converted log.
     """
     described = Robot.load(robot) if robot else None
-    proposes = described is not None and mapping is None and is_foreign(file)
+    proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))
+    if columns is not None and not proposes:
+        raise InputError("--columns is for a foreign table and needs --robot, without --mapping.")
     names = _PROPOSED if proposes else _WRITTEN
     inputs = input_files(file, mapping, robot)
     held = open_result(out, command="check-log", writes=names, inputs=inputs) if out else nullcontext()
     with held as result:
         if robot and described and proposes:
-            _propose(file, described, source=robot, result=result)
+            _propose(file, described, source=robot, result=result, names=_column_names(columns))
         else:
             _check(file, described, mapping, result)
+
+
+def _column_names(columns: str | None) -> list[str] | None:
+    """Return the names of --columns; those that say nothing get a number, so that all differ."""
+    if columns is None:
+        return None
+    names = [name.strip() for name in columns.split(",")]
+    named = [
+        name if any(map(str.isalnum, name)) else f"unused_{place}"
+        for place, name in enumerate(names, start=1)
+    ]
+    twice = next((name for name in named if named.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"--columns has the name {twice} twice.")
+    return named
 
 
 def _check(file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult | None) -> None:
@@ -73,25 +98,34 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
-def _propose(file: Path, robot: Robot, *, source: str, result: CommandResult | None) -> None:
-    """Show the mapping proposed for a foreign file; with a folder, write it, its log and results.json."""
+def _propose(
+    file: Path, robot: Robot, *, source: str, result: CommandResult | None, names: list[str] | None
+) -> None:
+    """Show the mapping proposed for a foreign file; with a folder, write it, its log and results.json.
+
+    Raises
+    ------
+    InputError
+        If something cannot be determined, after what is known was shown and written.
+    """
     console = standard_output()
-    with console.status("reading the encoder times"):
-        proposal = propose(file, robot)
-    findings, text = findings_of(proposal), mapping_text(proposal, robot, file=file)
-    print_parts(proposal_parts(file, proposal, findings, framed=console.is_terminal), console)
+    with console.status("comparing the columns with the robot"):
+        proposal = propose(file, robot, columns=names)
+        found = evaluate(proposal, robot, file=file, out=result.folder.path if result else None)
+    print_parts(proposal_parts(file, found, framed=console.is_terminal), console)
     if result is None:
-        console.print(Text("\n" + text), soft_wrap=True)
-        return
-    written = result.folder.path / "mapping.toml"
-    log = Log.read(file, mapping=parse_mapping(text, source=str(written)))
-    complete = with_odometry(log, robot) if proposal.roles.attitude else log
-    with result.replaced() as new:
-        write_text(new / "mapping.toml", text)
-        complete.write(new / "log.csv")
-        result.write_json(proposal_results(file, proposal, complete, findings), new)
-    result.show_file("mapping.toml", "log.csv")
-    if proposal.commands:
+        console.print(Text("\n" + found.text), soft_wrap=True)
+    else:
+        with result.replaced() as new:
+            write_text(new / "mapping.toml", found.text)
+            if found.log is not None:
+                found.log.write(new / "log.csv")
+            result.write_json(proposal_results(file, found), new)
+        result.show_file(*("mapping.toml", "log.csv")[: 1 if found.log is None else 2])
+    if found.refusal:
+        raise InputError(f"{file}: {found.refusal}")
+    if result is not None and proposal.roles.commands:
+        written = result.folder.path / "mapping.toml"
         console.print(_next_step(file, proposal, source=source, mapping=written), soft_wrap=True)
 
 

@@ -17,7 +17,8 @@ time to the next row, so that its impulse is kept.
 An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ballbot's angles are those of
 R_world_body = Rx(theta) Ry(phi) Rz(psi). If the angle from the robot's x axis to the IMU's is `turn`, towards the left,
 R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about axes that
-turn with the heading: they are the same only while the heading is zero.
+turn with the heading: they are the same only while the heading is zero. Its gyro gives the rates of these angles, with
+less noise than their differences.
 """
 
 from __future__ import annotations
@@ -119,6 +120,8 @@ class Attitude:
 
     sources: tuple[Source, ...]
     turn: float = 0.0  #: angle of the IMU's x axis from the robot's, towards the left [rad]
+    #: angular velocity about the IMU's x, y and z axes; if empty, the angles are differentiated
+    rates: tuple[Source, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +178,7 @@ def from_roll_pitch_yaw(angles: NDArray[np.float64], *, turn: float = 0.0) -> ND
 #: [s] by which rounding may move a delayed row past the one it belongs to
 _ROUNDING = 1e-9
 _ATTITUDE_NAMES = ("theta", "phi", "psi")
+_GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 
 
 def apply_mapping(
@@ -352,7 +356,35 @@ def _attitude(
             values = np.unwrap(values)
         angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
     turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
-    return dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+    columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+    if not attitude.rates:
+        return columns
+    measured = [
+        _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
+        for name, source in zip(_GYRO_NAMES, attitude.rates, strict=True)
+    ]
+    body = _about_body_axes(np.column_stack(measured), attitude.turn)
+    columns |= dict(zip(_GYRO_NAMES, body.T, strict=True))
+    rates = _angle_rates(turned, body)
+    return columns | {f"{name}_dot": rate for name, rate in zip(_ATTITUDE_NAMES, rates.T, strict=True)}
+
+
+def _about_body_axes(rates: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+    """Return angular velocities (N, 3) about the robot's axes from those about the IMU's."""
+    c, s = math.cos(turn), math.sin(turn)
+    x, y, z = rates.T
+    return np.column_stack([c * x - s * y, s * x + c * y, z])
+
+
+def _angle_rates(angles: NDArray[np.float64], body: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rates of theta, phi, psi (N, 3) from the angular velocity (N, 3) in the body's frame."""
+    from ballbot.mechanics.geometry import body_rates_matrix
+
+    known = np.isfinite(angles).all(axis=1) & np.isfinite(body).all(axis=1)
+    rates = np.full_like(body, np.nan)
+    matrices = body_rates_matrix(*angles[known].T)
+    rates[known] = np.linalg.solve(matrices, body[known][..., None])[..., 0]
+    return rates
 
 
 def _commands(
@@ -393,7 +425,8 @@ def _mean_acting(
 def _delays(mapping: LogMapping) -> tuple[list[float], list[float]]:
     """Return the delays of the sensors and of the commands [s]."""
     measured = [source.delay for source in mapping.columns.values()]
-    measured += [source.delay for source in mapping.attitude.sources] if mapping.attitude else []
+    if mapping.attitude:
+        measured += [source.delay for source in (*mapping.attitude.sources, *mapping.attitude.rates)]
     return measured, [source.delay for source in mapping.motors.sources] if mapping.motors else []
 
 

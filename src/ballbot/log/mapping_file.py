@@ -27,6 +27,7 @@ An example with everything in it::
     sign = [1, 1, 1]              # one for all, or a list
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
     delay = 0.016
+    rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign and delay
 
     [wheels]
     order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
@@ -95,11 +96,23 @@ class FileTable:
     """[file]: the layout of the text."""
 
     separator: Literal["comma", "semicolon", "tab", "blanks"] = "comma"
+    decimal: Literal["point", "comma"] = "point"
     missing: tuple[str, ...] = ()
     header_lines: NonNegativeInt = 1
     names: tuple[str, ...] | None = None
     damaged_rows: Literal["refuse", "drop"] = "refuse"
     rows: tuple[PositiveInt, PositiveInt] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatesTable:
+    """`rates` of [attitude]: the gyro of the IMU."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=3, max_length=3)]
+    unit: str | None = None
+    scale: FiniteFloat = 1.0
+    sign: Sign | tuple[Sign, ...] = 1
+    delay: FiniteFloat = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +124,7 @@ class AttitudeTable:
     sign: Sign | tuple[Sign, ...] = 1
     turn: FiniteFloat = 0.0
     delay: FiniteFloat = 0.0
+    rates: RatesTable | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +208,7 @@ class MappingTable:
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
+    complete: bool = True
     file: FileTable = FileTable()
     time: Timing = field(default_factory=Timing)
     columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
@@ -233,6 +248,10 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
 
 
 def _mapping(table: MappingTable) -> LogMapping:
+    if not table.complete:
+        raise InputError(
+            'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
+        )
     _check_intervals(table.time.keep or ())
     columns: dict[str, Source] = {}
     derivatives: dict[str, str] = {}
@@ -282,7 +301,19 @@ def _attitude(table: AttitudeTable, columns: dict[str, Source]) -> Attitude:
         Source(column=column, factor=sign * factor, delay=table.delay)
         for column, sign in zip(table.sources, signs, strict=True)
     )
-    return Attitude(sources=sources, turn=math.radians(table.turn))
+    return Attitude(sources=sources, turn=math.radians(table.turn), rates=_rates(table.rates))
+
+
+def _rates(table: RatesTable | None) -> tuple[Source, ...]:
+    if table is None:
+        return ()
+    where = "[attitude] rates"
+    factor = table.scale * _unit_factor(where, "gyro_x", table.unit, None)
+    signs = _signs(where, table.sign, len(table.sources), "rates")
+    return tuple(
+        Source(column=column, factor=sign * factor, delay=table.delay)
+        for column, sign in zip(table.sources, signs, strict=True)
+    )
 
 
 def _wheel_columns(wheels: WheelsTable) -> dict[str, Source]:
@@ -398,11 +429,14 @@ def _layout(table: FileTable) -> TextLayout:
         raise InputError(
             "[file] has header_lines = 0 and therefore needs names = [..], the names of the columns"
         )
+    if table.decimal == "comma" and table.separator == "comma":
+        raise InputError('[file] decimal = "comma" needs another separator, such as "semicolon"')
     if table.names is not None and len(set(table.names)) < len(table.names):
         raise InputError("[file] names contains a name twice")
     check_column_names(table.names or (), source="[file] names")
     return TextLayout(
         separator=_SEPARATORS[table.separator],
+        decimal_comma=table.decimal == "comma",
         missing=table.missing,
         header_lines=table.header_lines,
         names=table.names,

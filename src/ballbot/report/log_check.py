@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.log import ColumnSummary, summarize
 from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.report import Evaluation
 from ballbot.report.console import finding_line, table
 from ballbot.robot import Robot
 
@@ -96,37 +97,27 @@ def _wheel_table(wheels: WheelAgreement, *, framed: bool) -> Table:
     return table("Wheels, compared with the robot's kinematics", headings, rows, framed=framed)
 
 
-def proposal_parts(
-    file: Path, proposal: Proposal, findings: Sequence[Finding], *, framed: bool
-) -> Iterator[RenderableType]:
-    """Yield the columns of a foreign file with their roles, the tested wheel orders, and the findings."""
+def proposal_parts(file: Path, found: Evaluation, *, framed: bool) -> Iterator[RenderableType]:
+    """Yield the conclusions on a foreign file, the tested wheel orders, and the findings."""
     yield Text(f"{file}: not in Ballbot's format; proposed mapping:")
-    yield _role_table(proposal, framed=framed)
-    if proposal.lean_test:
-        yield _placement_table(proposal, framed=framed)
-    for finding in findings:
+    yield _conclusion_table(found, framed=framed)
+    if found.proposal.lean_test:
+        yield _placement_table(found.proposal, framed=framed)
+    for finding in found.findings:
         yield Text(f"{finding.severity}: {finding.text}")
 
 
-def _role_table(proposal: Proposal, *, framed: bool) -> Table:
-    roles, lean, wheel, duty = proposal.roles, proposal.lean, proposal.wheel, proposal.duty
+def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
     rows = [
-        ("time", roles.time or "-", "s", ""),
         (
-            "roll, pitch, yaw",
-            ", ".join(roles.attitude) or "-",
-            lean.unit if lean else "-",
-            lean.reason if lean else "",
-        ),
-        ("wheel angles", ", ".join(roles.angles), wheel.unit, wheel.reason),
-        (
-            "commands",
-            ", ".join(roles.commands) or "-",
-            duty.unit if duty else "-",
-            duty.reason if duty else "",
-        ),
+            one.name,
+            one.value if one.determined else f"cannot determine: {one.question}",
+            f"{100.0 * one.confidence:.0f}",
+            one.evidence + (f"; standard error {one.error:.2g}" if one.error is not None else ""),
+        )
+        for one in found.conclusions
     ]
-    return table("Columns", ("what", "of the file", "unit", "because"), rows, framed=framed)
+    return table("Conclusions", ("question", "answer", "confidence [%]", "evidence"), rows, framed=framed)
 
 
 def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
@@ -154,17 +145,20 @@ def _placement_table(proposal: Proposal, *, framed: bool) -> Table:
     return table("Wheel orders, by the response of the lean", headings, rows, framed=framed)
 
 
-def proposal_results(
-    file: Path, proposal: Proposal, log: Log, findings: Sequence[Finding]
-) -> dict[str, object]:
+def proposal_results(file: Path, found: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for a proposed mapping and the log that it makes."""
+    proposal, drive = found.proposal, found.proposal.drive
     tested, heading, commands = proposal.lean_test, proposal.heading, proposal.commands
     return {
         "file": str(file),
         "roles": proposal.roles,
+        "conclusions": found.conclusions,
+        "undetermined": [one.name for one in found.undetermined],
+        "refusal": found.refusal,
+        "time_unit": proposal.time,
         "wheel_unit": proposal.wheel,
         "lean_unit": proposal.lean,
-        "duty": proposal.duty,
+        "gyro": proposal.gyro,
         "speed_noise": {"before": proposal.timing.before, "after": proposal.timing.after},
         "handedness": None if tested is None else "mirrored" if tested.placements[0].mirrored else "direct",
         "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
@@ -174,13 +168,21 @@ def proposal_results(
         "placements": [] if tested is None else tested.placements,
         "margin": None if tested is None else tested.margin,
         "sensor_delay": None if tested is None else tested.lag,
+        "sensor_delay_error": None if tested is None else tested.lag_error,
         "command_delay": None if commands is None else commands.delay,
+        "command_delay_error": None if commands is None else commands.delay_error,
         "disturbance": None if tested is None else tested.disturbance,
         "heading": heading,
         "commands": commands,
+        "command_assignment": drive.assigned if drive else None,
+        "command_response": drive.response if drive else None,
+        "command_units": {unit.description: p for unit, p in drive.units.items() if p > 1e-3}
+        if drive
+        else {},
+        "dead_band": drive.dead_band if drive else None,
         "frame": proposal.frame,
         "keep": proposal.keep,
-        "rows": len(log),
-        "columns": list(log.names),
-        "findings": findings,
+        "rows": None if found.log is None else len(found.log),
+        "columns": [] if found.log is None else list(found.log.names),
+        "findings": found.findings,
     }

@@ -384,7 +384,7 @@ def torque_gains(driving: Driving, motion: Motion, robot: Robot) -> Gains | None
     """Return the factors of a log's torques; None if its wheels turn too little."""
     if not enough_turning(driving):
         return None
-    pulled = _pulled(motion, robot)
+    pulled = gravity_need(motion, robot)
     of_need, of_torque = [], []
     for i in range(driving.torque.shape[1]):
         weight = driving.turning[:, i] ** TURNED_POWER
@@ -461,7 +461,7 @@ def _without_one(zn: NDArray[np.float64], zu: NDArray[np.float64]) -> tuple[floa
     return float(factors.min()), float(factors.max())
 
 
-def _pulled(motion: Motion, robot: Robot) -> NDArray[np.float64]:
+def gravity_need(motion: Motion, robot: Robot) -> NDArray[np.float64]:
     """Return gravity's part (N, n) [N m] of the torque that the motion needs of each wheel."""
     law, r_b = contact_momentum(robot), robot.ball.radius
     M_vv = Model(robot).mass_matrix(np.zeros(5))[:2, :2]

@@ -1,6 +1,7 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
 text      tables of text: Ballbot's own CSV, and others by a `TextLayout`
+json      JSON, a list of objects or an object of lists
 parquet   Parquet, by pyarrow
 npz       NumPy archives
 mat       MATLAB files of version 4 to 7, their numeric variables
@@ -9,7 +10,7 @@ mat       MATLAB files of version 4 to 7, their numeric variables
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import check_table
 from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.log.columns import KNOWN_NAMES, Columns, check_column_names, mark_missing
+from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat
 from ballbot.log.formats.npz import read_npz, write_npz
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
@@ -76,6 +78,7 @@ FORMATS: tuple[LogFormat, ...] = (
         write=write_parquet_table,
         extra="formats",
     ),
+    LogFormat(name="JSON", suffixes=(".json",), read=read_json_table),
     LogFormat(name="NumPy", suffixes=(".npz",), read=read_npz, write=write_npz),
     LogFormat(name="MATLAB", suffixes=(".mat",), read=read_mat),
 )
@@ -136,7 +139,7 @@ def read_variables(path: str | Path) -> Columns:
     return _read(_known_format(path), Path(path))
 
 
-def read_foreign_table(path: str | Path) -> ForeignTable:
+def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
     """Read a table of any format, and of text in any layout.
 
     Raises
@@ -146,8 +149,10 @@ def read_foreign_table(path: str | Path) -> ForeignTable:
     """
     one = _format_of(path)
     if one is None or one.is_text:
-        return infer_text_table(path)
+        return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
+    if names is not None:
+        raise InputError(f"{path} has names of its own; --columns is for tables of text.")
     return ForeignTable(layout=OWN_LAYOUT, separator="comma", columns=columns, named=True, notes=())
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +27,7 @@ class TextLayout:
     """How a text file lays out its table. The defaults are Ballbot's own CSV."""
 
     separator: str | None = ","  #: between cells; None is any run of blanks
+    decimal_comma: bool = False  #: whether 0,5 is a half; the separator is then no comma
     missing: tuple[str, ...] = ()  #: marks of a missing value, beside an empty cell and "nan"
     header_lines: int = 1  #: lines before the first row, the last of them with the columns' names
     names: tuple[str, ...] | None = None  #: the columns' names if the header has none or wrong ones
@@ -80,7 +81,7 @@ def read_text_table(path: str | Path, layout: TextLayout = OWN_LAYOUT) -> dict[s
     lines = _read_lines(path)
     names = _names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
-    body = lines[layout.header_lines :]
+    body = _with_points(lines[layout.header_lines :], layout)
     table = _parse_fast(body, names, layout)
     if table is None:
         table = _parse_by_line(path, body, names, layout)
@@ -144,6 +145,10 @@ def _names(path: str | Path, lines: list[str], layout: TextLayout) -> list[str]:
             f"{_word(layout.separator)}; name another separator in a mapping file."
         )
     return names
+
+
+def _with_points(lines: list[str], layout: TextLayout) -> list[str]:
+    return [line.replace(",", ".") for line in lines] if layout.decimal_comma else lines
 
 
 def _parse_fast(body: list[str], names: list[str], layout: TextLayout) -> NDArray[np.float64] | None:
@@ -228,7 +233,7 @@ class ForeignTable:
     notes: tuple[str, ...]  #: sentences on anomalies of the file
 
 
-def infer_text_table(path: str | Path) -> ForeignTable:
+def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
     """Read a table of text, whatever its layout.
 
     Raises
@@ -237,8 +242,15 @@ def infer_text_table(path: str | Path) -> ForeignTable:
         If the file cannot be read or has no table of numbers.
     """
     lines = _foreign_lines(path)
-    separator = _likely_separator(lines)
+    separator, decimal_comma = _likely_separator(lines)
     mark = _SEPARATORS[separator]
+    if decimal_comma:
+        # the header's commas stay: its names are no numbers
+        pointed = [line.replace(",", ".") for line in lines]
+        lines = [
+            p if all(_number_like(cell) for cell in _ragged_cells(p, mark)) else line
+            for p, line in zip(pointed, lines, strict=True)
+        ]
     cells = [_ragged_cells(line, mark) for line in lines]
     numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in cells]
     if sum(numeric) < 2:
@@ -247,7 +259,11 @@ def infer_text_table(path: str | Path) -> ForeignTable:
     widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
     width = max(widths, key=lambda count: widths[count])
     check_table(len(lines), width, source=str(path))
-    names, notes = _guessed_names(cells[:first], width)
+    names, notes = _guessed_names(cells[:first], width) if given_names is None else (list(given_names), [])
+    if len(names) != width:
+        raise InputError(
+            f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
+        )
     marks = sorted({cell for row in cells for cell in row if cell.lower() in _NOT_A_NUMBER and cell})
     damaged = sum(
         1
@@ -260,6 +276,7 @@ def infer_text_table(path: str | Path) -> ForeignTable:
         )
     layout = TextLayout(
         separator=mark,
+        decimal_comma=decimal_comma,
         missing=tuple(marks),
         header_lines=first,
         names=tuple(names),
@@ -269,7 +286,7 @@ def infer_text_table(path: str | Path) -> ForeignTable:
         layout=layout,
         separator=separator,
         columns=read_text_table(path, layout),
-        named=any(cells[:first]),
+        named=given_names is not None or any(cells[:first]),
         notes=tuple(notes),
     )
 
@@ -281,15 +298,18 @@ def _foreign_lines(path: str | Path) -> list[str]:
     return text.split("\n")
 
 
-def _likely_separator(lines: list[str]) -> str:
-    """Return the separator under which the most lines are rows of two numbers or more."""
-    examined = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
+def _likely_separator(lines: list[str]) -> tuple[str, bool]:
+    """Return the separator under which most lines are rows of two or more numbers, and whether decimals have commas."""
+    looked_at = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
 
-    def rows(mark: str | None) -> int:
-        found = [_ragged_cells(line, mark) for line in examined]
+    def rows(mark: str | None, decimal_comma: bool) -> int:
+        pointed = [line.replace(",", ".") for line in looked_at] if decimal_comma else looked_at
+        found = [_ragged_cells(line, mark) for line in pointed]
         return sum(len(row) > 1 and all(_number_like(cell) for cell in row) for row in found)
 
-    return max(_SEPARATORS, key=lambda name: rows(_SEPARATORS[name]))
+    choices = [(word, False) for word in _SEPARATORS]
+    choices += [(word, True) for word in _SEPARATORS if word != "comma"]
+    return max(choices, key=lambda choice: rows(_SEPARATORS[choice[0]], choice[1]))
 
 
 def _ragged_cells(line: str, mark: str | None) -> list[str]:

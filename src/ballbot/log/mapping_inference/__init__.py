@@ -1,7 +1,16 @@
 """How a foreign log becomes one of Ballbot's: a mapping inferred, tested against the robot, with its evidence.
 
-roles          the role and unit of each column, by name or by values
-placement      azimuths of the wheels and the command of each, by two tests of accelerations
-proposal       the mapping proposed (`propose`)
-report         the findings, and the mapping file with the reasons as comments
+names, name_words        what a column's name says: kind, axis or wheel, unit
+roles                    which column is which quantity, by name or by values
+units                    units of time, lean, wheels and gyro
+file_signals             the columns on even rows, filtered
+placement                where the wheels sit, by the response of the lean; `placement_scores` compares all placements
+frame                    order, signs, the IMU's turn and reversed axes that follow
+wheel_response           how late the wheels answer to the commands
+commands, drive          which command drives which wheel, its kind and scale, and a dead band
+evidence                 a conclusion with its confidence
+proposal                 all of this for one file (`propose`)
+conclusions              the conclusions of a proposal
+mapping_text             the mapping file
+report                   findings, the mapping file and the log that it makes (`evaluate`)
 """

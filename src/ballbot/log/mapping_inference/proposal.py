@@ -1,22 +1,15 @@
 """A mapping proposed for a foreign log, with the evidence for it.
 
-The direction in which the wheels count follows from the heading, which turns all wheels alike:
-
-    sum_i w_i = n (r_b / r_w) sin(alpha) (spin of the ball - psi_dot)
-
-in the body frame. A ball spins less than the body that turns on it, or in the opposite direction, so that the sum has
-the opposite sign to psi_dot. Nothing else distinguishes wheels that all count backwards from an IMU turned by half a
-turn.
-
-The wheels' order and the turn of the IMU follow from the test of their placement. A log satisfies
-Theta_ddot = g e^(j phase) sum_i s_i w_i e^(j +-beta_i). Turned by -phase, the IMU's lean is the robot's. In a mirrored
-log, wheel 1 keeps its place and the others are in reverse order, which turns it by twice wheel 1's azimuth; reversing
-all signs turns it by half a turn.
+The steps: names or values say which columns there are; intervals and names the unit of the time; encoders when rows
+were sampled; the response of the lean to the wheels the units and the frame; the torques that the motion needs what the
+commands are. Rates come from a gyro if there is one: lean accelerations from differences of angles are mostly noise.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,30 +18,28 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import ForeignTable
-from ballbot.log.mapping import without_resets
-from ballbot.log.mapping_inference.placement import (
-    COMMAND_WIDTH,
-    CommandTest,
-    LeanTest,
-    command_test,
-    held_commands,
-    lean_test,
-    wheel_signs,
-)
-from ballbot.log.mapping_inference.roles import (
-    Roles,
+from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing, TorqueInput, without_resets
+from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
+from ballbot.log.mapping_inference.evidence import CONFIDENT
+from ballbot.log.mapping_inference.file_signals import Raw, Signals, gyro_of, signals_of
+from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of, heading_test
+from ballbot.log.mapping_inference.placement import LeanTest, lean_test
+from ballbot.log.mapping_inference.roles import Roles, roles_by_data, roles_by_name
+from ballbot.log.mapping_inference.units import (
+    GyroTest,
     Scale,
-    duty_scale,
-    lean_scale,
-    roles_by_data,
-    roles_by_name,
-    wheel_scale,
+    lean_units,
+    paired_units,
+    time_scale,
+    wheel_units,
+)
+from ballbot.log.mapping_inference.wheel_response import (
+    COMMAND_WIDTH,
+    WIDER,
+    CommandTest,
+    command_test,
 )
 from ballbot.log.signals import (
-    INTERVAL,
-    Smooth,
-    balancing_rows,
-    even_rows,
     new_messages,
     repaired_noise,
     row_spans,
@@ -59,219 +50,280 @@ from ballbot.log.signals import (
 from ballbot.robot import Robot
 from ballbot.robot.derived import wheel_speed_limit
 
-#: a correlation over n independent seconds is significant above so many of its standard deviations, 1 / sqrt(n)
-LEAST_CORRELATION = 2.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeadingTest:
-    """Correlation of the sum of the wheels' speeds with the heading's rate."""
-
-    correlation: float  #: negative if the wheels count as the robot's do
-    gain: float  #: sum of the speeds over psi_dot, over that of a ball that does not pivot
-    significant: bool  #: whether the log turns enough for a conclusion
-
-    @property
-    def backwards(self) -> bool:
-        """Whether all wheels count backwards."""
-        return self.significant and self.correlation > 0.0
-
-
-def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
-    """Compare the sum of the wheels' speeds with the heading's rate.
-
-    Parameters
-    ----------
-    robot : Robot
-    wheels : Smooth (N, n)
-    heading : Smooth (N, 1)
-    tested : LeanTest
-        Gives the reversed wheel and the rows of balancing.
-    """
-    rows = tested.balancing
-    total = (wheels.rate @ wheel_signs(robot.wheel_count, tested.placements[0].flipped))[rows]
-    rate = heading.rate[rows, 0]
-    total, rate = total - total.mean(), rate - rate.mean()
-    size = float(np.sqrt((total @ total) * (rate @ rate)))
-    correlation = float(total @ rate) / size if size > 0.0 else 0.0
-    wheel = robot.wheels
-    without_pivoting = robot.wheel_count * robot.ball.radius / wheel.radius * np.sin(wheel.tilt)
-    seconds = float(rows.sum()) * INTERVAL
-    return HeadingTest(
-        correlation=correlation,
-        gain=float(total @ rate / max(float(rate @ rate), 1e-300) / without_pivoting),
-        significant=bool(abs(correlation) > LEAST_CORRELATION / np.sqrt(max(seconds, 1.0))),
-    )
-
-
-#: IMUs are usually mounted at multiples of this angle [rad]
-GRID = np.pi / 6.0
-#: a turn is rounded to a multiple within this [rad]
-ROUNDED = np.deg2rad(6.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Frame:
-    """Order, signs and turn of the file's wheels and IMU relative to the robot's."""
-
-    order: tuple[int, ...]  #: for the robot's wheels in turn, the file's wheel (from 1)
-    signs: tuple[int, ...]  #: of the file's wheels, in the file's order
-    turn: float  #: of the IMU's x axis from the robot's [rad], rounded to `GRID` if it is near
-    measured_turn: float  #: [rad], before rounding
-    signs_by_heading: bool  #: whether the direction in which all wheels count is measured, or assumed
-
-
-def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None) -> Frame:
-    """Return the frame of the tests' results; the robot's own if there is no lean to test."""
-    count = robot.wheel_count
-    own = tuple(range(1, count + 1))
-    if tested is None:
-        return Frame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0, signs_by_heading=False)
-    best = tested.placements[0]
-    order = (1, *range(count, 1, -1)) if best.mirrored else own
-    phase = best.phase - (2.0 * robot.wheels.azimuths[0] if best.mirrored else 0.0)
-    known = heading is not None and heading.significant
-    # without heading, the smaller turn is more likely
-    backwards = heading.backwards if heading is not None and known else np.cos(phase) < 0.0
-    signs = wheel_signs(count, best.flipped) * (-1.0 if backwards else 1.0)
-    turn = -_within_half_a_turn(phase + (np.pi if backwards else 0.0))
-    near = GRID * round(turn / GRID)
-    return Frame(
-        order=order,
-        signs=tuple(int(sign) for sign in signs),
-        turn=float(near if abs(turn - near) <= ROUNDED else turn),
-        measured_turn=float(turn),
-        signs_by_heading=known,
-    )
-
-
-def _within_half_a_turn(angle: float) -> float:
-    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
-
-
-#: the repair is proposed if it leaves less than this fraction of the speed's noise
+#: the repair is applied if it leaves less than this fraction of the speed's noise
 WORTH_REPAIRING = 0.7
-#: an encoder was reset if its wheel seems faster than so many times the drive's limit
+#: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
+#: filters that the test of the lean tries [s]: the quick robots move at 1 to 3 Hz, and noise of the angles asks for
+#: more
+LEAN_WIDTHS = (0.05, 0.08, 0.12)
+#: a delay is undone if it is this many of its standard errors, which are at least this [s]
+DELAY_ERRORS, LEAST_DELAY_ERROR = 2.0, 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimingRepair:
-    """Noise of the wheel speeds with the rows' times and with those estimated from the encoders."""
+    """What the encoders show about the rows' times."""
 
-    before: float | None  #: speed noise with the rows' own times [rad/s]; None if the wheels are too slow
-    after: float | None  #: the same with the encoders' times, each wheel with those of the others
+    before: float | None  #: speed noise by the rows' own times [rad/s]; None if the wheels are too slow
+    after: float | None  #: and by those of the encoders, each wheel validated on the others
     worth_it: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """The inferred mapping of a foreign log with its evidence; `ballbot.log.mapping_inference.report` writes it."""
+    """What a foreign log seems to be; `ballbot.log.mapping_inference.report` writes its mapping."""
 
     table: ForeignTable
     roles: Roles
-    by_data: bool  #: whether the columns were recognised by their values, not their names
+    by_data: bool  #: whether the columns were recognised by their values
     rows: tuple[int, int] | None  #: first and last row to take, from 1; None for all
+    time: Scale
     wheel: Scale
-    largest_speed: float | None  #: [rad/s], if an encoder was reset; else None
+    largest_speed: float | None  #: [rad/s], if an encoder was reset
     lean: Scale | None
-    duty: Scale | None
+    gyro: GyroTest | None
     timing: TimingRepair
     lean_test: LeanTest | None
     heading: HeadingTest | None
     commands: CommandTest | None
     frame: Frame
-    keep: tuple[tuple[float, float], ...] | None  #: intervals of balancing [s]; None keeps all
+    drive: DriveEvidence | None
+    keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]; None keeps all
     sample_time: float  #: of even rows [s]
     signals: Signals
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Signals:
-    """The log on even rows, as tested."""
-
-    rows: NDArray[np.float64]  #: (N,) [s]
-    wheels: Smooth  #: (N, n)
-    lean: Smooth | None  #: (N, 2)
-    heading: Smooth | None  #: (N, 1)
-    commands: NDArray[np.float64] | None  #: (N, n), held
-    usable: NDArray[np.bool_]  #: (N,), moving and not fallen
+    @property
+    def sensor_delay(self) -> float:
+        """Lean later than the wheels [s]; zero if it cannot be told from zero."""
+        return 0.0 if self.lean_test is None else applied_delay(self.lean_test.lag, self.lean_test.lag_error)
 
 
-def propose(path: str | Path, robot: Robot) -> Proposal:
+def applied_delay(delay: float, error: float) -> float:
+    """Return a delay [s] if it is more than its error, else 0."""
+    least = DELAY_ERRORS * math.hypot(error if math.isfinite(error) else 0.05, LEAST_DELAY_ERROR)
+    return round(delay, 4) if abs(delay) > least else 0.0
+
+
+def propose(path: str | Path, robot: Robot, *, columns: Sequence[str] | None = None) -> Proposal:
     """Read a foreign log and propose how it becomes one of Ballbot's.
 
     Parameters
     ----------
     path : str or Path
-        A table of text, with or without a header, or Parquet.
+        A table of any format that Ballbot reads, text with or without a header.
     robot : Robot
-        Gives geometry, encoders and drives.
+        Its geometry, encoders and drives.
+    columns : sequence of str, optional
+        The columns' names, in place of the file's.
 
     Raises
     ------
     InputError
-        If the file is no table, or neither names nor values show the time and the wheels' angles.
+        If the file is no table, or neither its names nor its numbers show the time and the wheels' angles.
     """
-    table = read_foreign_table(path)
+    table = read_foreign_table(path, names=columns)
     roles, by_data = _roles(path, table, robot)
-    first, last = _longest_rise(table.columns[_time_of(roles)])
-    whole = (first, last) == (0, len(table.columns[_time_of(roles)]))
-    columns = {name: values[first:last] for name, values in table.columns.items()}
-    raw = _Raw.of(columns, roles)
-    wheel = wheel_scale(raw.angles, robot)
-    limit = IMPOSSIBLE_SPEED * _speed_limit(robot)
-    angles = raw.angles * wheel.factor
-    carried = np.column_stack([without_resets(raw.t, column, limit) for column in angles.T])
-    reset = not np.allclose(carried, angles, atol=1e-6)
-    timing, sampled = _timing(raw.t, carried)
-    lean = lean_scale(raw.attitude[:, :2]) if raw.attitude is not None else None
-    signals = _signals(raw, carried, sampled, lean)
-    tested = _test_lean(robot, signals)
+    time = _time(path, table, roles)
+    first, last = _longest_rise(table.columns[roles.time or ""])
+    whole = (first, last) == (0, len(table.columns[roles.time or ""]))
+    cut = {name: values[first:last] for name, values in table.columns.items()}
+    raw = Raw.of(cut, roles, time)
+    units = _Units.assumed(raw, roles, robot)
+    measured = _measured(raw, units, robot)
+    for _ in range(2):
+        changed = units.judged_by(measured.lean_test)
+        if changed.factors == units.factors:
+            break
+        units, measured = changed, _measured(raw, changed, robot)
+    units = units.judged_by(measured.lean_test)
+    signals, tested = measured.signals, measured.lean_test
     heading = _test_heading(signals, tested, robot)
     frame = frame_of(robot, tested, heading)
     usable = tested.balancing if tested else signals.usable
-    return Proposal(
+    # by then all wheels count the same way round
+    commands = _test_commands(signals, measured.angles * np.asarray(frame.signs), measured.sampled, usable)
+    proposal = Proposal(
         table=table,
         roles=roles,
         by_data=by_data,
         rows=None if whole else (first + 1, last),
-        wheel=wheel,
-        largest_speed=limit if reset else None,
-        lean=lean,
-        duty=duty_scale(raw.commands) if raw.commands is not None else None,
-        timing=timing,
+        time=time,
+        wheel=units.wheel,
+        largest_speed=measured.largest_speed,
+        lean=units.lean,
+        gyro=measured.gyro,
+        timing=measured.timing,
         lean_test=tested,
         heading=heading,
-        # all wheels with the same direction of counting
-        commands=_test_commands(signals, carried * np.asarray(frame.signs), sampled, usable),
+        commands=commands,
         frame=frame,
+        drive=None,
         keep=_keep(signals, tested),
         sample_time=_sample_time(raw.t),
         signals=signals,
     )
+    if raw.commands is None:
+        return proposal
+    said = roles.reading(roles.commands)
+    mapping = log_mapping(proposal, delay=commands.delay if commands else 0.0)
+    expected = [
+        (frame.order.index(wheel), frame.signs[wheel - 1]) for wheel in range(1, len(frame.order) + 1)
+    ]
+    drive = drive_evidence(mapping, cut, raw.commands, robot, said=said, expected=expected)
+    return replace(proposal, drive=drive)
+
+
+def log_mapping(proposal: Proposal, *, delay: float) -> LogMapping:
+    """Return the mapping of a proposal with the commands as they are in the file, in the file's order."""
+    roles, frame, timing = proposal.roles, proposal.frame, proposal.timing
+    columns = {"t": Source(column=roles.time or "", factor=proposal.time.factor)}
+    for i, wheel in enumerate(frame.order, start=1):
+        factor = frame.signs[wheel - 1] * proposal.wheel.factor
+        columns[f"wheel{i}"] = Source(column=roles.angles[wheel - 1], factor=factor)
+    derivatives = {f"wheel{i}_dot": f"wheel{i}" for i in range(1, len(frame.order) + 1)}
+    attitude = _attitude(proposal)
+    if attitude is not None and not attitude.rates:
+        derivatives |= {f"{name}_dot": name for name in ("theta", "phi", "psi")}
+    motors = tuple(Source(column=name, delay=delay) for name in roles.commands)
+    return LogMapping(
+        layout=proposal.table.layout,
+        columns=columns,
+        derivatives=derivatives,
+        motors=MotorInput(sources=motors, drive=TorqueInput()),
+        attitude=attitude,
+        timing=Timing(repair=timing.worth_it, sample_time=proposal.sample_time, keep=proposal.keep),
+        largest_speed=proposal.largest_speed,
+    )
+
+
+def _attitude(proposal: Proposal) -> Attitude | None:
+    roles, frame, gyro = proposal.roles, proposal.frame, proposal.gyro
+    if proposal.lean is None:
+        return None
+    delay, factor = proposal.sensor_delay, proposal.lean.factor
+    sources = tuple(
+        Source(column=name, factor=sign * factor, delay=delay)
+        for name, sign in zip(roles.attitude, frame.axis_signs, strict=False)
+    )
+    rates = ()
+    if gyro is not None:
+        rates = tuple(
+            Source(column=roles.gyro[place], factor=sign * gyro.factor, delay=rates_delay(proposal))
+            for place, sign in zip(gyro.order, rates_signs(proposal), strict=True)
+        )
+    return Attitude(sources=sources, turn=frame.turn, rates=rates)
+
+
+def rates_signs(proposal: Proposal) -> tuple[int, ...]:
+    """Return the signs of the gyro's x, y and z in the frame of the corrected IMU."""
+    own = proposal.gyro.signs if proposal.gyro else (1, 1, 1)
+    return tuple(sign * axis for sign, axis in zip(own, proposal.frame.axis_signs, strict=True))
+
+
+def rates_delay(proposal: Proposal) -> float:
+    """Return the gyro's delay [s]: the angles' less what they are later than the gyro."""
+    lag = proposal.gyro.lag if proposal.gyro else 0.0
+    return round(max(proposal.sensor_delay - lag, 0.0), 4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Units:
+    """The units of lean and wheels, and what else they may be."""
+
+    wheel: Scale
+    lean: Scale | None
+    wheels: dict[Scale, float]  #: logarithms of weights
+    leans: dict[Scale, float]
+
+    @staticmethod
+    def assumed(raw: Raw, roles: Roles, robot: Robot) -> _Units:
+        """Return the units by name and size."""
+        wheel_name, lean_name = roles.reading(roles.angles), roles.reading(roles.attitude)
+        wheels = wheel_units(raw.angles, robot, wheel_name.unit if wheel_name else None)
+        leans: dict[Scale, float] = {}
+        if raw.attitude is not None:
+            leans = lean_units(raw.attitude[:, :2], lean_name.unit if lean_name else None)
+        return _Units(
+            wheel=max(wheels, key=lambda one: wheels[one]),
+            lean=max(leans, key=lambda one: leans[one]) if leans else None,
+            wheels=wheels,
+            leans=leans,
+        )
+
+    @property
+    def factors(self) -> tuple[float, float]:
+        """Factors of wheels and lean."""
+        return self.wheel.factor, self.lean.factor if self.lean else 1.0
+
+    def judged_by(self, tested: LeanTest | None) -> _Units:
+        """Return the likeliest units, given the response of the lean to the wheels."""
+        if self.lean is None:
+            # without a lean the wheels' units come from names and steps
+            alone = {Scale(unit="rad", factor=1.0, reason=""): 0.0}
+            lean = next(iter(alone))
+            _, wheel = paired_units(alone, self.wheels, gain=None, gain_error=0.0, assumed=(lean, self.wheel))
+            return replace(self, wheel=wheel)
+        gain = tested.placements[0].gain if tested and tested.confidence > 0.5 else None
+        lean, wheel = paired_units(
+            self.leans,
+            self.wheels,
+            gain=gain,
+            gain_error=tested.gain_error if tested else 0.0,
+            assumed=(self.lean, self.wheel),
+        )
+        return replace(self, lean=lean, wheel=wheel)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Raw:
-    """The columns that have a role, as the file has them."""
+class _Measured:
+    """What the sensors show with certain units."""
 
-    t: NDArray[np.float64]
-    angles: NDArray[np.float64]
-    attitude: NDArray[np.float64] | None
-    commands: NDArray[np.float64] | None
+    angles: NDArray[np.float64]  #: (M, n) of the wheels [rad], continued across resets
+    largest_speed: float | None
+    sampled: NDArray[np.float64]  #: (M,) [s]
+    timing: TimingRepair
+    signals: Signals
+    gyro: GyroTest | None
+    lean_test: LeanTest | None
 
-    @staticmethod
-    def of(columns: dict[str, NDArray[np.float64]], roles: Roles) -> _Raw:
-        t = columns[_time_of(roles)]
 
-        def stacked(names: tuple[str, ...]) -> NDArray[np.float64] | None:
-            return np.column_stack([_filled(columns[name]) for name in names]) if names else None
+def _measured(raw: Raw, units: _Units, robot: Robot) -> _Measured:
+    limit = IMPOSSIBLE_SPEED * _speed_limit(robot)
+    angles = raw.angles * units.wheel.factor
+    carried = np.column_stack([without_resets(raw.t, column, limit) for column in angles.T])
+    timing, sampled = _timing(raw.t, carried)
+    attitude = None if raw.attitude is None or units.lean is None else raw.attitude * units.lean.factor
+    signals = signals_of(raw, carried, sampled, attitude, width=LEAN_WIDTHS[0])
+    gyro = gyro_of(raw, signals, sampled, attitude)
+    if gyro is not None and gyro.confidence < CONFIDENT:
+        gyro = None  # the angles are differentiated
+    tested = None
+    if attitude is not None:
+        tests = [
+            (seen, lean_test(robot, seen.lean, seen.wheels, seen.heading, seen.usable))
+            for width in LEAN_WIDTHS
+            for seen in [signals_of(raw, carried, sampled, attitude, width=width, gyro=gyro)]
+            if seen.lean is not None
+        ]
+        known = [(seen, one) for seen, one in tests if one is not None]
+        if known:
+            signals, tested = min(known, key=lambda pair: _doubt(pair[1]))
+    return _Measured(
+        angles=carried,
+        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
+        sampled=sampled,
+        timing=timing,
+        signals=signals,
+        gyro=gyro,
+        lean_test=tested,
+    )
 
-        angles = stacked(roles.angles)
-        if angles is None:
-            raise InputError("No wheel angles were found.")
-        return _Raw(t=t, angles=angles, attitude=stacked(roles.attitude), commands=stacked(roles.commands))
+
+def _doubt(tested: LeanTest) -> float:
+    """Return how little a test shows: the error of the phase, more if the placement is in doubt."""
+    error = tested.phase_error if tested.phase_error is not None else math.pi
+    return error / max(tested.confidence, 0.05)
 
 
 def _roles(path: str | Path, table: ForeignTable, robot: Robot) -> tuple[Roles, bool]:
@@ -281,33 +333,31 @@ def _roles(path: str | Path, table: ForeignTable, robot: Robot) -> tuple[Roles, 
     found = roles_by_data(table.columns, robot)
     if found is None:
         raise InputError(
-            f"{path}: neither names nor numbers show which columns are the time, the lean and the "
-            f"wheel angles; write a mapping file (the columns are {', '.join(table.columns)})."
+            f"{path}: cannot determine which columns are the time, the lean and the wheel angles, neither by "
+            f"names nor by numbers (the columns are {', '.join(table.columns)}). Name them in the file's order, "
+            f"--columns t,roll,pitch,.. (_ for a column that is not needed), "
+            f"or write a mapping file."
         )
     return found, True
 
 
-def _time_of(roles: Roles) -> str:
-    if roles.time is None:
-        raise InputError("No column of time was found.")
-    return roles.time
+def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:
+    said = roles.reading((roles.time,)) if roles.time else None
+    found = time_scale(table.columns[roles.time or ""], said.unit if said else None)
+    if found is None:
+        raise InputError(
+            f"{path}: cannot determine the unit of the time {roles.time}: no power of 1000 makes its steps 0.2 ms "
+            "to 0.2 s. Write a mapping file with the unit, or name another column t with --columns."
+        )
+    return found
 
 
 def _longest_rise(t: NDArray[np.float64]) -> tuple[int, int]:
-    """Return first row and end of the longest interval of increasing time."""
+    """Return first and end of the longest stretch of rising time."""
     breaks = np.flatnonzero(~(np.diff(t) > 0.0)) + 1
     edges = np.concatenate(([0], breaks, [len(t)]))
     longest = int(np.argmax(np.diff(edges)))
     return int(edges[longest]), int(edges[longest + 1])
-
-
-def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a column with missing values interpolated."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.where(known, values, 0.0)
-    places = np.arange(len(values))
-    return np.interp(places, places[known], values[known])
 
 
 def _speed_limit(robot: Robot) -> float:
@@ -325,34 +375,6 @@ def _timing(t: NDArray[np.float64], angles: NDArray[np.float64]) -> tuple[Timing
     return repair, sampling_times(t, angles) if worth_it else t
 
 
-def _signals(
-    raw: _Raw, angles: NDArray[np.float64], sampled: NDArray[np.float64], lean: Scale | None
-) -> Signals:
-    rows, kept = even_rows(raw.t), new_messages(sampled)
-    wheels = smooth(rows, sampled[kept], angles[kept])
-    commands = held_commands(rows, raw.t, raw.commands) if raw.commands is not None else None
-    tilt, heading = None, None
-    if raw.attitude is not None and lean is not None:
-        attitude = raw.attitude * lean.factor
-        tilt = smooth(rows, sampled[kept], attitude[kept, :2])
-        if attitude.shape[1] > 2:
-            heading = smooth(rows, sampled[kept], np.unwrap(attitude[kept, 2:], axis=0))
-    return Signals(
-        rows=rows,
-        wheels=wheels,
-        lean=tilt,
-        heading=heading,
-        commands=commands,
-        usable=balancing_rows(tilt.value if tilt else None, wheels.rate, commands),
-    )
-
-
-def _test_lean(robot: Robot, signals: Signals) -> LeanTest | None:
-    if signals.lean is None:
-        return None
-    return lean_test(robot, signals.lean, signals.wheels, signals.heading, signals.usable)
-
-
 def _test_heading(signals: Signals, tested: LeanTest | None, robot: Robot) -> HeadingTest | None:
     if signals.heading is None or tested is None:
         return None
@@ -368,8 +390,12 @@ def _test_commands(
     if signals.commands is None:
         return None
     kept = new_messages(sampled)
-    quick = smooth(signals.rows, sampled[kept], angles[kept], width=COMMAND_WIDTH)
-    return command_test(signals.rows, quick, signals.commands, usable)
+    for width in (COMMAND_WIDTH, WIDER):
+        moved = smooth(signals.rows, sampled[kept], angles[kept], width=width)
+        found = command_test(signals.rows, moved, signals.commands, usable, width=width)
+        if found is not None:
+            return found
+    return None
 
 
 def _keep(signals: Signals, tested: LeanTest | None) -> tuple[tuple[float, float], ...] | None:
@@ -380,6 +406,6 @@ def _keep(signals: Signals, tested: LeanTest | None) -> tuple[tuple[float, float
 
 
 def _sample_time(t: NDArray[np.float64]) -> float:
-    """Return an even interval near the rows' own: 5 ms or a multiple, or 1 ms for faster rows."""
+    """Return an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster."""
     usual = float(np.median(np.diff(t)))
     return max(0.005 * int(usual / 0.005 + 0.1), 0.001)

@@ -1,29 +1,124 @@
-"""A proposal reported: its findings, and the mapping file with the reasons as comments."""
+"""A proposal reported: its findings, the mapping file with the reasons as comments, and the log that it makes.
+
+The log is checked against the robot's equations (`ballbot.log.checks`) before anyone relies on it: a mapping that
+makes a log with torques of the wrong sign is refused, whatever the confidence of its conclusions.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.findings import Finding, Place, Severity, by_severity
+from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
+from ballbot.log.log import Log
+from ballbot.log.mapping import apply_mapping
+from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping_inference.conclusions import conclusions_of
+from ballbot.log.mapping_inference.evidence import CONFIDENT, Conclusion
+from ballbot.log.mapping_inference.mapping_text import mapping_text
+from ballbot.log.mapping_inference.names import read_name
 from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.pose import with_odometry
 from ballbot.log.signals import INTERVAL, fallen_rows, local_fit
-from ballbot.printable import printable_line
 from ballbot.robot import Robot
-from ballbot.schema import toml_line
 
-#: a placement is certain if the next best one fits so many times worse
-CLEAR_MARGIN = 1.5
-#: and if the standard error of the phase is below this [rad]
+#: the turn of the IMU is certain if its standard error is below this [rad]
 CLEAR_PHASE = np.deg2rad(5.0)
 #: gains relative to the robot's within which units and geometry are accepted
 GAIN_RANGE = (0.5, 2.0)
 #: a logged speed that differs so much from its angle's rate [rad/s] is a glitch
 GLITCH = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """All that a proposal comes to."""
+
+    proposal: Proposal
+    conclusions: tuple[Conclusion, ...]
+    findings: tuple[Finding, ...]
+    text: str  #: the mapping file
+    log: Log | None  #: made by the mapping; None if something is undetermined
+    refusal: str  #: why the mapping cannot be used as it is: one sentence; empty if it can
+
+    @property
+    def undetermined(self) -> tuple[Conclusion, ...]:
+        """The conclusions below the confidence that is enough."""
+        return tuple(one for one in self.conclusions if not one.determined)
+
+
+#: findings about the mapped log that contradict the mapping
+CONTRADICTIONS = frozenset(
+    (
+        "ball-axes",
+        "heading-sign",
+        "lean-axes",
+        "torque-order",
+        "torque-sign",
+        "torque-unrelated",
+        "time-scale",
+    )
+)
+
+
+def evaluate(proposal: Proposal, robot: Robot, *, file: Path, out: Path | None = None) -> Evaluation:
+    """Return a proposal's findings, its mapping file, and the log that it makes; `out` is the folder that gets them."""
+    conclusions, findings = conclusions_of(proposal), findings_of(proposal)
+    text = mapping_text(proposal, robot, file=file)
+    mapping = str(out / "mapping.toml") if out else "the mapping file"
+    open_questions = [one for one in conclusions if not one.determined]
+    log, refusal = None, ""
+    if open_questions:
+        refusal = _question(open_questions, mapping)
+    else:
+        try:
+            parsed = parse_mapping(text, source=mapping)
+            log = Log(apply_mapping(parsed, _rows_of(proposal)))
+            log = with_odometry(log, robot) if proposal.roles.attitude else log
+        except InputError as error:
+            refusal = f"the mapping makes no log: {error}"
+    if log is not None:
+        wrong = [
+            one for one in check(log, robot=robot) if one.severity == "error" and one.code in CONTRADICTIONS
+        ]
+        findings = by_severity((*findings, *(_contradiction(one) for one in wrong)))
+        if wrong:
+            refusal = (
+                f"the log that the mapping makes contradicts the robot: {wrong[0].text} Correct {mapping} or the "
+                "robot file."
+            )
+    return Evaluation(
+        proposal=proposal, conclusions=conclusions, findings=findings, text=text, log=log, refusal=refusal
+    )
+
+
+def _question(open_questions: Sequence[Conclusion], mapping: str) -> str:
+    first = open_questions[0]
+    more = (
+        f" ({len(open_questions) - 1} more, see the lines with cannot determine)"
+        if len(open_questions) > 1
+        else ""
+    )
+    if first.key == "--columns":
+        return f"cannot determine: {first.name}; name them with --columns in the file's order{more}."
+    return f"cannot determine: {first.question}; write it in {mapping}, {first.key}{more}."
+
+
+def _contradiction(found: Finding) -> Finding:
+    return Finding(code="contradiction", severity="error", text=found.text, where=found.where)
+
+
+def _rows_of(proposal: Proposal) -> dict[str, NDArray[np.float64]]:
+    first, last = proposal.rows or (1, None)
+    return {name: values[first - 1 : last] for name, values in proposal.table.columns.items()}
 
 
 def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
@@ -32,6 +127,7 @@ def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
         *[_finding("note", "file", note) for note in proposal.table.notes],
         *_rows(proposal),
         *_roles(proposal),
+        *_contradictions(proposal),
         *_encoders(proposal),
         *_timing(proposal),
         *_placement(proposal),
@@ -78,6 +174,31 @@ def _roles(proposal: Proposal) -> list[Finding]:
             "about the body's axes; log the command of each motor."
         )
         found.append(_finding("warning", "columns", sentence))
+    return found
+
+
+def _contradictions(proposal: Proposal) -> list[Finding]:
+    """Return a warning for every name that the numbers contradict."""
+    roles, found = proposal.roles, []
+    if proposal.by_data:
+        return []
+    drive = proposal.drive
+    pairs = [
+        ((roles.time or "",), proposal.time.unit),
+        (roles.angles, proposal.wheel.unit),
+        (roles.attitude, proposal.lean.unit if proposal.lean else None),
+        (roles.gyro, proposal.gyro.unit if proposal.gyro else None),
+        (roles.commands, drive.unit.unit if drive and drive.unit.kind != "duty" else None),
+    ]
+    for names, unit in pairs:
+        said = read_name(names[0]).unit if names else None
+        if said is not None and unit is not None and said not in (unit, "%"):
+            sentence = f"The name of {names[0]} has the unit {said}, but its numbers fit {unit}."
+            found.append(_finding("warning", "contradiction", sentence, names))
+    said_kind = read_name(roles.commands[0]).input_kind if roles.commands else None
+    if drive and said_kind is not None and drive.unit.kind != said_kind:
+        sentence = f"The name of {roles.commands[0]} is that of a {said_kind}, but its numbers fit a {drive.unit.kind}."
+        found.append(_finding("warning", "contradiction", sentence, roles.commands))
     return found
 
 
@@ -140,7 +261,7 @@ def _placement(proposal: Proposal) -> list[Finding]:
         sentence = "The log has too little balancing to test the placement of the wheels."
         return [_finding("warning", "wheels", sentence)]
     best, found = tested.placements[0], []
-    if tested.margin < CLEAR_MARGIN:
+    if tested.confidence < CONFIDENT:
         other = tested.placements[1]
         sentence = (
             f"The places of the wheels are uncertain: {best.description} fits only {tested.margin:.2f} times better "
@@ -161,14 +282,18 @@ def _placement(proposal: Proposal) -> list[Finding]:
         found.append(_finding("warning", "scale", sentence))
     if best.mirrored:
         sentence = (
-            "The log is a mirror image of the robot: the order of the wheels is reversed, "
-            "or one axis of the IMU (roll or pitch); this log cannot show which."
+            "The log is a mirror image of the robot: the order of the wheels is reversed, or one axis of the IMU "
+            f"(roll or pitch); the turning of the heading speaks for {_mirror_words(proposal)}."
         )
         found.append(_finding("note", "wheels", sentence))
-    if best.flipped is not None:
-        sentence = f"Wheel {best.flipped} of the file counts in the opposite direction to the others."
+    for wheel in best.reversed_wheels:
+        sentence = f"Wheel {wheel} of the file counts in the opposite direction to the others."
         found.append(_finding("note", "wheels", sentence))
     return found
+
+
+def _mirror_words(proposal: Proposal) -> str:
+    return "an axis of the IMU" if -1 in proposal.frame.axis_signs else "the order of the wheels"
 
 
 def _heading(proposal: Proposal) -> list[Finding]:
@@ -213,15 +338,13 @@ def _commands(proposal: Proposal) -> list[Finding]:
             f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels; check their meaning."
         )
         return [_finding("warning", "commands", sentence)]
-    found = []
-    if tested.order != tuple(range(1, len(tested.order) + 1)):
-        sentence = (
-            "The commands are numbered differently from the "
-            f"wheels: wheels 1, 2, .. have commands {tested.order}."
-        )
-        found.append(_finding("warning", "commands", sentence))
-    if len(set(tested.signs)) > 1:
-        sentence = f"The signs of the commands differ between wheels: {list(tested.signs)}."
+    found, assigned = [], proposal.drive.assigned if proposal.drive else None
+    if assigned is not None and assigned.wheels != tuple(range(len(assigned.wheels))):
+        own = [wheel + 1 for wheel in assigned.wheels]
+        sentence = f"The commands are numbered differently from the robot's wheels: they drive wheels {own}."
+        found.append(_finding("note", "commands", sentence))
+    if assigned is not None and len(set(assigned.signs)) > 1:
+        sentence = f"The signs of the commands differ between wheels: {list(assigned.signs)}."
         found.append(_finding("warning", "commands", sentence))
     delay = round(1e3 * tested.delay)
     sentence = (
@@ -236,156 +359,3 @@ def _commands(proposal: Proposal) -> list[Finding]:
     )
     found.append(_finding("note", "drive", sentence))
     return found
-
-
-def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
-    """Return the TOML of the mapping (see `ballbot.log.mapping_file`) that a proposal describes."""
-    header = [
-        f"# {printable_line(file.name)} as a log of the robot {robot.name}, proposed by `ballbot check-log`.",
-        "# Assumptions that were not measured are marked: check them before you rely on the results.",
-    ]
-    parts = [
-        header,
-        _file_lines(proposal),
-        _time_lines(proposal),
-        _column_lines(proposal),
-        _attitude_lines(proposal),
-        _wheel_lines(proposal),
-        _input_lines(proposal, robot),
-    ]
-    return "\n\n".join("\n".join(part) for part in parts if part) + "\n"
-
-
-def _file_lines(proposal: Proposal) -> list[str]:
-    table = proposal.table
-    lines = [
-        "[file]",
-        toml_line("separator", table.separator),
-        toml_line("header_lines", table.layout.header_lines),
-    ]
-    if table.layout.names is not None:
-        lines.append(toml_line("names", table.layout.names))
-    if table.layout.missing:
-        lines.append(toml_line("missing", table.layout.missing))
-    if table.layout.drop_damaged:
-        lines.append(toml_line("damaged_rows", "drop"))
-    if proposal.rows is not None:
-        lines.append(toml_line("rows", proposal.rows, "time starts again outside these rows"))
-    return lines
-
-
-def _time_lines(proposal: Proposal) -> list[str]:
-    timing = proposal.timing
-    lines = ["[time]"]
-    if timing.worth_it:
-        lines += [
-            f"# noise of the wheel speeds: {timing.before:.2g} rad/s with the file's times, {timing.after:.2g} rad/s "
-            "with those of the encoders",
-            toml_line("repair", True),
-        ]
-    lines.append(toml_line("sample_time", float(f"{proposal.sample_time:g}")))
-    if proposal.keep is not None:
-        spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep]
-        lines.append(toml_line("keep", spans, "balancing: neither at rest nor fallen nor held by hand"))
-    return lines
-
-
-def _column_lines(proposal: Proposal) -> list[str]:
-    lines = ["[columns]", toml_line("t", proposal.roles.time or "t")]
-    if proposal.roles.attitude:
-        lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
-    return lines
-
-
-def _attitude_lines(proposal: Proposal) -> list[str]:
-    if not (proposal.roles.attitude and proposal.lean):
-        return []
-    lines = [
-        "[attitude]",
-        toml_line("from", proposal.roles.attitude),
-        toml_line("unit", proposal.lean.unit, proposal.lean.reason),
-    ]
-    tested = proposal.lean_test
-    if tested is not None:
-        measured = math.degrees(proposal.frame.measured_turn)
-        error = "unknown" if tested.phase_error is None else f"{math.degrees(tested.phase_error):.1f}"
-        turn = round(math.degrees(proposal.frame.turn), 1)
-        lines += [
-            toml_line("turn", turn, f"measured: {measured:.1f}, standard error {error}"),
-            toml_line("delay", round(tested.lag, 4), "measured: behind the wheels"),
-        ]
-    return lines
-
-
-def _wheel_lines(proposal: Proposal) -> list[str]:
-    frame, lines = proposal.frame, ["[wheels]"]
-    if proposal.lean_test is not None:
-        placement, margin = proposal.lean_test.placements[0], proposal.lean_test.margin
-        lines.append(
-            f"# order: {placement.description}; the next best placement fits {margin:.1f} times worse"
-        )
-    lines.append(toml_line("order", frame.order))
-    heading = proposal.heading
-    if heading is not None and frame.signs_by_heading:
-        lines.append(
-            f"# signs: the sum of the wheels' speeds and the heading correlate by {heading.correlation:.2f}"
-        )
-    else:
-        lines.append("# signs: assumed; a heading pulse would show in which direction the wheels count")
-    return [
-        *lines,
-        toml_line("sign", frame.signs),
-        toml_line("angle", _angle_table(proposal), proposal.wheel.reason),
-        toml_line("speed", {"derivative_of": "angle"}),
-    ]
-
-
-def _angle_table(proposal: Proposal) -> dict[str, object]:
-    wheel = proposal.wheel
-    angle: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
-    if wheel.unit == "counts":
-        angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
-    elif wheel.scale != 1.0:
-        angle["scale"] = wheel.scale
-    if proposal.largest_speed is not None:
-        angle["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
-    return angle
-
-
-def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
-    names, tested = proposal.roles.commands, proposal.commands
-    if not names or proposal.duty is None:
-        return []
-    signs: Sequence[int] = proposal.frame.signs
-    delay, drive, duty = 0.0, robot.drive, proposal.duty
-    explained = []
-    if tested is not None:
-        names = tuple(names[place - 1] for place in tested.order)
-        signs, delay = tested.signs, tested.delay
-        percent = 100 * tested.explained
-        explained = [f"# signs: measured; the commands explain {percent:.0f} % of the wheels' accelerations"]
-    robot_file = "from the robot file"
-    resistance = float(f"{stall_resistance(robot):.6g}")
-    return [
-        "[input]",
-        toml_line("kind", "pwm", "assumed: a duty of a DC motor"),
-        toml_line("from", names),
-        *explained,
-        toml_line("sign", signs),
-        toml_line("scale", duty.scale, duty.reason),
-        toml_line("delay", round(delay, 4), "assumed" if tested is None else "measured"),
-        toml_line("dead_band", 0.0, "assumed: the duty that the firmware adds; write it here"),
-        toml_line("supply_voltage", drive.supply_voltage, robot_file),
-        toml_line("torque_constant", drive.torque_constant, robot_file),
-        toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),
-        toml_line(
-            "resistance", resistance, "assumed: full duty at standstill gives the robot's torque limit"
-        ),
-        toml_line("gear_ratio", drive.gear_ratio, robot_file),
-    ]
-
-
-def stall_resistance(robot: Robot) -> float:
-    """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
-    drive = robot.drive
-    return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit

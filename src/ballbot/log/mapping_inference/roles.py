@@ -1,210 +1,34 @@
-"""The role and the unit of each column of a foreign log, by its name or by its values.
+"""Which column of a foreign log is which quantity, by its name or by its values.
 
-Names are compared in lower case without separators, so that `psi_1`, `Psi1` and `PSI[1]` are equal. A series is columns
-whose names differ only in a number 1 to 3 (or 0 to 2).
+By names (`ballbot.log.mapping_inference.names`): a triple is as many columns of one kind and stem as the robot has
+wheels, numbered from 1 or 0. Of several the plainest name is taken, a command before a measured current.
 
-Without a header, or with meaningless names, the values decide. Time increases by small uneven steps. Roll and pitch,
-and the wheels' angles in their order, are neighbouring columns: those whose accelerations agree best with the ball's
-rolling (`ballbot.log.mapping_inference.placement`), in any units. A sensor's steps
-distinguish its columns from those computed from them. The commands are those neighbours that explain the wheels'
-accelerations best.
-
-Units follow from the encoder's step, from sizes, and from the gain of the kinematics.
+Without a header, or with names that say nothing, the values decide. Time rises by small uneven steps. Roll and pitch,
+and the wheels' angles in their order, stand side by side, and are those neighbours whose accelerations agree best with
+the ball's rolling (`ballbot.log.mapping_inference.placement`), whatever their units. A sensor's steps distinguish its
+columns from those computed from them. The commands are those neighbours that explain the wheels' accelerations best.
+How many times better the best explanation is than the next gives the confidence.
 """
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.placement import (
-    COMMAND_WIDTH,
-    command_test,
-    held_commands,
-    torque_free_gains,
-)
+from ballbot.log.mapping_inference.names import Kind, Reading, read_name
+from ballbot.log.mapping_inference.placement import torque_free_gains
+from ballbot.log.mapping_inference.units import step_of, time_scale
+from ballbot.log.mapping_inference.wheel_response import WIDER, command_test, held_commands
 from ballbot.log.signals import MOVING_SPEED, Smooth, even_rows, smooth
 from ballbot.robot import Robot
-
-#: relative tolerance of a step that is taken for an encoder's
-STEP_AGREEMENT = 0.02
-#: if a tenth of the rows exceed this lean, the angle is not in radians
-LEAN_IN_RADIANS = 0.35
-#: largest numbers that drivers and libraries call full duty
-FULL_DUTIES = (1.0, 100.0, 127.0, 255.0, 1000.0, 1023.0, 4095.0, 32639.0, 32767.0, 65535.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scale:
-    """Conversion of a column to Ballbot's unit, with the reason."""
-
-    unit: str
-    factor: float  #: converts the file's number to radians (or full duty to 1), unit and scale in one
-    scale: float = 1.0  #: part of the factor besides the unit
-    reason: str
-
-
-def step_of(values: NDArray[np.float64]) -> float | None:
-    """Return the smallest step of which all steps of a column are multiples; None if there is no such step."""
-    steps = np.abs(np.diff(values[np.isfinite(values)]))
-    steps = steps[steps > 1e-9]
-    if len(steps) < 20:
-        return None
-    step = float(np.quantile(steps, 0.001, method="lower"))
-    multiples = steps[steps < 20.5 * step] / step
-    whole = np.abs(multiples - np.round(multiples)) < 0.05
-    return step if len(multiples) >= 20 and whole.mean() > 0.95 else None
-
-
-def wheel_scale(angles: NDArray[np.float64], robot: Robot) -> Scale:
-    """Return the unit of wheel angles (N, n) in the file, by the encoder's step if it is visible."""
-    turn = float(robot.sensors.encoder_counts * robot.drive.gear_ratio)
-    steps = [step_of(column) for column in angles.T]
-    known = [step for step in steps if step is not None]
-    step = float(np.median(known)) if known else None
-    if step is not None and abs(step - 1.0) < 1e-6:
-        reason = f"whole numbers; the robot's encoder has {turn:g} counts a turn of the wheel"
-        return Scale(unit="counts", factor=2.0 * math.pi / turn, reason=reason)
-    gear = robot.drive.gear_ratio
-    candidates = (
-        Scale(unit="rad", factor=1.0, reason="one encoder count in radians"),
-        Scale(unit="deg", factor=math.pi / 180.0, reason="one encoder count in degrees"),
-        Scale(unit="turn", factor=2.0 * math.pi, reason="one encoder count in turns"),
-        Scale(
-            unit="rad", factor=1.0 / gear, scale=1.0 / gear, reason="one encoder count, the motor's radians"
-        ),
-        Scale(
-            unit="deg",
-            factor=math.pi / 180.0 / gear,
-            scale=1.0 / gear,
-            reason="one encoder count, the motor's degrees",
-        ),
-    )
-    if step is not None:
-        for scale in candidates:
-            ratio = step * scale.factor / (2.0 * math.pi / turn)
-            if abs(ratio - 1.0) < STEP_AGREEMENT:
-                return Scale(
-                    unit=scale.unit,
-                    factor=scale.factor,
-                    scale=scale.scale,
-                    reason=f"steps of {step:.5g} are {scale.reason}",
-                )
-    return Scale(unit="rad", factor=1.0, reason="assumed: no encoder step was recognised")
-
-
-def lean_scale(lean: NDArray[np.float64]) -> Scale:
-    """Return the unit of roll and pitch (N, 2) by their size."""
-    size = float(np.nanquantile(np.abs(lean), 0.9))
-    if size > LEAN_IN_RADIANS:
-        return Scale(
-            unit="deg",
-            factor=math.pi / 180.0,
-            reason=f"a tenth of the angles exceeds {size:.2g}, too much for radians",
-        )
-    return Scale(unit="rad", factor=1.0, reason=f"nine tenths of the angles are within {size:.2g}")
-
-
-def duty_scale(commands: NDArray[np.float64]) -> Scale:
-    """Return the scale that makes the full duty 1, by the largest command (N, n)."""
-    largest = float(np.nanmax(np.abs(commands)))
-    # 1 % for rounding and filters
-    full = next((duty for duty in FULL_DUTIES if largest <= 1.01 * duty), largest)
-    return Scale(
-        unit="duty",
-        factor=1.0 / full,
-        scale=1.0 / full,
-        reason=f"the largest command is {largest:.4g}, so {full:g} is assumed to be full duty",
-    )
-
-
-TIMES = (
-    "tnow",
-    "t",
-    "time",
-    "timestamp",
-    "ts",
-    "tsec",
-    "times",
-    "seconds",
-    "elapsed",
-    "elapsedtime",
-    "utime",
-)
-#: pairs or threes of names for roll, pitch and yaw
-ATTITUDES = (
-    ("roll", "pitch", "yaw"),
-    ("thetax", "thetay", "thetaz"),
-    ("thetaroll", "thetapitch", "thetayaw"),
-    ("imuroll", "imupitch", "imuyaw"),
-    ("imux", "imuy", "imuz"),
-    ("leanx", "leany", "leanz"),
-    ("rpy0", "rpy1", "rpy2"),
-    ("rpy1", "rpy2", "rpy3"),
-    ("theta1", "theta2", "theta3"),
-    ("thetarollrad", "thetapitchrad", "thetayawrad"),
-    ("rx", "ry", "rz"),
-    ("anglex", "angley", "anglez"),
-)
-#: stems of wheel angles, of wheel speeds and of motor commands, the likeliest first
-ANGLES = (
-    "psi",
-    "enc",
-    "encpos",
-    "encoder",
-    "encticks",
-    "ticks",
-    "wheel",
-    "wheelangle",
-    "pos",
-    "q",
-    "m",
-    "motor",
-    "motorpos",
-)
-SPEEDS = (
-    "dpsi",
-    "psidot",
-    "psid",
-    "wheelspeed",
-    "wheeldot",
-    "dwheel",
-    "encdot",
-    "denc",
-    "vel",
-    "w",
-    "omega",
-    "speed",
-    "dq",
-)
-COMMANDS = (
-    "u",
-    "motorduty",
-    "duty",
-    "pwm",
-    "motorpwm",
-    "motor",
-    "t",
-    "tau",
-    "torque",
-    "cmd",
-    "motorcmd",
-    "command",
-    "m",
-    "i",
-    "current",
-)
-BODY_COMMANDS = ("tx", "ty", "tz")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """The names of the file's columns by their role; empty or None if there are none."""
+    """The file's names of what the log is made of; empty or None if there is none."""
 
     time: str | None
     attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw
@@ -214,55 +38,80 @@ class Roles:
     body_commands: tuple[
         str, ...
     ]  #: Tx, Ty, Tz: commands about the body's axes, before they go to the wheels
+    gyro: tuple[str, ...] = ()  #: about x, y and z
+    confidence: float = 1.0  #: that these are the columns
+
+    def reading(self, names: tuple[str, ...]) -> Reading | None:
+        """Return what the name of the first of these columns says; None without columns."""
+        return read_name(names[0]) if names else None
 
 
 def roles_by_name(names: Iterable[str], *, wheel_count: int) -> Roles:
-    """Return the roles by the columns' names."""
-    plain = {_plain(name): name for name in reversed(list(names))}
-    threes = _numbered(plain, wheel_count)
-    angles = _first(threes, ANGLES)
-    commands = _first({stem: found for stem, found in threes.items() if found != angles}, COMMANDS)
+    """Return what the names say; see the module's text."""
+    readings = [read_name(name) for name in names]
+    angles = _numbered(readings, "wheel angle", wheel_count)
+    speeds = _numbered(readings, "wheel speed", wheel_count)
+    commands = _numbered(readings, "command", wheel_count)
+    if not commands and len(_triples(readings, "wheel angle", wheel_count)) > 1:
+        # m1, m2, m3 beside enc1, enc2, enc3
+        commands = _triples(readings, "wheel angle", wheel_count)[1]
+    times = [one for one in readings if one.kind == "time"]
+    attitude, gyro = _axes(readings, "attitude"), _axes(readings, "gyro")
     return Roles(
-        time=next((plain[name] for name in TIMES if name in plain), None),
-        attitude=_attitude(plain),
+        time=max(times, key=lambda one: one.weight).name if times else None,
+        attitude=tuple(attitude[axis] for axis in "xyz" if axis in attitude)
+        if {"x", "y"} <= set(attitude)
+        else (),
         angles=angles,
-        speeds=_first(threes, SPEEDS),
+        speeds=speeds,
         commands=commands,
-        body_commands=tuple(plain[name] for name in BODY_COMMANDS if name in plain),
+        body_commands=tuple(one.name for one in readings if one.kind == "body command"),
+        gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
     )
 
 
-def _plain(name: str) -> str:
-    """Return a name without separators, units in brackets, or case."""
-    bare = re.sub(r"[\(\[](?!\d)[^\)\]]*[\)\]]", "", name.lower())
-    return re.sub(r"[^a-z0-9]", "", bare)
+def _triples(readings: list[Reading], kind: Kind, count: int) -> list[tuple[str, ...]]:
+    """Return the complete series of columns of a kind, the plainest first."""
+    series: dict[str, dict[int, Reading]] = {}
+    for one in readings:
+        if one.kind == kind and one.index is not None:
+            series.setdefault(one.stem, {}).setdefault(one.index, one)
+    found = []
+    for members in series.values():
+        start = next((s for s in (1, 0) if all(s + k in members for k in range(count))), None)
+        if start is not None and count + start not in members:
+            chosen = [members[start + k] for k in range(count)]
+            found.append((min(one.weight for one in chosen), tuple(one.name for one in chosen)))
+    return [names for _, names in sorted(found, key=lambda one: -one[0])]
 
 
-def _numbered(plain: dict[str, str], count: int) -> dict[str, tuple[str, ...]]:
-    """Return the names numbered from 1 (or 0), by their common part."""
-    found: dict[str, tuple[str, ...]] = {}
-    for name in plain:
-        for digit in re.finditer(r"[01]", name):
-            before, after, start = name[: digit.start()], name[digit.end() :], int(digit.group())
-            series = [f"{before}{start + k}{after}" for k in range(count)]
-            if all(member in plain for member in series):
-                found.setdefault(before + after, tuple(plain[member] for member in series))
-    return found
+def _numbered(readings: list[Reading], kind: Kind, count: int) -> tuple[str, ...]:
+    return next(iter(_triples(readings, kind, count)), ())
 
 
-def _first(threes: dict[str, tuple[str, ...]], stems: tuple[str, ...]) -> tuple[str, ...]:
-    return next((threes[stem] for stem in stems if stem in threes), ())
+def _axes(readings: list[Reading], kind: Kind) -> dict[str, str]:
+    """Return the columns of a kind by axis, of one family of names: that with the most axes, then the plainest."""
+    families: dict[str, dict[str, Reading]] = {}
+    for one in readings:
+        if one.kind == kind and one.axis is not None:
+            family = one.stem
+            for word in ("roll", "pitch", "yaw", "heading", "theta", "phi", "psi"):
+                family = family.replace(word, "")
+            families.setdefault(family, {}).setdefault(one.axis, one)
+    if not families:
+        return {}
+    best = max(families.values(), key=lambda f: (len(f) > 1, min(one.weight for one in f.values()), len(f)))
+    # a heading by itself belongs to roll and pitch of another family
+    others = {
+        one.axis: one for family in families.values() for one in family.values() if one.axis not in best
+    }
+    return {axis: one.name for axis, one in ({**others, **best} if len(best) > 1 else best).items() if axis}
 
 
-def _attitude(plain: dict[str, str]) -> tuple[str, ...]:
-    for roll, pitch, yaw in ATTITUDES:
-        if roll in plain and pitch in plain:
-            return tuple(plain[name] for name in (roll, pitch, yaw) if name in plain)
-    return ()
-
-
-#: intervals between rows that a log may have [s]
-INTERVALS = (2e-4, 0.2)
+#: filter of the lean and the wheels [s]
+LEAN_WIDTH = 0.08
+#: the next best columns must leave this many times more, or at least this, to be certain
+CLEAR_MARGIN, UNCLEAR_MARGIN = 1.5, 1.2
 #: an agreement must be better than an earlier one by this factor, since copies come later in a file
 BETTER = 0.98
 #: largest unexplained fraction of the lean's acceleration
@@ -286,14 +135,16 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
     time = _time(columns)
     if time is None:
         return None
-    t = columns[time]
+    scale = time_scale(columns[time], None)
+    t = columns[time] * (scale.factor if scale else 1.0)
+    columns = {**columns, time: t}
     rising = np.concatenate(([True], np.diff(t) > 0.0))
     finite = np.all([np.isfinite(values) for values in columns.values()], axis=0)
     kept = rising & finite
     # a column that increases by the same step throughout counts rows
     names = [name for name, values in columns.items() if name != time and np.ptp(np.diff(values[kept])) > 0.0]
     rows = even_rows(t[kept])
-    smoothed = {name: smooth(rows, t[kept], columns[name][kept, None]) for name in names}
+    smoothed = {name: smooth(rows, t[kept], columns[name][kept, None], width=LEAN_WIDTH) for name in names}
     steps = {name: step_of(columns[name][kept]) for name in names}
     # an IMU's columns usually have steps, which columns computed from them lack
     found = _lean_and_wheels(list(columns), smoothed, steps, robot) or _lean_and_wheels(
@@ -301,24 +152,31 @@ def roles_by_data(columns: Mapping[str, NDArray[np.float64]], robot: Robot) -> R
     )
     if found is None:
         return None
-    lean, wheels = found
+    lean, wheels, margin = found
+    commands = _commands(columns, (time, *lean), kept, wheels)
+    certain = 0.95 if margin > CLEAR_MARGIN else 0.85 if margin > UNCLEAR_MARGIN else 0.6
     return Roles(
         time=time,
         attitude=lean,
         angles=wheels,
         speeds=(),
-        commands=_commands(columns, (time, *lean), kept, wheels),
+        commands=commands,
         body_commands=(),
+        # columns that no test recognised may be the commands
+        confidence=certain if commands or len(columns) <= len(wheels) + 4 else 0.6,
     )
 
 
 def _time(columns: Mapping[str, NDArray[np.float64]]) -> str | None:
+    """Return the first column that rises as time does; one that counts rows only if there is no other."""
+    found = []
     for name, values in columns.items():
         steps = np.diff(values)
-        usual = float(np.median(steps))
-        if INTERVALS[0] < usual < INTERVALS[1] and np.mean(steps > 0.0) > 0.98:
-            return name
-    return None
+        if np.mean(steps > 0.0) > 0.98 and time_scale(values, None) is not None:
+            found.append(
+                (bool(np.ptp(steps) == 0.0 and np.all(values == np.round(values))), len(found), name)
+            )
+    return min(found)[2] if found else None
 
 
 def _neighbours(names: list[str], present: Mapping[str, Smooth], count: int) -> list[tuple[str, ...]]:
@@ -333,10 +191,13 @@ def _lean_and_wheels(
     robot: Robot,
     *,
     smooth_lean: bool = False,
-) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
-    """Return the names of roll and pitch (whose steps may be too fine to see) and of the wheels' angles."""
+) -> tuple[tuple[str, ...], tuple[str, ...], float] | None:
+    """Return the names of roll and pitch (whose steps may be too fine to see) and of the wheels' angles.
+
+    The number is how many times more the next best columns leave unexplained.
+    """
     kappa, _ = torque_free_gains(robot)
-    best, least = None, LARGEST_REST
+    best, least, next_best = None, LARGEST_REST, 1.0
     for wheels in _neighbours(names, smoothed, robot.wheel_count):
         if not _alike(wheels, steps):
             continue
@@ -349,8 +210,11 @@ def _lean_and_wheels(
                 continue
             rest = _rest(lean, smoothed, (angles, accelerations), moving, robot, kappa)
             if rest < least * (BETTER if best else 1.0):
+                next_best = least if best else 1.0
                 best, least = (lean, wheels), rest
-    return best
+            else:
+                next_best = min(next_best, rest)
+    return None if best is None else (*best, next_best / max(least, 1e-12))
 
 
 def _alike(names: tuple[str, ...], steps: Mapping[str, float | None]) -> bool:
@@ -406,7 +270,7 @@ def _commands(
     """Return the commands' names; `taken` are the time's, first, and the lean's."""
     t = columns[taken[0]][kept]
     rows = even_rows(t)
-    moved = smooth(rows, t, np.column_stack([columns[name][kept] for name in wheels]), width=COMMAND_WIDTH)
+    moved = smooth(rows, t, np.column_stack([columns[name][kept] for name in wheels]), width=WIDER)
     speed = np.sqrt((moved.rate**2).sum(axis=1))
     usable = speed > min(MOVING_SPEED, 0.1 * float(np.quantile(speed, 0.99)))
     names = list(columns)
@@ -418,7 +282,7 @@ def _commands(
         logged = np.column_stack([columns[name][kept] for name in group])
         if not np.all(np.ptp(logged, axis=0) > 0.0):
             continue
-        found = command_test(rows, moved, held_commands(rows, t, logged), usable)
+        found = command_test(rows, moved, held_commands(rows, t, logged), usable, width=WIDER)
         # signs as the wheels'; otherwise it is a sum of other columns that happens to correlate
         if found is not None and len(set(found.signs)) == 1 and found.explained * BETTER > most:
             best, most = tuple(group), found.explained

@@ -1,0 +1,347 @@
+"""Logs as other teams write them, made from recorded ones whose truth is known: names, units, signs, order, delays.
+
+A `Habits` value is drawn from a seed. It says how a team writes its logs, and makes the file's columns from a log. The
+IMU is turned about the vertical, and may have a reversed axis; the wheels are permuted, with signs of their own;
+sensors and commands are late; the commands are torques, currents or duties.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import scipy.io
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ballbot.log import STATE_NAMES, Log
+from ballbot.robot import Robot
+
+Columns = dict[str, NDArray[np.float64]]
+Layout = Literal[
+    "comma", "semicolon", "tab", "blanks", "decimal_comma", "json", "mat", "no_header", "given_columns"
+]
+Command = Literal["torque", "current", "duty", "voltage"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Names:
+    """A team's names; braces are a number from `first`, an axis, or a unit."""
+
+    time: str
+    lean: tuple[str, str, str]
+    gyro: str
+    angle: str
+    command: str  #: with the kind of command in {kind}
+    units: bool  #: whether names have units
+    first: int = 1
+
+
+STYLES = (
+    Names(
+        time="t_now",
+        lean=("theta_x", "theta_y", "theta_z"),
+        gyro="gyro_{}",
+        angle="psi_{}",
+        command="u{}",
+        units=False,
+    ),
+    Names(
+        time="Timestamp",
+        lean=("Roll", "Pitch", "Yaw"),
+        gyro="Gyro{}",
+        angle="Enc{}",
+        command="Motor{}_{kind}",
+        units=True,
+    ),
+    Names(
+        time="time", lean=("roll", "pitch", "yaw"), gyro="g{}", angle="enc_{}", command="{kind}{}", units=True
+    ),
+    Names(
+        time="t", lean=("roll", "pitch", "yaw"), gyro="w{}", angle="wheel{}", command="cmd_{}", units=False
+    ),
+    Names(
+        time="stamp",
+        lean=("imu.roll", "imu.pitch", "imu.yaw"),
+        gyro="imu.gyro.{}",
+        angle="motor[{}].position",
+        command="motor[{}].{kind}",
+        units=False,
+        first=0,
+    ),
+    Names(
+        time="Time",
+        lean=("ImuRoll", "ImuPitch", "ImuYaw"),
+        gyro="ImuGyro{}",
+        angle="q{}",
+        command="tau_{}",
+        units=True,
+    ),
+)
+#: what a style's unit is called at the end of a name
+SPELLED = {"deg/s": "dps", "rad/s": "rad_s", "N m": "Nm", "mN m": "mNm", "%": "pct"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Habits:
+    """How a team writes its logs."""
+
+    start: float  #: of the stretch [s]
+    duration: float
+    names: Names
+    layout: Layout
+    time_unit: str
+    time_offset: float  #: [s]
+    order: tuple[int, ...]  #: the file's wheels in turn are these of the robot (from 0)
+    signs: tuple[int, ...]  #: of the file's wheels
+    command_order: tuple[int, ...]
+    command_signs: tuple[int, ...]
+    turn: float  #: of the IMU's x axis from the robot's [rad]
+    pitch_sign: int
+    yaw_sign: int
+    swapped: bool  #: whether roll and pitch are exchanged
+    lean_unit: str
+    wheel_unit: str
+    gyro_unit: str | None  #: None without a gyro
+    yaw: bool
+    command: Command
+    command_unit: str
+    command_scale: float  #: the file's number for 1 N m, A, V or full duty
+    sensor_delay: float
+    command_delay: float
+    noise: float  #: of the angles [rad]
+    interval: float  #: of the rows [s]; 0 keeps the log's
+    extras: bool
+    seed: int
+
+
+def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: float = 60.0) -> Habits:
+    """Return the habits of a seed for a log of `whole` seconds; stretches of 5 s to `longest`."""
+    random = np.random.default_rng([16, seed])
+    n = robot.wheel_count
+    duration = float(np.exp(random.uniform(np.log(5.0), np.log(longest))))
+    layouts: tuple[Layout, ...] = (
+        *("comma", "comma", "semicolon", "tab", "blanks", "decimal_comma", "json", "mat"),
+        *("no_header", "given_columns"),
+    )  # fmt: skip
+    command, unit, scale = _command(random, duty=dead_band)
+    names = STYLES[random.integers(len(STYLES))]
+    layout = layouts[random.integers(len(layouts))]
+    reversed_axis = random.random() < 0.15
+    return Habits(
+        start=float(random.uniform(0.0, whole - duration)),
+        duration=duration,
+        names=names,
+        layout=layout,
+        time_unit=("s", "s", "ms", "us")[random.integers(4)]
+        if names.units
+        else ("s", "s", "s", "ms")[random.integers(4)],
+        time_offset=float(random.choice([0.0, random.uniform(1.0, 3000.0)])),
+        order=tuple(random.permutation(n).tolist()) if random.random() < 0.5 else tuple(range(n)),
+        signs=_signs(random, n),
+        command_order=tuple(random.permutation(n).tolist()) if random.random() < 0.2 else (),
+        command_signs=_signs(random, n),
+        turn=_turn(random),
+        pitch_sign=-1 if reversed_axis else 1,
+        yaw_sign=-1 if random.random() < 0.05 else 1,
+        swapped=random.random() < 0.08,
+        lean_unit=("rad", "deg")[random.integers(2)],
+        wheel_unit=("rad", "rad", "deg", "counts", "counts", "turn")[random.integers(6)],
+        gyro_unit=(None, None, "rad/s", "rad/s", "deg/s")[random.integers(5)],
+        yaw=random.random() < 0.8,
+        command=command,
+        command_unit=unit,
+        command_scale=scale,
+        sensor_delay=float(random.choice([0.0, random.uniform(0.0, 0.02)])),
+        command_delay=float(random.choice([0.0, random.uniform(0.0, 0.015)])),
+        noise=float(random.choice([0.0, random.uniform(1e-4, 1e-3)])),
+        interval=float(random.choice([0.0, 0.0, 0.01, 0.0115])),
+        extras=random.random() < 0.5,
+        seed=seed,
+    )
+
+
+def _command(random: np.random.Generator, *, duty: bool) -> tuple[Command, str, float]:
+    if not duty and random.random() < 0.45:
+        return (
+            ("torque", "N m", 1.0),
+            ("torque", "mN m", 1e3),
+            ("current", "A", 1.0),
+            ("current", "mA", 1e3),
+        )[random.choice(4, p=[0.5, 0.15, 0.25, 0.1])]
+    if not duty and random.random() < 0.1:
+        return ("voltage", "V", 1.0)
+    full = float(random.choice([1.0, 100.0, 255.0, 1000.0], p=[0.5, 0.2, 0.2, 0.1]))
+    return ("duty", "%" if full == 100.0 else "", full)
+
+
+def _signs(random: np.random.Generator, n: int) -> tuple[int, ...]:
+    kind = random.random()
+    if kind < 0.5:
+        return (1,) * n
+    if kind < 0.75:
+        return (-1,) * n
+    return tuple(int(sign) for sign in random.choice([-1, 1], n))
+
+
+def _turn(random: np.random.Generator) -> float:
+    kind = random.random()
+    if kind < 0.4:
+        return 0.0
+    if kind < 0.8:
+        return float(np.radians(random.choice([30.0, 45.0, 60.0, 90.0, 180.0, -30.0, -45.0, -90.0, -120.0])))
+    return float(random.uniform(-np.pi, np.pi))
+
+
+def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> Columns:
+    """Return the file's columns of the stretch of a log."""
+    part = log.between(habits.start, habits.start + habits.duration)
+    random = np.random.default_rng([17, habits.seed])
+    t = part.t
+    if habits.interval:
+        t = np.arange(t[0] + 0.03, t[-1] - 0.03, habits.interval)
+        # a host that polls
+        t = t + (2e-4 * random.standard_normal(len(t)) if habits.interval == 0.0115 else 0.0)
+    else:
+        t = t[8:-8]
+    table: Columns = {_name(habits.names.time, habits.time_unit, habits): _time(t, habits)}
+    table |= _inertial(part, t, habits, random)
+    table |= _wheels(part, t, habits, robot)
+    table |= _commands(part, t, habits, robot, dead_band=dead_band)
+    if habits.extras:
+        table |= _extras(t, random)
+    if habits.layout in ("no_header", "given_columns"):
+        return table
+    names = list(table)
+    if habits.seed % 3 == 0:
+        names = [names[0], *random.permutation(names[1:]).tolist()]
+    return {name: table[name] for name in names}
+
+
+def _time(t: NDArray[np.float64], habits: Habits) -> NDArray[np.float64]:
+    factor = {"s": 1.0, "ms": 1e3, "us": 1e6}[habits.time_unit]
+    values = (t + habits.time_offset) * factor
+    return np.round(values) if habits.time_unit == "us" else np.round(values, 6)
+
+
+def _name(stem: str, unit: str, habits: Habits) -> str:
+    if not habits.names.units or not unit or unit == "turn":
+        return stem
+    return f"{stem}_{SPELLED.get(unit, unit)}"
+
+
+def _at(times: NDArray[np.float64], log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([np.interp(times, log.t, column) for column in values.T])
+
+
+def _inertial(part: Log, t: NDArray[np.float64], habits: Habits, random: np.random.Generator) -> Columns:
+    states = np.column_stack([part[name] for name in STATE_NAMES])
+    imu = Rotation.from_euler("XYZ", states[:, 2:5]) * Rotation.from_euler("z", habits.turn)
+    yaw, pitch, roll = imu.as_euler("ZYX").T
+    signs = np.array([1, habits.pitch_sign, habits.yaw_sign])
+    angles = _at(t - habits.sensor_delay, part, np.column_stack([roll, pitch, np.unwrap(yaw)])) * signs
+    angles[:, :2] += habits.noise * random.standard_normal((len(t), 2))
+    c, s = np.cos(habits.turn), np.sin(habits.turn)
+    x, y, z = part["gyro_x"], part["gyro_y"], part["gyro_z"]
+    rates = _at(t - habits.sensor_delay, part, np.column_stack([c * x + s * y, c * y - s * x, z])) * signs
+    if habits.swapped:
+        angles, rates = angles[:, [1, 0, 2]], rates[:, [1, 0, 2]]
+    lean = np.degrees(angles) if habits.lean_unit == "deg" else angles
+    found = {
+        _name(name, habits.lean_unit, habits): lean[:, place]
+        for place, name in enumerate(habits.names.lean)
+        if place < 2 or habits.yaw
+    }
+    if habits.gyro_unit is not None and habits.layout != "no_header":
+        turned = np.degrees(rates) if habits.gyro_unit == "deg/s" else rates
+        axes = "XYZ" if habits.names.gyro[0].isupper() else "xyz"
+        stem = habits.names.gyro
+        found |= {_name(stem.format(axes[k]), habits.gyro_unit, habits): turned[:, k] for k in range(3)}
+    return found
+
+
+def _wheels(part: Log, t: NDArray[np.float64], habits: Habits, robot: Robot) -> Columns:
+    turn = robot.sensors.encoder_counts * robot.drive.gear_ratio
+    angles = _at(t, part, part.wheel_angles)[:, list(habits.order)] * np.asarray(habits.signs)
+    counts = np.round(angles * turn / (2.0 * np.pi))
+    scale = {"counts": 1.0, "rad": 2.0 * np.pi / turn, "deg": 360.0 / turn, "turn": 1.0 / turn}[
+        habits.wheel_unit
+    ]
+    n, first = counts.shape[1], habits.names.first
+    unit = habits.wheel_unit
+    return {_name(habits.names.angle.format(k + first), unit, habits): counts[:, k] * scale for k in range(n)}
+
+
+def _commands(
+    part: Log, t: NDArray[np.float64], habits: Habits, robot: Robot, *, dead_band: float
+) -> Columns:
+    # held, as the log has them
+    latest = np.searchsorted(part.t, t + habits.command_delay + 1e-9, side="right") - 1
+    u = commands(robot, part.torques, part.wheel_speeds, habits.command)
+    if habits.command == "duty" and dead_band:
+        u = np.sign(u) * np.maximum(np.abs(u) - dead_band, 1e-6)
+    order = habits.command_order or habits.order
+    u = (
+        u[np.clip(latest, 0, len(u) - 1)][:, list(order)]
+        * np.asarray(habits.command_signs)
+        * habits.command_scale
+    )
+    if habits.command == "duty" and habits.command_scale > 1.0:
+        u = np.round(u) if habits.command_scale != 100.0 else np.round(u, 2)
+    n, first = u.shape[1], habits.names.first
+    stem = habits.names.command
+    kind = {"duty": "pwm"}.get(habits.command, habits.command)
+    if stem == "tau_{}" and habits.command != "torque":
+        stem = "{kind}_{}"
+    named = [stem.replace("{kind}", kind).format(k + first) for k in range(n)]
+    return {_name(name, habits.command_unit, habits): u[:, k] for k, name in enumerate(named)}
+
+
+def commands(
+    robot: Robot, torques: NDArray[np.float64], speeds: NDArray[np.float64], kind: Command
+) -> NDArray[np.float64]:
+    """Return torques [N m], currents [A], voltages [V] or duties (N, n) behind torques at wheel speeds [rad/s]."""
+    drive = robot.drive
+    current = torques / (drive.gear_ratio * drive.torque_constant)
+    if kind in ("torque", "current"):
+        return torques if kind == "torque" else current
+    # full duty at standstill gives the torque limit
+    resistance = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
+    voltage = current * resistance + drive.gear_ratio * speeds / drive.speed_constant
+    return voltage if kind == "voltage" else voltage / drive.supply_voltage
+
+
+def _extras(t: NDArray[np.float64], random: np.random.Generator) -> Columns:
+    return {
+        "loop_count": np.arange(len(t), dtype=np.float64),
+        "battery_V": 12.0 - 1e-3 * (t - t[0]) + 0.01 * random.standard_normal(len(t)),
+        "ref_x": 0.3 * np.sin(0.5 * t),
+        "target_roll": 0.01 * np.sin(2.0 * t),
+        "error_pitch": 0.01 * random.standard_normal(len(t)),
+    }
+
+
+def write(path: Path, columns: Columns, habits: Habits) -> tuple[Path, list[str] | None]:
+    """Write the file, its suffix by the layout; return it and what the user gives as --columns, or None."""
+    names, table = list(columns), np.column_stack(list(columns.values()))
+    if habits.layout == "json":
+        rows = [dict(zip(names, row, strict=True)) for row in table.tolist()]
+        path = path.with_suffix(".json")
+        path.write_text(json.dumps(rows if habits.seed % 2 else {n: c.tolist() for n, c in columns.items()}))
+        return path, None
+    if habits.layout == "mat" and all(name.isidentifier() for name in names):
+        path = path.with_suffix(".mat")
+        scipy.io.savemat(path, {name: values[:, None] for name, values in columns.items()})
+        return path, None
+    mark = {"semicolon": ";", "tab": "\t", "blanks": " ", "decimal_comma": ";"}.get(habits.layout, ",")
+    lines = [mark.join(f"{value:.10g}" for value in row) for row in table.tolist()]
+    if habits.layout == "decimal_comma":
+        lines = [line.replace(".", ",") for line in lines]
+    if habits.layout not in ("no_header", "given_columns"):
+        lines.insert(0, mark.join(names))
+    path = path.with_suffix(".txt")
+    path.write_text("\n".join(lines) + "\n")
+    return path, names if habits.layout == "given_columns" else None

@@ -1,0 +1,414 @@
+"""Measure `ballbot check-log` on logs of other people's making: twin logs renamed, permuted, scaled, turned and cut.
+
+.venv/bin/python -m campaigns.evidence mapping_corpus
+.venv/bin/python -m campaigns.mapping_corpus development 200     that half, that many variants, with each failure
+
+A variant is a stretch of a recorded log, written as a team might write it (`campaigns.foreign_logs`). Ballbot proposes
+a mapping, and the log that this mapping makes is compared with the recorded one. A result is
+
+right           the log is the recorded one, up to a transformation that leaves every measured signal and the robot's
+                dynamics unchanged (`equivalent_logs`)
+undetermined    a conclusion is below the confidence that `check-log` asks for, so that it names the line to fill in
+doubtful        wrong, with a stated confidence below 0.9
+wrong           wrong, and confident
+
+The development half is for work on the inference. The test half has other robots, motions and seeds and is run to
+judge it. Recorded logs are kept in build/mapping_corpus and are not recorded again.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from ballbot.control.controller import Controller
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import Reference, change_pose, circle, figure_eight, hold, square
+from ballbot.errors import InputError
+from ballbot.log import Log
+from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.report import Evaluation, evaluate
+from ballbot.mechanics.model import Model
+from ballbot.processes import worker_pool
+from ballbot.robot import Robot
+from ballbot.robot.components import scaled_friction
+from ballbot.simulation.run import simulate
+from ballbot.twin import Scenario, Twin
+from campaigns.foreign_logs import Habits, columns_of, commands, draw, write
+from campaigns.section import Section
+
+Half = Literal["development", "test"]
+
+#: robots of each half; four_wheels is a robot of the half's own with four wheels
+ROBOTS: dict[Half, tuple[str, ...]] = {
+    "development": ("alten", "kugle", "rezero_four_wheels"),
+    "test": ("rob311", "rezero", "cmu"),
+}
+MOTIONS: dict[Half, tuple[str, ...]] = {
+    "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
+    "test": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
+}
+#: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
+COMPENSATED = 0.6
+#: [s] of each recording
+DURATION = 62.0
+#: [kg m^2], in place of a preset's own, which is more than its body could have
+WHEEL_INERTIA = {"rob311": 5e-5}
+#: [kg], the body that the nominal scenario's friction and noise belong to
+NOMINAL_MASS = 17.076
+KEPT = Path(__file__).parents[1] / "build" / "mapping_corpus"
+
+
+@cache
+def robot_named(name: str) -> Robot:
+    """Return a robot of the corpus as its team would describe it."""
+    preset = name.removesuffix("_four_wheels")
+    robot = Robot.load(preset)
+    if preset in WHEEL_INERTIA:
+        robot = robot.replace(wheels=replace(robot.wheels, inertia=WHEEL_INERTIA[preset]))
+    if preset == name:
+        return robot
+    azimuths = tuple(0.5 * np.pi * k for k in range(4))
+    drive = replace(robot.drive, torque_limit=robot.drive.torque_limit)
+    friction = robot.friction.__class__.none(4)
+    return robot.replace(wheels=replace(robot.wheels, azimuths=azimuths), drive=drive, friction=friction)
+
+
+def recording(half: Half, robot: str, motion: str) -> Log:
+    """Return the log of a robot's own sensors, from `KEPT` if it was recorded before."""
+    path = KEPT / f"{half}_{robot}_{motion}.parquet"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _recorded(half, robot, motion).write(path)
+    return Log.read(path)
+
+
+def _recorded(half: Half, name: str, motion: str) -> Log:
+    robot = robot_named(name)
+    seed = 100 * (half == "test") + 10 * ROBOTS[half].index(name) + MOTIONS[half].index(motion)
+    base = Scenario.named("nominal", robot)
+    heavier = robot.body.mass / NOMINAL_MASS
+    scenario = replace(
+        base,
+        friction=scaled_friction(base.friction, heavier),
+        torque_noise=heavier * base.torque_noise,
+    )
+    twin, controller = Twin(robot, scenario), nominal_controller(robot)
+    if motion == "dead_band":
+        controller = FirmwareDeadBand(controller, robot, dead_band(robot))
+    log = simulate(twin, controller, _reference(motion, seed), duration=DURATION, seed=seed)
+    return log.without_truth()
+
+
+def dead_band(robot: Robot) -> float:
+    """Return the duty that the firmware adds, in the motion dead_band."""
+    heavier = robot.body.mass / NOMINAL_MASS
+    dry = float(np.mean(Scenario.named("nominal", robot).friction.coulomb))
+    return COMPENSATED * heavier * dry / robot.drive.torque_limit
+
+
+class FirmwareDeadBand:
+    """A controller behind a firmware that adds to each duty, in its direction."""
+
+    def __init__(self, controller: Controller, robot: Robot, added: float) -> None:
+        self.controller, self.sample_time, self.added = controller, controller.sample_time, added
+        self.robot, self.model = robot, Model(robot)
+
+    def reset(self) -> None:
+        """Start anew."""
+        self.controller.reset()
+
+    def update(
+        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the torques (n,) that reach the wheels [N m]."""
+        torques = self.controller.update(t, state, reference)
+        speeds = self.model.wheel_speed(state[:5], state[5:])
+        duty = commands(self.robot, torques, speeds, "duty")
+        return torques + self.added * self.robot.drive.torque_limit * np.sign(duty)
+
+
+def _reference(motion: str, seed: int) -> Reference:
+    random = np.random.default_rng([15, seed])
+    size = random.uniform(0.3, 0.8)  # [m]
+    if motion == "hold":
+        return hold()
+    if motion == "square":
+        return square(side=0.6 * size, period=random.uniform(16.0, 32.0))
+    if motion == "circle":
+        return circle(radius=0.5 * size, period=random.uniform(12.0, 24.0))
+    if motion == "figure_eight":
+        return figure_eight(length=size, width=0.5 * size, period=random.uniform(16.0, 32.0))
+    if motion == "turn":
+        turn = random.uniform(0.5 * np.pi, np.pi)
+        return change_pose(x=size, y=-0.5 * size, psi=turn, at=6.0, ramp=40.0)
+    return _sway(random, heading=0.6 if motion == "sway" else 0.2)
+
+
+def _sway(random: np.random.Generator, *, heading: float) -> Reference:
+    """Return a reference that moves to and fro in all directions and turns its heading."""
+    rates, phases = random.uniform(0.5, 1.5, 3), random.uniform(0.0, 2.0 * np.pi, 3)  # [rad/s], [rad]
+    amplitudes = np.array([*random.uniform(0.1, 0.25, 2), heading])
+
+    def reference(t: float) -> NDArray[np.float64]:
+        pose = np.zeros(10)
+        # starts from rest at the origin
+        start = min(t / 3.0, 1.0)
+        pose[[0, 1, 4]] = start * amplitudes * np.sin(rates * t + phases)
+        return pose
+
+    return reference
+
+
+#: [s] by which a mapped log and the truth are smoothed before their torques are compared
+SMOOTHED = 0.1
+#: largest error of size and turn of the lean [rad], of the size of wheels and torques
+LEAN_ERROR, TURN_ERROR, WHEEL_ERROR, TORQUE_ERROR = 0.1, np.radians(12.0), 0.03, 0.2
+
+Result = Literal["right", "undetermined", "doubtful", "wrong"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of one variant."""
+
+    half: Half
+    seed: int
+    robot: str
+    motion: str
+    duration: float  #: [s]
+    result: Result
+    reason: str  #: what is undetermined or wrong
+    confidence: float  #: the least of the conclusions
+
+
+def outcome(half: Half, seed: int) -> Outcome:
+    """Write the variant of a seed as a foreign log, let Ballbot propose its mapping, and judge it."""
+    name = ROBOTS[half][seed % len(ROBOTS[half])]
+    motion = MOTIONS[half][seed // len(ROBOTS[half]) % len(MOTIONS[half])]
+    robot, log = robot_named(name), recording(half, name, motion)
+    band = dead_band(robot) if motion == "dead_band" else 0.0
+    offset = 1_000_000 if half == "test" else 0
+    habits = draw(offset + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
+    result, reason, confidence = judged(log, robot, habits, dead_band=band)
+    return Outcome(
+        half=half,
+        seed=seed,
+        robot=name,
+        motion=motion,
+        duration=habits.duration,
+        result=result,
+        reason=reason,
+        confidence=confidence,
+    )
+
+
+def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tuple[Result, str, float]:
+    """Write a log as a team of these habits does, and return what its proposed mapping is worth.
+
+    Returns
+    -------
+    tuple
+        The result, what is undetermined or wrong, and the least confidence of the conclusions.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        table = columns_of(truth, habits, robot, dead_band=dead_band)
+        path, given = write(Path(folder) / "log", table, habits)
+        try:
+            found = evaluate(propose(path, robot, columns=given), robot, file=path)
+        except InputError as error:
+            return "undetermined", str(error)[:160].replace(str(path), ""), 0.0
+    confidence = min(one.confidence for one in found.conclusions)
+    if found.log is None or found.refusal:
+        return "undetermined", found.refusal[:200], confidence
+    wrong = differences(found, truth, robot, habits)
+    if not wrong:
+        return "right", "", confidence
+    return ("wrong" if confidence >= 0.9 else "doubtful"), wrong, confidence
+
+
+def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits) -> str:
+    """Return in what the mapped log differs from the truth under the best of the transformations; empty if in nothing.
+
+    The transformations leave every measured signal and the robot's dynamics unchanged:
+
+    - the robot turned by the angle between two wheels, with the wheels renamed in a circle;
+    - the robot mirrored in the plane of wheel 1: the lean mirrored, heading, wheels and torques negated, the wheels'
+      order reversed;
+    - another origin of the heading, and of each wheel's angle;
+    - if the file has no heading: all wheels and torques negated and the lean turned by half a turn.
+    """
+    log = found.log
+    if log is None:
+        return "no log"
+    t = log.t - habits.time_offset
+    if t[0] < truth.t[0] - 0.1 or t[-1] > truth.t[-1] + 0.1 or t[-1] - t[0] < 0.5 * habits.duration - 3.0:
+        return "time"
+    if "u1" not in log:
+        return "no commands"
+    mapped, real = _body_frame(log), _body_frame(truth)
+    real = {name: np.array([np.interp(t, truth.t, row) for row in values]) for name, values in real.items()}
+    options = [
+        _compared(mapped, other, habits.yaw) for other in _equivalents(real, robot, half_turn=not habits.yaw)
+    ]
+    return min(options, key=len)
+
+
+Signals = dict[str, NDArray[np.float64]]
+
+
+def _body_frame(log: Log) -> Signals:
+    """Return lean (2, N) in the body's frame, heading (1, N), wheel angles and torques (n, N)."""
+    lean = (log["theta"] + 1j * log["phi"]) * np.exp(-1j * log["psi"])
+    return {
+        "lean": np.array([lean.real, lean.imag]),
+        "heading": log["psi"][None],
+        "wheels": log.wheel_angles.T,
+        "torques": log.torques.T,
+    }
+
+
+def _equivalents(real: Signals, robot: Robot, *, half_turn: bool) -> Iterator[Signals]:
+    n, first = robot.wheel_count, robot.wheels.azimuths[0]
+    lean = real["lean"][0] + 1j * real["lean"][1]
+    for mirrored in (False, True):
+        z = -np.exp(2j * first) * lean.conj() if mirrored else lean
+        sign = -1.0 if mirrored else 1.0
+        places = [(-k) % n for k in range(n)] if mirrored else list(range(n))
+        for k in range(n):
+            turned = z * np.exp(-2j * np.pi * k / n)
+            moved = [places[(i + k) % n] for i in range(n)]
+            for half in (1.0, -1.0) if half_turn else (1.0,):
+                yield {
+                    "lean": half * np.array([turned.real, turned.imag]),
+                    "heading": sign * real["heading"],
+                    "wheels": sign * half * real["wheels"][moved],
+                    "torques": sign * half * real["torques"][moved],
+                }
+
+
+def _compared(mapped: Signals, real: Signals, heading: bool) -> str:
+    """Return the names of the signals that differ, with by how much."""
+    wrong = []
+    z, y = (one["lean"][0] + 1j * one["lean"][1] for one in (mapped, real))
+    z, y = z - z.mean(), y - y.mean()
+    gain = np.vdot(y, z) / np.vdot(y, y)
+    if abs(abs(gain) - 1.0) > LEAN_ERROR or abs(np.angle(gain)) > TURN_ERROR:
+        wrong.append(f"lean {abs(gain):.2f} at {np.degrees(np.angle(gain)):.0f} deg")
+    if heading and _size_error(mapped["heading"], real["heading"]) > LEAN_ERROR:
+        wrong.append("heading")
+    errors = [_size_error(a[None], b[None]) for a, b in zip(mapped["wheels"], real["wheels"], strict=True)]
+    if max(errors) > WHEEL_ERROR:
+        wrong.append(f"wheels {max(errors):.2f}")
+    a, b = (_smoothed(one["torques"]) for one in (mapped, real))
+    errors = [float(np.std(x - y) / np.std(y)) for x, y in zip(a, b, strict=True)]
+    if max(errors) > TORQUE_ERROR:
+        wrong.append(f"torques {max(errors):.2f}")
+    return ", ".join(wrong)
+
+
+def _size_error(mapped: NDArray[np.float64], real: NDArray[np.float64]) -> float:
+    """Return the root mean square of the difference, without its mean, over that of the signal."""
+    difference = (mapped - real) - (mapped - real).mean()
+    return float(np.std(difference) / max(float(np.std(real)), 0.01))
+
+
+def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    count = max(round(SMOOTHED / 0.005), 1)
+    return np.array([np.convolve(row, np.full(count, 1.0 / count), mode="valid") for row in values])
+
+
+def outcomes(half: Half, seeds: Sequence[int], *, processes: int = 1) -> Iterator[Outcome]:
+    """Yield the outcomes of seeds as they come."""
+    if processes == 1:
+        yield from (outcome(half, seed) for seed in seeds)
+        return
+    with worker_pool(processes) as pool:
+        runs = [pool.submit(outcome, half, seed) for seed in seeds]
+        yield from (run.result() for run in as_completed(runs))
+
+
+#: variants of each half
+VARIANTS = 1000
+RESULTS: tuple[Result, ...] = ("right", "undetermined", "doubtful", "wrong")
+
+
+def campaign() -> Section:
+    """Judge both halves and return the section of docs/generated/evidence.md."""
+    count = int(os.environ.get("BALLBOT_VARIANTS", VARIANTS))
+    found = [one for half in ROBOTS for one in _followed(half, count)]
+    return section(found)
+
+
+def section(found: Sequence[Outcome]) -> Section:
+    """Return the section of docs/generated/evidence.md that outcomes make."""
+    rows = []
+    for half in ROBOTS:
+        of_half = [one for one in found if one.half == half]
+        counts = Counter(one.result for one in of_half)
+        rows.append([half, f"{len(of_half)}", *(_share(counts[result], len(of_half)) for result in RESULTS)])
+    wrong = "; ".join(
+        f"{one.half} {one.seed} ({one.robot}, {one.motion}): {one.reason}"
+        for one in found
+        if one.result == "wrong"
+    )
+    asked = Counter(
+        one.reason.split(";")[0][:60] for one in found if one.result == "undetermined"
+    ).most_common(6)
+    return Section(
+        title="Mappings proposed for foreign logs",
+        before="Stretches of 5 to 60 s of the twin's logs, written as other teams write them"
+        " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
+        " The halves have different robots, motions and seeds. Right is the recorded log up to the transformations of"
+        " `campaigns.mapping_corpus.differences`; intervals are of 95 % by Clopper and Pearson.",
+        columns=[
+            "half",
+            "variants",
+            "right",
+            "undetermined",
+            "wrong, confidence below 0.9",
+            "confidently wrong",
+        ],
+        rows=rows,
+        after=f"Confidently wrong: {wrong or 'none'}. Undetermined most often: "
+        + "; ".join(f"{reason} ({count})" for reason, count in asked)
+        + ".",
+    )
+
+
+def _share(count: int, total: int) -> str:
+    if not total:
+        return "-"
+    low = 0.0 if count == 0 else float(beta.ppf(0.025, count, total - count + 1))
+    high = 1.0 if count == total else float(beta.ppf(0.975, count + 1, total - count))
+    return f"{count} ({100 * count / total:.1f} %, {100 * low:.1f} to {100 * high:.1f} %)"
+
+
+def _followed(half: Half, count: int) -> Iterator[Outcome]:
+    """Yield the outcomes of a half; those that are not right are named on standard error."""
+    for done, one in enumerate(outcomes(half, range(count), processes=os.cpu_count() or 1), start=1):
+        if one.result != "right":
+            print(
+                f"{done}: {one.half} {one.seed} {one.robot} {one.motion} {one.duration:.0f} s {one.result}: "
+                f"{one.reason}",
+                file=sys.stderr,
+                flush=True,
+            )
+        yield one
+
+
+if __name__ == "__main__":
+    chosen: Half = "test" if sys.argv[1] == "test" else "development"
+    print(section(list(_followed(chosen, int(sys.argv[2])))).markdown())

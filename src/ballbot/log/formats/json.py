@@ -1,0 +1,114 @@
+"""Tables in JSON: a list of objects with the columns' names, or an object of lists; other values are passed over.
+
+    [{"t": 0.0, "roll": 0.01}, {"t": 0.005, "roll": 0.012}]
+    {"t": [0.0, 0.005], "roll": [0.01, 0.012]}
+
+An object may hold the table beside other keys, {"robot": "r2", "data": [..]}. Lists of several numbers under one name
+become columns with the number behind the name: "psi": [1, 2, 3] is psi_1, psi_2, psi_3; inner objects join their names
+with a point: "imu": {"roll": 0.1} is imu.roll. null, true and false are a missing value, 1 and 0.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ballbot.errors import InputError
+from ballbot.files import LARGEST_TABLE, read_text
+from ballbot.log.columns import Columns
+
+#: objects and lists within one another
+_DEEPEST = 32
+#: numbers that one name may have in a row
+_WIDEST = 100
+
+
+def read_json_table(path: str | Path) -> Columns:
+    """Read the columns (N,) of a table in JSON, by name.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is not JSON, has a name twice, or holds no table of numbers.
+    """
+    text = read_text(path, largest=LARGEST_TABLE)
+    try:
+        tree = json.loads(text, parse_constant=_constant, object_pairs_hook=_unique)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path} is not JSON, line {error.lineno}: {error.msg}.") from None
+    except RecursionError:
+        raise InputError(f"{path} is not JSON that can be read: it is nested too deeply.") from None
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON that can be read: {error}.") from None
+    columns = _table(tree, depth=0)
+    if not columns:
+        raise InputError(
+            f"{path} contains no table: give a list of objects with the columns' names, or an object of lists."
+        )
+    return {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"the name {next(name for name in names if names.count(name) > 1)!r} appears twice")
+    return found
+
+
+def _constant(name: str) -> float:
+    return {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}[name]
+
+
+def _table(tree: object, *, depth: int) -> dict[str, list[float]]:
+    """Return the columns of the largest table in a tree; empty if there is none."""
+    if depth > _DEEPEST:
+        return {}
+    if isinstance(tree, Sequence) and not isinstance(tree, str):
+        return _from_objects([row for row in tree if isinstance(row, Mapping)])
+    if not isinstance(tree, Mapping):
+        return {}
+    columns = {
+        str(name): [_number(cell) for cell in values]
+        for name, values in tree.items()
+        if isinstance(values, list) and len(values) > 1 and all(_is_cell(cell) for cell in values)
+    }
+    inner = [_table(value, depth=depth + 1) for value in tree.values()]
+    return max([columns, *inner], key=lambda found: sum(len(values) for values in found.values()))
+
+
+def _from_objects(rows: Sequence[Mapping[str, object]]) -> dict[str, list[float]]:
+    """Return the columns of a list of objects; a name that some objects lack is missing there."""
+    flat = [_flattened(row) for row in rows]
+    names = dict.fromkeys(name for row in flat for name in row)
+    return {name: [row.get(name, math.nan) for row in flat] for name in names}
+
+
+def _flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for key, value in row.items():
+        name = f"{before}{key}"
+        if _is_cell(value):
+            found[name] = _number(value)
+        elif isinstance(value, Mapping) and depth < _DEEPEST:
+            found |= _flattened(value, before=f"{name}.", depth=depth + 1)
+        elif isinstance(value, list) and len(value) <= _WIDEST and all(_is_cell(cell) for cell in value):
+            found |= {f"{name}_{place}": _number(cell) for place, cell in enumerate(value, start=1)}
+    return found
+
+
+def _is_cell(value: object) -> bool:
+    return value is None or isinstance(value, int | float)
+
+
+def _number(value: object) -> float:
+    if not isinstance(value, int | float):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf

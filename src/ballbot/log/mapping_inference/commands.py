@@ -1,0 +1,407 @@
+"""Which command drives which wheel, with which sign, what it commands, and how much of it the firmware adds.
+
+Ball and wheels pass each other the torques that the motion needs (`ballbot.log.checks.torque_balance`): about upright,
+wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
+
+    s_j d_j = a n_i + b w_i + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
+
+Each command is explained by each wheel's need with either sign; the order and signs that explain all best are the
+answer. The commands are on the left: commands that sum to zero are no difficulty there, while a regression of all
+wheels on all commands would be collinear, and a wheel's sign would be decided by noise.
+
+The kind follows from the size of a and from b / a. With the robot's data, a torque has a = 1 and b / a = the viscous
+friction; a current a = 1 / (n k_t) and the same b / a; a duty a = R / (n k_t V) and in b / a the back-EMF, too,
+n^2 k_t k_e / R. a comes from gravity's part of the need as an instrument: the need is differentiated, and its noise
+would make a too small. Names, sizes and whole numbers add to the evidence; every kind with every unit and full scale
+has a weight, and the weights together are the confidence.
+
+A dead band d_0 that the firmware adds, in the direction of the duty, is a jump of the torque at zero duty:
+
+    n_i = (d + d_0 sgn d - b w - ..) / a        by least squares, d_0 is the coefficient of sgn d over that of d
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from ballbot.log.checks.lean import block_sums, clarity
+from ballbot.log.checks.torque_balance import TURNED_POWER, Driving
+from ballbot.log.mapping_inference.evidence import (
+    MOST,
+    jackknife_error,
+    normal_log_weight,
+    probabilities,
+    without_each_block,
+)
+from ballbot.log.mapping_inference.names import InputKind
+from ballbot.robot import Robot
+
+#: largest numbers that drivers and libraries call full duty
+FULL_DUTIES = (1.0, 100.0, 127.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32639.0, 32767.0, 65535.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assignment:
+    """Which wheel each command drives."""
+
+    wheels: tuple[int, ...]  #: for the file's commands in turn, the robot's wheel (from 0)
+    signs: tuple[int, ...]  #: of the file's commands in turn
+    explained: float  #: mean share of the commands' variance
+    advantage: float  #: over the next best assignment, in standard errors over blocks of a second
+    next_best: str  #: in words
+    confidence: float
+
+
+def assign(driving: Driving, expected: Sequence[tuple[int, int]]) -> Assignment:
+    """Return the order and signs of the commands that the motion explains best.
+
+    Parameters
+    ----------
+    driving : Driving
+        The commands are its torques.
+    expected : sequence of tuple of int
+        For the file's commands in turn, the robot's wheel (from 0) and the sign of the file's wheel of the same number:
+        most teams number motors and encoders alike, and all motors turn the same way round for one sign.
+    """
+    left = _left(driving)
+    n = left.shape[0]
+    totals: dict[tuple[tuple[int, ...], tuple[int, ...]], NDArray[np.float64]] = {}
+    for order in permutations(range(n)):
+        for signs in product((1, -1), repeat=n):
+            totals[order, signs] = sum(
+                (left[j, order[j], 0 if signs[j] > 0 else 1] for j in range(n)),
+                start=np.zeros(left.shape[-1]),
+            )
+    least = min(totals.values(), key=lambda one: float(one.sum()))
+    weights = {one: _usual(one, expected) - _log_odds(total, least) for one, total in totals.items()}
+    found = probabilities(weights)
+    (wheels, signs), (other, other_signs) = list(found)[:2]
+    explained = 1.0 - float(totals[wheels, signs].sum()) / n
+    # what explains little may be chance however often it repeats
+    enough = min(max((explained - 0.1) / 0.2, 0.0), 1.0)
+    return Assignment(
+        wheels=wheels,
+        signs=signs,
+        explained=explained,
+        advantage=clarity(totals[other, other_signs] - totals[wheels, signs]),
+        next_best=f"commands for wheels {tuple(i + 1 for i in other)} with signs {other_signs}",
+        confidence=min(_probability(found, driving.torque), MOST) * enough,
+    )
+
+
+#: assignments whose torques differ by less than this part of their size are one
+SAME_TORQUES = 0.15
+
+
+def _probability(
+    found: dict[tuple[tuple[int, ...], tuple[int, ...]], float], commands: NDArray[np.float64]
+) -> float:
+    """Return the probability of the best assignment and of those that make nearly the same torques.
+
+    With four wheels and a still heading, opposite wheels have opposite commands.
+    """
+    best = next(iter(found))
+    own = _by_wheel(commands, best)
+    size = float(np.std(own))
+    return sum(
+        p
+        for one, p in found.items()
+        if p > 1e-3 and float(np.std(_by_wheel(commands, one) - own, axis=0).max()) < SAME_TORQUES * size
+    )
+
+
+def _by_wheel(
+    commands: NDArray[np.float64], one: tuple[tuple[int, ...], tuple[int, ...]]
+) -> NDArray[np.float64]:
+    order, signs = one
+    return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
+
+
+#: part of the standard errors by which one assignment is behind another that is believed
+BELIEVED_ERRORS = 0.6
+#: logarithm of the ratio of two squared errors from which it counts, too
+LEAST_RATIO = 0.2
+#: probability that motors are numbered as encoders, and that all signs agree
+SAME_ORDER, SAME_SIGNS = 0.8, 0.8
+
+
+def _log_odds(total: NDArray[np.float64], least: NDArray[np.float64]) -> float:
+    """Return by how much (logarithm of odds) an assignment is less likely than the best, from what both leave.
+
+    Either the difference repeats in every block of a second, or it is so large that few blocks are enough: as many
+    normal errors as there are blocks.
+    """
+    z = BELIEVED_ERRORS * min(max(clarity(total - least), 0.0), 60.0)
+    ratio = math.log(max(float(total.sum()), 1e-12) / max(float(least.sum()), 1e-12))
+    return max(0.5 * z**2, 0.5 * len(total) * max(ratio - LEAST_RATIO, 0.0))
+
+
+def _usual(one: tuple[tuple[int, ...], tuple[int, ...]], expected: Sequence[tuple[int, int]]) -> float:
+    """Return the logarithm of how usual an order and signs are."""
+    order, signs = one
+    n = len(order)
+    same_order = order == tuple(wheel for wheel, _ in expected)
+    by_wheel = dict(expected)
+    relative = {sign * by_wheel[wheel] for wheel, sign in zip(order, signs, strict=True)}
+    p = SAME_ORDER if same_order else (1.0 - SAME_ORDER) / (math.factorial(n) - 1)
+    return math.log(p * (0.5 * SAME_SIGNS if len(relative) == 1 else (1.0 - SAME_SIGNS) / (2**n - 2)))
+
+
+def _left(driving: Driving) -> NDArray[np.float64]:
+    """Return the share (n, n, 2, B) of each command's variance that each wheel with each sign leaves, by blocks."""
+    n, blocks = driving.torque.shape[1], int(driving.block[-1]) + 1
+    left = np.ones((n, n, 2, blocks)) / blocks
+    for i in range(n):
+        columns = np.column_stack([driving.needed[:, i], driving.friction[:, i]])
+        columns = columns - columns.mean(axis=0)
+        scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+        for j in range(n):
+            u = driving.torque[:, j] - driving.torque[:, j].mean()
+            power = float(u @ u)
+            if power <= 0.0:
+                continue
+            for place, sign in enumerate((1.0, -1.0)):
+                # neither the motion's torque nor friction can be negative
+                factors, _ = nnls(scaled, sign * u)
+                left[j, i, place] = block_sums((sign * u - scaled @ factors) ** 2, driving.block) / power
+    return left
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """How the commands answer to what the wheels need; with the order and signs of `assign`."""
+
+    gain: float  #: a, command a N m of need; nan if the log does not show it
+    gain_error: float  #: standard error of its logarithm
+    damping: float  #: b / a [N m s/rad]
+    damping_error: float  #: standard error
+    dead_band: float  #: d_0, in the command's unit
+    dead_band_error: float  #: standard error
+
+
+def response(
+    driving: Driving, assigned: Assignment, pulled: NDArray[np.float64], signs: NDArray[np.float64]
+) -> Response:
+    """Estimate gain, damping and dead band.
+
+    Parameters
+    ----------
+    driving : Driving
+        The commands are its torques.
+    assigned : Assignment
+    pulled : ndarray (N, n)
+        Gravity's part of the need, by wheel [N m].
+    signs : ndarray (N, n)
+        Sign of each command, filtered as the others.
+    """
+    n = driving.torque.shape[1]
+    place = np.argsort(assigned.wheels)  # the command of each wheel
+    s = np.asarray(assigned.signs, dtype=np.float64)
+    u = (driving.torque * s)[:, place]
+    jump = (signs * s)[:, place]
+    weight = driving.turning ** min(TURNED_POWER, 4)
+    rows = np.arange(n)
+    own = np.zeros((len(u), n, 3 * n))  # sign, falling sign and offset of each wheel
+    for part, values in enumerate((driving.friction[:, :, 0], driving.friction[:, :, 2], np.ones_like(u))):
+        own[:, rows, 3 * rows + part] = values
+    speed = driving.friction[:, :, 1]
+    X = np.concatenate([driving.needed[..., None], speed[..., None], own], axis=-1)
+    Z = np.concatenate([pulled[..., None], speed[..., None], own], axis=-1)
+    forward = _block_products(Z, X, u, weight, driving.block)
+
+    def log_gain(sums: NDArray[np.float64]) -> float:
+        a = _solved(sums)[0]
+        return math.log(a) if a > 0.0 else math.nan
+
+    def damping(sums: NDArray[np.float64]) -> float:
+        a, b = _solved(sums)[:2]
+        return float(b / a)
+
+    R = np.concatenate([u[..., None], jump[..., None], speed[..., None], own], axis=-1)
+    back = _block_products(R, R, driving.needed, weight, driving.block)
+
+    def dead_band(sums: NDArray[np.float64]) -> float:
+        slope, step = _solved(sums)[:2]
+        return float(step / slope)
+
+    found = log_gain(forward.sum(axis=0))
+    return Response(
+        gain=math.exp(found) if math.isfinite(found) else math.nan,
+        gain_error=jackknife_error(without_each_block(forward, log_gain)),
+        damping=damping(forward.sum(axis=0)),
+        damping_error=jackknife_error(without_each_block(forward, damping)),
+        dead_band=dead_band(back.sum(axis=0)),
+        dead_band_error=jackknife_error(without_each_block(back, dead_band)),
+    )
+
+
+def _block_products(
+    Z: NDArray[np.float64],
+    X: NDArray[np.float64],
+    y: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    block: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """Return Z^T [X y] (B, k, k + 1), weighted and summed over rows and wheels, by blocks."""
+    right = np.concatenate([X, y[..., None]], axis=-1)
+    made = np.zeros((int(block[-1]) + 1, Z.shape[-1], right.shape[-1]))
+    weighted = Z * weight[..., None]
+    for b in range(len(made)):
+        rows = block == b
+        made[b] = np.einsum("nwi,nwj->ij", weighted[rows], right[rows])
+    return made
+
+
+def _solved(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    normal, right = sums[:, :-1], sums[:, -1]
+    size = np.sqrt(np.abs(np.diag(normal))) + 1e-12
+    scaled = normal / np.outer(size, size)
+    return np.linalg.lstsq(scaled, right / size, rcond=1e-9)[0] / size
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A kind of command with its unit: what one of the file's numbers is."""
+
+    kind: InputKind
+    unit: str  #: "N m", "A", "V", ..; of a duty "full scale 255"
+    scale: float  #: into N m, A, V or a duty of 1
+
+    @property
+    def description(self) -> str:
+        """The kind and its unit, in words."""
+        return f"{self.kind} in {self.unit}" if self.kind != "duty" else f"duty of {self.unit}"
+
+
+def units_of(robot: Robot) -> dict[Unit, float]:
+    """Return the units that a command may have, with the torque [N m] at standstill of one in the file."""
+    drive = robot.drive
+    per_ampere = drive.gear_ratio * drive.torque_constant
+    found = {
+        Unit("torque", "N m", 1.0): 1.0,
+        Unit("torque", "mN m", 1e-3): 1e-3,
+        Unit("torque", "N cm", 1e-2): 1e-2,
+        Unit("current", "A", 1.0): per_ampere,
+        Unit("current", "mA", 1e-3): 1e-3 * per_ampere,
+        Unit("voltage", "V", 1.0): drive.torque_limit / drive.supply_voltage,
+        Unit("voltage", "mV", 1e-3): 1e-3 * drive.torque_limit / drive.supply_voltage,
+    }
+    for full in FULL_DUTIES:
+        found[Unit("duty", f"full scale {full:g}", 1.0 / full)] = drive.torque_limit / full
+    return found
+
+
+def back_emf_damping(robot: Robot) -> float:
+    """Return n^2 k_t k_e / R [N m s/rad], with the resistance at which full duty gives the torque limit."""
+    drive = robot.drive
+    resistance = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
+    return drive.gear_ratio**2 * drive.torque_constant / drive.speed_constant / resistance
+
+
+#: before names and numbers are seen
+_PRIOR: dict[InputKind, float] = {"duty": 0.5, "torque": 0.3, "current": 0.15, "voltage": 0.05}
+_RARE_UNITS = {"N cm": 0.05, "mN m": 0.3, "mA": 0.3, "mV": 0.2}
+_RARE_DUTIES = {127.0: 0.15, 400.0: 0.15, 1023.0: 0.5, 4095.0: 0.3, 32639.0: 0.1, 32767.0: 0.3, 65535.0: 0.2}
+#: a name that says the kind, or the unit, is believed so much
+_NAMED = 0.98
+#: the robot file's torque limit, masses and motor data give a gain to this [log]
+_GAIN_DEVIATION, _FREE_DEVIATION = 0.2, 1.5
+#: viscous friction and its deviation, over the torque limit [s/rad]
+_VISCOUS, _VISCOUS_DEVIATION = 0.003, 0.004
+
+
+def unit_probabilities(
+    robot: Robot,
+    found: Response | None,
+    commands: NDArray[np.float64],
+    *,
+    said_kind: InputKind | None,
+    said_unit: str | None,
+    known_inertia: bool = True,
+) -> dict[Unit, float]:
+    """Return the probability of each kind and unit, the likeliest first.
+
+    Parameters
+    ----------
+    robot : Robot
+    found : Response, optional
+        None if the log does not show how the wheels respond.
+    commands : ndarray (N, n)
+        As the file has them.
+    said_kind, said_unit : str, optional
+        What the columns' names say.
+    known_inertia : bool
+        Whether what the wheels need is that of a whole robot. Wheels that turn free have an inertia that no one knows
+        well, so that the gain shows little, and the command that a speed needs instead.
+    """
+    weights = {}
+    for unit, per_number in units_of(robot).items():
+        weight = math.log(_prior(unit, said_kind, said_unit)) + _size_weight(
+            unit, per_number, commands, robot
+        )
+        if found is not None and math.isfinite(found.gain) and found.gain_error < 0.5:
+            off = math.log(found.gain * per_number)
+            deviation = math.hypot(_GAIN_DEVIATION if known_inertia else _FREE_DEVIATION, found.gain_error)
+            weight += normal_log_weight(off, deviation, outlier=1e-4)
+            # of wheels that turn free, the torque that a speed needs, by this unit
+            weight += _damping_weight(unit, found, robot, 1.0 if known_inertia else math.exp(off))
+        weights[unit] = weight
+    return probabilities(weights)
+
+
+def _prior(unit: Unit, said_kind: InputKind | None, said_unit: str | None) -> float:
+    prior = _PRIOR[unit.kind] * _RARE_UNITS.get(unit.unit, 1.0)
+    if unit.kind == "duty":
+        prior *= _RARE_DUTIES.get(round(1.0 / unit.scale), 1.0)
+    if said_kind is not None:
+        prior *= _NAMED if unit.kind == said_kind else 1.0 - _NAMED
+    if said_unit == "%":
+        return prior * (_NAMED if unit.scale == 0.01 else 1.0 - _NAMED)
+    if said_unit is not None:
+        return prior * (_NAMED if unit.unit == said_unit else 1.0 - _NAMED)
+    return prior
+
+
+def _size_weight(unit: Unit, per_number: float, commands: NDArray[np.float64], robot: Robot) -> float:
+    """Return the logarithm of how well the size of the commands fits a unit."""
+    known = np.abs(commands[np.isfinite(commands)])
+    largest = float(known.max(initial=0.0))
+    if unit.kind != "duty":
+        share = largest * per_number / robot.drive.torque_limit
+        # beyond the limit: possible of a command that is limited later
+        return -2.0 * max(math.log(max(share, 1e-12) / 1.5), 0.0) + _too_small(share)
+    full = 1.0 / unit.scale
+    if largest > 1.1 * full:
+        return -20.0
+    whole = bool(np.all(known == np.round(known)))
+    weight = _too_small(largest / full)
+    if full == 1.0:
+        weight += -20.0 if whole and largest > 0.0 else 0.0
+    else:
+        # firmware that counts to 255 has whole numbers
+        weight += math.log(0.3 if whole else 0.15 if full == 100.0 else 0.03)
+    at_full = int(np.sum(known == full))
+    return weight + (4.0 if at_full >= 3 and full > 1.0 else 0.0)
+
+
+def _too_small(share: float) -> float:
+    """Return the logarithm of how usual it is that commands use no more than this share of the range."""
+    return math.log(1.0 if share > 0.05 else 0.4 if share > 0.01 else 0.02)
+
+
+def _damping_weight(unit: Unit, found: Response, robot: Robot, factor: float) -> float:
+    if not math.isfinite(found.damping_error):
+        return 0.0
+    emf = back_emf_damping(robot) if unit.kind in ("duty", "voltage") else 0.0
+    limit = robot.drive.torque_limit
+    deviation = math.sqrt(
+        (factor * found.damping_error) ** 2 + (_VISCOUS_DEVIATION * limit) ** 2 + (0.3 * emf) ** 2
+    )
+    return normal_log_weight(factor * found.damping - emf - _VISCOUS * limit, deviation, outlier=0.01)

@@ -1,0 +1,277 @@
+"""All conclusions on a foreign log, in the order in which they rest on one another."""
+
+from __future__ import annotations
+
+import math
+
+from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
+from ballbot.log.mapping_inference.evidence import MOST, Conclusion
+from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.units import Scale, time_conclusion
+
+#: standard errors of the IMU's turn up to which it is certain, and up to which it is usable [deg]
+CERTAIN_TURN, USABLE_TURN = 6.0, 10.0
+#: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
+ALIKE = 0.05
+#: standard errors of delays up to which they are usable [s]
+USABLE_DELAY = 0.02
+
+
+def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
+    """Return the conclusions of a proposal."""
+    found = [
+        _columns(proposal),
+        _time(proposal),
+        _scale("unit of the wheel angles", proposal.wheel, "[wheels] angle"),
+    ]
+    if proposal.lean is not None:
+        found += [_scale("unit of the lean", proposal.lean, "[attitude] unit"), *_frame(proposal)]
+    if proposal.roles.commands:
+        found += _commands(proposal)
+    return tuple(found)
+
+
+def _columns(proposal: Proposal) -> Conclusion:
+    roles = proposal.roles
+    named = "by their names" if not proposal.by_data else "by their values"
+    return Conclusion(
+        name="columns",
+        value=f"{roles.time}, {', '.join((*roles.attitude, *roles.angles, *roles.commands))}",
+        confidence=min(roles.confidence, MOST),
+        evidence=f"time, lean, wheel angles and commands are recognised {named}",
+        key="--columns",
+    )
+
+
+def _time(proposal: Proposal) -> Conclusion:
+    tested, gyro, said = proposal.lean_test, proposal.gyro, proposal.roles.reading(proposal.roles.gyro)
+    return time_conclusion(
+        proposal.time,
+        by_gyro=gyro.gain if gyro else None,
+        gyro_named=bool(said and said.unit),
+        by_gravity=(tested.time_ratio, tested.time_error) if tested else (math.nan, math.nan),
+    )
+
+
+def _scale(name: str, scale: Scale, key: str) -> Conclusion:
+    return Conclusion(
+        name=name,
+        value=scale.description,
+        confidence=scale.confidence,
+        evidence=scale.reason,
+        alternatives=scale.alternatives,
+        key=key,
+    )
+
+
+def _frame(proposal: Proposal) -> list[Conclusion]:
+    tested, frame, heading = proposal.lean_test, proposal.frame, proposal.heading
+    if tested is None:
+        sentence = "the log has too little balancing to test where the wheels are"
+        return [
+            Conclusion(
+                name="order and signs of the wheels",
+                value="as the robot's",
+                confidence=0.5,
+                evidence=sentence,
+                alternatives=("mirrored", "a wheel reversed"),
+                key="[wheels] order",
+            )
+        ]
+    best, other = tested.placements[:2]
+    found = [
+        Conclusion(
+            name="order and signs of the wheels",
+            value=best.description,
+            confidence=tested.confidence,
+            evidence=f"the next best placement, {other.description}, fits {tested.margin:.1f} times worse",
+            alternatives=() if tested.confidence > 0.98 else (other.description,),
+            key="[wheels] order",
+        )
+    ]
+    yaw = heading is not None
+    found.append(
+        Conclusion(
+            name="direction in which all wheels count",
+            value=f"signs {list(frame.signs)}",
+            confidence=_direction_confidence(proposal),
+            evidence=f"the sum of the wheels' speeds and the heading's rate correlate by {heading.correlation:.2f}"
+            if heading
+            else "without a heading, wheels that count backwards and an IMU turned by half a turn are one",
+            alternatives=(f"signs {[-sign for sign in frame.signs]} with the IMU turned by 180 deg",)
+            if yaw
+            else (),
+            key="[wheels] sign",
+        )
+    )
+    if frame.handedness < 0.999 and yaw:
+        found.append(_handedness(proposal))
+    return [*found, *_turn_and_delay(proposal)]
+
+
+def _direction_confidence(proposal: Proposal) -> float:
+    heading = proposal.heading
+    return 0.95 if heading is None else heading.confidence
+
+
+def _handedness(proposal: Proposal) -> Conclusion:
+    frame, tested = proposal.frame, proposal.lean_test
+    z = tested.same_handedness if tested else 0.0
+    reversed_axes = [
+        name for name, sign in zip(("roll", "pitch", "yaw"), frame.axis_signs, strict=True) if sign < 0
+    ]
+    value = f"{' and '.join(reversed_axes)} reversed" if reversed_axes else "right-handed"
+    return Conclusion(
+        name="axes of the IMU",
+        value=value,
+        confidence=frame.handedness,
+        evidence=f"lean and yaw of the same handedness fit the turning of the heading {z:.1f} standard errors better",
+        alternatives=("right-handed",) if reversed_axes else ("pitch or yaw reversed",),
+        key="[attitude] sign",
+    )
+
+
+def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
+    tested, frame, gyro = proposal.lean_test, proposal.frame, proposal.gyro
+    if tested is None:
+        return []
+    error = math.degrees(tested.phase_error) if tested.phase_error is not None else math.inf
+    found = [
+        Conclusion(
+            name="turn of the IMU",
+            value=f"{math.degrees(frame.turn):.1f} deg",
+            confidence=0.98 if error < CERTAIN_TURN else 0.92 if error < USABLE_TURN else 0.7,
+            evidence=f"measured {math.degrees(frame.measured_turn):.1f} deg",
+            error=math.radians(error) if math.isfinite(error) else None,
+            key="[attitude] turn",
+        ),
+        Conclusion(
+            name="delay of the lean",
+            value=f"{1e3 * proposal.sensor_delay:.1f} ms",
+            confidence=0.95 if tested.lag_error < USABLE_DELAY else 0.9,
+            evidence=f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier",
+            error=tested.lag_error if math.isfinite(tested.lag_error) else None,
+            key="[attitude] delay",
+        ),
+    ]
+    if gyro is not None:
+        found.append(
+            Conclusion(
+                name="gyro",
+                value=f"{', '.join(proposal.roles.gyro[place] for place in gyro.order)} in {gyro.unit}, "
+                f"signs {list(gyro.signs)}",
+                confidence=min(gyro.confidence, MOST),
+                evidence=gyro.reason,
+                key="[attitude] rates",
+            )
+        )
+    return found
+
+
+def _commands(proposal: Proposal) -> list[Conclusion]:
+    drive, tested = proposal.drive, proposal.commands
+    assigned = drive.assigned if drive else None
+    if drive is None or assigned is None:
+        return [
+            Conclusion(
+                name="order and signs of the commands",
+                value="as the wheels",
+                confidence=0.5,
+                evidence="the log does not show how the wheels respond to the commands",
+                alternatives=("another order", "negated"),
+                key="[input] from",
+            ),
+            *_kind(proposal),
+        ]
+    own = [wheel + 1 for wheel in assigned.wheels]
+    found = [
+        Conclusion(
+            name="order and signs of the commands",
+            value=f"for wheels {own}, signs {list(assigned.signs)}",
+            confidence=assigned.confidence,
+            evidence=f"the motion explains {100 * assigned.explained:.0f} % of the commands, {assigned.advantage:.1f} "
+            "standard errors better than with any other order or signs",
+            alternatives=() if assigned.confidence > 0.98 else (assigned.next_best,),
+            key="[input] sign",
+        ),
+        *_kind(proposal),
+    ]
+    if tested is not None:
+        found.append(
+            Conclusion(
+                name="delay of the commands",
+                value=f"{1e3 * tested.delay:.1f} ms",
+                confidence=0.95 if tested.delay_error < USABLE_DELAY else 0.9,
+                evidence=f"there the commands explain {100 * tested.explained:.0f} % of the wheels' accelerations",
+                error=tested.delay_error if math.isfinite(tested.delay_error) else None,
+                key="[input] delay",
+            )
+        )
+    return [*found, *_dead_band(proposal)]
+
+
+def _kind(proposal: Proposal) -> list[Conclusion]:
+    drive = proposal.drive
+    if drive is None:
+        return []
+    best, found = drive.unit, drive.response
+    kinds: dict[str, float] = {}
+    for unit, p in drive.units.items():
+        kinds[unit.kind] = kinds.get(unit.kind, 0.0) + p
+    same = {unit: p for unit, p in drive.units.items() if unit.kind == best.kind}
+    total = max(sum(same.values()), 1e-12)
+    shown = "names, sizes and whole numbers only"
+    if found is not None and math.isfinite(found.gain):
+        shown = (
+            f"{found.gain:.3g} of the file drive as 1 N m (error {100 * found.gain_error:.0f} %), and "
+            f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
+        )
+    return [
+        Conclusion(
+            name="kind of the command",
+            value=best.kind,
+            confidence=min(kinds[best.kind], MOST),
+            evidence=shown,
+            alternatives=tuple(kind for kind, p in kinds.items() if kind != best.kind and p > 0.02),
+            key="[input] kind",
+        ),
+        Conclusion(
+            name="full scale of the duty" if best.kind == "duty" else "unit of the command",
+            value=_scale_words(best),
+            confidence=min(sum(p for unit, p in same.items() if _alike(unit, best)) / total, MOST),
+            evidence=shown,
+            alternatives=tuple(
+                _scale_words(unit) for unit, p in same.items() if not _alike(unit, best) and p > 0.02 * total
+            ),
+            key="[input] scale",
+        ),
+    ]
+
+
+def _alike(one: Unit, other: Unit) -> bool:
+    """Return whether two scales differ by less than a motor's data does."""
+    return abs(math.log(one.scale / other.scale)) < ALIKE
+
+
+def _scale_words(unit: Unit) -> str:
+    if unit.kind == "duty":
+        return f"{next(full for full in FULL_DUTIES if abs(full * unit.scale - 1.0) < 1e-9):g}"
+    return unit.unit
+
+
+def _dead_band(proposal: Proposal) -> list[Conclusion]:
+    drive = proposal.drive
+    if drive is None or drive.response is None or drive.unit.kind != "duty":
+        return []
+    found, scale = drive.response, drive.unit.scale
+    error = found.dead_band_error * scale
+    return [
+        Conclusion(
+            name="dead band",
+            value=f"{drive.dead_band:.4f}",
+            confidence=0.95,
+            evidence=f"the torque jumps at zero duty by that of a duty of {found.dead_band * scale:.4f}",
+            error=error if math.isfinite(error) else None,
+            key="[input] dead_band",
+        )
+    ]

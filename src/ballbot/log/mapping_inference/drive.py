@@ -1,0 +1,162 @@
+"""What the commands of a foreign log are, once its wheels and its IMU are known.
+
+The log is mapped with the commands as the file has them, and held against the torques that the motion needs. With
+wheels that turn free, each wheel needs its own inertia's torque.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.log.checks.lean import Rows, motion_of, usable_rows
+from ballbot.log.checks.torque_balance import (
+    FALLING,
+    SIGN,
+    TURNING,
+    Driving,
+    driving_of,
+    gravity_need,
+)
+from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.log import Log
+from ballbot.log.mapping import LogMapping, apply_mapping
+from ballbot.log.mapping_inference.commands import (
+    Assignment,
+    Response,
+    Unit,
+    assign,
+    response,
+    unit_probabilities,
+)
+from ballbot.log.mapping_inference.names import Reading
+from ballbot.log.pose import with_odometry
+from ballbot.log.signals import MOVING_SPEED, even_rows, smooth
+from ballbot.robot import Robot
+
+#: a dead band is declared if it is this many of its standard errors, and at least this duty
+DEAD_BAND_ERRORS, LEAST_DEAD_BAND = 3.0, 0.005
+#: filter of wheels that turn free [s]
+FREE_WIDTH = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveEvidence:
+    """What the commands are."""
+
+    assigned: Assignment | None  #: None if the motion cannot be compared with the commands
+    response: Response | None
+    units: dict[Unit, float]  #: probability of each kind and unit, the likeliest first
+
+    @property
+    def unit(self) -> Unit:
+        """The likeliest kind and unit."""
+        return next(iter(self.units))
+
+    @property
+    def dead_band(self) -> float:
+        """Duty that the firmware adds; zero if none is seen, or the command is no duty."""
+        found, unit = self.response, self.unit
+        if found is None or unit.kind != "duty" or not np.isfinite(found.dead_band_error):
+            return 0.0
+        duty, error = found.dead_band * unit.scale, found.dead_band_error * unit.scale
+        return float(duty) if duty > max(DEAD_BAND_ERRORS * error, LEAST_DEAD_BAND) and duty < 0.5 else 0.0
+
+
+def drive_evidence(
+    mapping: LogMapping,
+    table: dict[str, NDArray[np.float64]],
+    commands: NDArray[np.float64],
+    robot: Robot,
+    *,
+    said: Reading | None,
+    expected: Sequence[tuple[int, int]],
+) -> DriveEvidence:
+    """Return what the commands are.
+
+    Parameters
+    ----------
+    mapping : LogMapping
+        With the commands as torques, in the file's order.
+    table : dict of str to (M,) array
+        The file's columns.
+    commands : ndarray (M, n)
+    robot : Robot
+    said : Reading, optional
+        What the first command's name says.
+    expected : sequence of tuple of int
+        As `assign` takes it.
+    """
+    try:
+        log = Log(apply_mapping(mapping, table))
+        compared = _balancing(log, robot) if mapping.attitude is not None else _free(log, robot)
+    except InputError:  # too short, or rows without a value
+        compared = None
+    assigned, found = None, None
+    if compared is not None:
+        driving, pulled, signs = compared
+        assigned = assign(driving, expected)
+        if assigned.confidence > 0.5:
+            found = response(driving, assigned, pulled, signs)
+    units = unit_probabilities(
+        robot,
+        found,
+        commands,
+        said_kind=said.input_kind if said else None,
+        said_unit=said.unit if said else None,
+        known_inertia=mapping.attitude is not None,
+    )
+    return DriveEvidence(assigned=assigned, response=found, units=units)
+
+
+Compared = tuple[Driving, NDArray[np.float64], NDArray[np.float64]]
+
+
+def _balancing(log: Log, robot: Robot) -> Compared | None:
+    """Return commands and needs, gravity's part of these, and the commands' signs; None without enough balancing."""
+    log = with_odometry(log, robot)
+    rows = usable_rows(log, robot)
+    if rows is None:
+        return None
+    motion = motion_of(log, rows)
+    driving = driving_of(log, rows, motion, robot)
+    if driving is None:
+        return None
+    return driving, gravity_need(motion, robot), _signs(log, rows, robot)
+
+
+def _signs(log: Log, rows: Rows, robot: Robot) -> NDArray[np.float64]:
+    u = np.column_stack([log[name] for name in torque_names(robot.wheel_count)])
+    return rows.filtered(log, np.sign(u), late=0.5 * log.sample_time).value
+
+
+def _free(log: Log, robot: Robot) -> Compared | None:
+    """Return the same of wheels that turn free."""
+    n = robot.wheel_count
+    speeds = np.column_stack([log[name] for name in wheel_speed_names(n)])
+    u = np.column_stack([log[name] for name in torque_names(n)])
+    rows, late = even_rows(log.t), 0.5 * log.sample_time
+    moved = smooth(rows, log.t, speeds, width=FREE_WIDTH)
+    turned = np.abs(moved.value).max(axis=1) > MOVING_SPEED
+    if turned.sum() < 600:
+        return None
+    drive = robot.drive
+    inertia = robot.wheels.inertia + drive.gear_ratio**2 * (drive.motor_inertia + drive.gear_inertia)
+    sign = np.tanh(speeds / SIGN)
+    parts = (sign, speeds, sign * np.exp(-np.abs(speeds) / FALLING), (np.abs(speeds) > TURNING).astype(float))
+    features = smooth(rows, log.t, np.hstack(parts), width=FREE_WIDTH).value[turned]
+    filtered = smooth(rows, log.t + late, np.hstack([u, np.sign(u)]), width=FREE_WIDTH).value[turned]
+    _, block = np.unique(np.floor(rows[turned] - rows[0]).astype(int), return_inverse=True)
+    needed = inertia * moved.rate[turned]
+    driving = Driving(
+        torque=filtered[:, :n],
+        needed=needed,
+        friction=np.stack([features[:, k * n : (k + 1) * n] for k in range(3)], axis=-1),
+        turning=np.clip(features[:, 3 * n :], 0.0, 1.0),
+        block=block,
+    )
+    return driving, needed, filtered[:, n:]

@@ -1,0 +1,89 @@
+"""Conclusions on a foreign log: each with its evidence, its alternatives and a confidence.
+
+A confidence is the probability that the conclusion is right, from the weights of all explanations that were compared.
+It was calibrated on the development half of `campaigns/mapping_corpus.py`. Below `CONFIDENT` a conclusion is
+undetermined: the proposed mapping then has a line to fill in, and `ballbot check-log` ends with exit code 2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: below this confidence a conclusion is undetermined
+CONFIDENT = 0.9
+#: no log gives more confidence than this
+MOST = 0.999
+
+Candidate = TypeVar("Candidate", bound=Hashable)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conclusion:
+    """What was concluded on one question about a foreign log."""
+
+    name: str  #: the question: "time unit", "command kind"
+    value: str  #: the answer, as words or as the mapping file has it
+    confidence: float  #: from 0 to 1, that the answer is right
+    evidence: str  #: one sentence
+    alternatives: tuple[str, ...] = ()  #: other answers that are not excluded, the likeliest first
+    error: float | None = None  #: standard error of a number, in its unit
+    key: str = ""  #: where the answer stands in the mapping file: "[input] kind"
+
+    @property
+    def determined(self) -> bool:
+        """Whether the confidence is enough to go on."""
+        return self.confidence >= CONFIDENT
+
+    @property
+    def question(self) -> str:
+        """What cannot be determined, with the alternatives: "kind of the command (torque or duty)"."""
+        answers = [self.value, *self.alternatives][:4]
+        return f"{self.name} ({' or '.join(answers)})" if len(answers) > 1 else self.name
+
+
+def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:
+    """Return the candidates' probabilities from the logarithms of their weights, the likeliest first."""
+    largest = max(log_weights.values())
+    weights = {one: math.exp(weight - largest) for one, weight in log_weights.items()}
+    total = sum(weights.values())
+    ranked = sorted(weights, key=lambda one: -weights[one])
+    return {one: weights[one] / total for one in ranked}
+
+
+def normal_log_weight(value: float, deviation: float, *, outlier: float = 0.02) -> float:
+    """Return the logarithm of how well a value that should be zero fits; outliers keep the weight `outlier`."""
+    if not math.isfinite(value):
+        return math.log(outlier)
+    return math.log(math.exp(-0.5 * min((value / deviation) ** 2, 1400.0)) + outlier)
+
+
+def advantage_confidence(z: float) -> float:
+    """Return the confidence in an explanation that is better than the next by z standard errors.
+
+    Blocks of a second are not independent, and the best of several explanations is flattered: of z, 0.6 is believed.
+    """
+    if math.isnan(z):
+        return 0.5
+    return min(0.5 * math.erfc(-0.6 * max(z, -10.0) / math.sqrt(2.0)), MOST)
+
+
+def jackknife_error(estimates: NDArray[np.float64]) -> float:
+    """Return the standard error of an estimate from its values (B,) with each block left out; nan below 3 blocks."""
+    count = len(estimates)
+    if count < 3:
+        return math.nan
+    return float(np.sqrt((count - 1) / count * np.square(estimates - estimates.mean()).sum()))
+
+
+def without_each_block(
+    sums: NDArray[np.float64], estimate: Callable[[NDArray[np.float64]], float]
+) -> NDArray[np.float64]:
+    """Return an estimate (B,) from sums (B, ...) over blocks, with each block left out in turn."""
+    total = sums.sum(axis=0)
+    return np.array([estimate(total - one) for one in sums])

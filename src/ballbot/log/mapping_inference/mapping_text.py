@@ -1,0 +1,226 @@
+"""A proposal written as a mapping file, with the reasons as comments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from ballbot.log.mapping_inference.conclusions import conclusions_of
+from ballbot.log.mapping_inference.evidence import Conclusion
+from ballbot.log.mapping_inference.proposal import Proposal, applied_delay, rates_delay, rates_signs
+from ballbot.printable import printable_line
+from ballbot.robot import Robot
+from ballbot.schema import toml_line
+
+
+def mapping_text(proposal: Proposal, robot: Robot, *, file: Path) -> str:
+    """Return the TOML of the mapping (see `ballbot.log.mapping_file`) that a proposal describes."""
+    header = [
+        f"# {printable_line(file.name)} as a log of the robot {robot.name}, proposed by `ballbot check-log`.",
+        "# Assumptions that were not measured are marked: check them before you rely on the results.",
+    ]
+    questions = [one for one in conclusions_of(proposal) if not one.determined]
+    if questions:
+        lines = [f"#   {one.key}: {one.question}; {one.evidence}" for one in questions]
+        header += ["# cannot determine:", *[printable_line(line) for line in lines]]
+        header += [
+            toml_line("complete", False, "fill in the lines with cannot determine, then remove this line")
+        ]
+    parts = [
+        header,
+        _file_lines(proposal),
+        _time_lines(proposal),
+        _column_lines(proposal),
+        _attitude_lines(proposal),
+        _wheel_lines(proposal),
+        _input_lines(proposal, robot),
+    ]
+    asked = {one.key: one for one in questions}
+    return "\n\n".join("\n".join(_with_questions(part, asked)) for part in parts if part) + "\n"
+
+
+def _with_questions(lines: list[str], asked: dict[str, Conclusion]) -> list[str]:
+    """Return the lines of a table with a comment before each key whose value is undetermined."""
+    table, made = "", []
+    for line in lines:
+        table = line if line.startswith("[") else table
+        question = asked.get(f"{table} {line.split(' = ')[0]}")
+        if question is not None:
+            made.append(printable_line(f"# cannot determine: {question.question}; {question.evidence}"))
+        made.append(line)
+    return made
+
+
+def _file_lines(proposal: Proposal) -> list[str]:
+    table = proposal.table
+    lines = [
+        "[file]",
+        toml_line("separator", table.separator),
+        toml_line("header_lines", table.layout.header_lines),
+    ]
+    if table.layout.decimal_comma:
+        lines.append(toml_line("decimal", "comma"))
+    if table.layout.names is not None:
+        lines.append(toml_line("names", table.layout.names))
+    if table.layout.missing:
+        lines.append(toml_line("missing", table.layout.missing))
+    if table.layout.drop_damaged:
+        lines.append(toml_line("damaged_rows", "drop"))
+    if proposal.rows is not None:
+        lines.append(toml_line("rows", proposal.rows, "time starts again outside these rows"))
+    return lines
+
+
+def _time_lines(proposal: Proposal) -> list[str]:
+    timing = proposal.timing
+    lines = ["[time]"]
+    if timing.worth_it:
+        lines += [
+            f"# noise of the wheel speeds: {timing.before:.2g} rad/s with the file's times, {timing.after:.2g} rad/s "
+            "with those of the encoders",
+            toml_line("repair", True),
+        ]
+    lines.append(toml_line("sample_time", float(f"{proposal.sample_time:g}")))
+    if proposal.keep is not None:
+        spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep]
+        lines.append(toml_line("keep", spans, "balancing: neither at rest nor fallen nor held by hand"))
+    return lines
+
+
+def _column_lines(proposal: Proposal) -> list[str]:
+    roles, time = proposal.roles, proposal.time
+    source: object = roles.time or "t"
+    lines = [
+        "[columns]",
+        toml_line("t", source if time.unit == "s" else {"from": source, "unit": time.unit}, time.reason),
+    ]
+    if roles.attitude and proposal.gyro is None:
+        lines += [toml_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
+    return lines
+
+
+def _attitude_lines(proposal: Proposal) -> list[str]:
+    if not (proposal.roles.attitude and proposal.lean):
+        return []
+    lines = [
+        "[attitude]",
+        toml_line("from", proposal.roles.attitude),
+        toml_line("unit", proposal.lean.unit, proposal.lean.reason),
+    ]
+    tested, frame, gyro = proposal.lean_test, proposal.frame, proposal.gyro
+    if -1 in frame.axis_signs:
+        lines.append(
+            toml_line(
+                "sign", frame.axis_signs[: len(proposal.roles.attitude)], "lean and yaw of opposite sign"
+            )
+        )
+    if tested is not None:
+        measured = math.degrees(frame.measured_turn)
+        error = "unknown" if tested.phase_error is None else f"{math.degrees(tested.phase_error):.1f}"
+        turn = round(math.degrees(frame.turn), 1)
+        lag = f"measured: {1e3 * tested.lag:.1f} ms behind the wheels, standard error {1e3 * tested.lag_error:.1f} ms"
+        lines += [
+            toml_line("turn", turn, f"measured: {measured:.1f}, standard error {error}"),
+            toml_line("delay", proposal.sensor_delay, lag),
+        ]
+    if gyro is not None:
+        rates = {
+            "from": [proposal.roles.gyro[place] for place in gyro.order],
+            "unit": gyro.unit,
+            "sign": list(rates_signs(proposal)),
+            "delay": rates_delay(proposal),
+        }
+        lines.append(toml_line("rates", rates, gyro.reason))
+    return lines
+
+
+def _wheel_lines(proposal: Proposal) -> list[str]:
+    frame, lines = proposal.frame, ["[wheels]"]
+    if proposal.lean_test is not None:
+        placement, margin = proposal.lean_test.placements[0], proposal.lean_test.margin
+        lines.append(
+            f"# order: {placement.description}; the next best placement fits {margin:.1f} times worse"
+        )
+    lines.append(toml_line("order", frame.order))
+    heading = proposal.heading
+    if heading is not None and frame.signs_by_heading:
+        lines.append(
+            f"# signs: the sum of the wheels' speeds and the heading correlate by {heading.correlation:.2f}"
+        )
+    else:
+        lines.append("# signs: assumed; a heading pulse would show in which direction the wheels count")
+    return [
+        *lines,
+        toml_line("sign", frame.signs),
+        toml_line("angle", _angle_table(proposal), proposal.wheel.reason),
+        toml_line("speed", {"derivative_of": "angle"}),
+    ]
+
+
+def _angle_table(proposal: Proposal) -> dict[str, object]:
+    wheel = proposal.wheel
+    angle: dict[str, object] = {"from": proposal.roles.angles, "unit": wheel.unit}
+    if wheel.unit == "counts":
+        angle["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
+    elif wheel.scale != 1.0:
+        angle["scale"] = wheel.scale
+    if proposal.largest_speed is not None:
+        angle["largest_speed"] = float(f"{proposal.largest_speed:.4g}")
+    return angle
+
+
+def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
+    names, tested, evidence = proposal.roles.commands, proposal.commands, proposal.drive
+    if not names or evidence is None:
+        return []
+    drive, unit, assigned = robot.drive, evidence.unit, evidence.assigned
+    lines = ["[input]"]
+    order = proposal.frame.order
+    signs: Sequence[int] = [proposal.frame.signs[wheel - 1] for wheel in order]
+    by_wheel = [names[wheel - 1] for wheel in order]
+    if assigned is not None:
+        by_wheel = [names[assigned.wheels.index(wheel)] for wheel in range(len(names))]
+        signs = [assigned.signs[assigned.wheels.index(wheel)] for wheel in range(len(names))]
+    # [wheels] order applies to these lists, too
+    listed = {wheel: place for place, wheel in enumerate(order)}
+    places = [listed[k] for k in range(1, len(names) + 1)]
+    kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
+    delay, error = (tested.delay, tested.delay_error) if tested else (0.0, math.nan)
+    scale = unit.scale / drive.supply_voltage if unit.kind == "voltage" else unit.scale
+    measured = f"measured: {1e3 * delay:.1f} ms, standard error {1e3 * error:.1f} ms" if tested else "assumed"
+    lines += [
+        toml_line("kind", kind, f"{100 * evidence.units[unit]:.0f} %: {unit.description}"),
+        toml_line("from", [by_wheel[place] for place in places]),
+        toml_line("sign", [signs[place] for place in places]),
+        toml_line("scale", scale),
+        toml_line("delay", applied_delay(delay, error) if tested else 0.0, measured),
+    ]
+    robot_file = "from the robot file"
+    if kind == "current":
+        lines.append(toml_line("torque_constant", drive.torque_constant, robot_file))
+        lines.append(toml_line("gear_ratio", drive.gear_ratio, robot_file))
+    if kind != "pwm":
+        return lines
+    found = evidence.response
+    band = "assumed: the duty that the firmware adds; write it here"
+    if found is not None and math.isfinite(found.dead_band_error) and evidence.dead_band:
+        band = f"measured: the duty that the firmware adds, standard error {found.dead_band_error * unit.scale:.4f}"
+    resistance = float(f"{stall_resistance(robot):.6g}")
+    return [
+        *lines,
+        toml_line("dead_band", round(evidence.dead_band, 4), band),
+        toml_line("supply_voltage", drive.supply_voltage, robot_file),
+        toml_line("torque_constant", drive.torque_constant, robot_file),
+        toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),
+        toml_line(
+            "resistance", resistance, "assumed: full duty at standstill gives the robot's torque limit"
+        ),
+        toml_line("gear_ratio", drive.gear_ratio, robot_file),
+    ]
+
+
+def stall_resistance(robot: Robot) -> float:
+    """Return the winding resistance [ohm] with which full duty at standstill gives the robot's torque limit."""
+    drive = robot.drive
+    return drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit

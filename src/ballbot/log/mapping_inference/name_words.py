@@ -1,0 +1,209 @@
+"""The words and units that names of foreign columns are made of; `ballbot.log.mapping_inference.names` reads them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+InputKind = Literal["torque", "current", "duty", "voltage"]
+
+#: by unit, how names write it: lower case, without separators
+UNITS: dict[str, tuple[str, ...]] = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "millis", "milliseconds", "millisec"),
+    "us": ("us", "usec", "micros", "microseconds", "µs", "μs"),
+    "ns": ("ns", "nsec", "nanos", "nanoseconds", "nanosec"),
+    "rad": ("rad", "rads", "radian", "radians"),
+    "deg": ("deg", "degs", "degree", "degrees", "°"),
+    "turn": ("turn", "turns", "rev", "revs", "revolutions"),
+    "counts": ("count", "counts", "cnt", "cnts", "tick", "ticks", "pulses"),
+    "rad/s": ("rad/s", "radps", "radpers", "radpersec", "radpersecond", "rps"),
+    "deg/s": ("deg/s", "dps", "degps", "degpers", "degpersec", "degreespersecond", "°/s"),
+    "rpm": ("rpm", "revpermin"),
+    "counts/s": ("counts/s", "countspersec", "countspers", "ticks/s", "tickspersec", "cps"),
+    "A": ("a", "amp", "amps", "ampere", "amperes"),
+    "mA": ("ma", "milliamp", "milliamps"),
+    "V": ("v", "volt", "volts"),
+    "mV": ("mv", "millivolt", "millivolts"),
+    "N m": ("nm", "newtonmeter", "newtonmeters", "newtonmetre"),
+    "mN m": ("mnm",),
+    "N cm": ("ncm",),
+    "%": ("%", "pct", "percent", "perc"),
+    "m": ("m", "meter", "meters", "metre", "metres"),
+    "cm": ("cm",),
+    "mm": ("mm",),
+    "m/s": ("m/s", "mps", "mpers"),
+    "mm/s": ("mm/s", "mmps"),
+    "m/s^2": ("m/s^2", "m/s2", "mps2", "ms2", "m/s²", "mss"),
+    "g": ("g", "gs"),
+}
+UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings}
+#: names may spell the slash of these as a separator: gyro_x_rad_s
+SPLIT_UNITS = {
+    ("rad", "s"): "rad/s",
+    ("rad", "sec"): "rad/s",
+    ("rad", "per", "s"): "rad/s",
+    ("rad", "per", "sec"): "rad/s",
+    ("deg", "s"): "deg/s",
+    ("deg", "sec"): "deg/s",
+    ("deg", "per", "s"): "deg/s",
+    ("deg", "per", "sec"): "deg/s",
+    ("counts", "s"): "counts/s",
+    ("counts", "per", "s"): "counts/s",
+    ("ticks", "s"): "counts/s",
+    ("m", "s"): "m/s",
+    ("mm", "s"): "mm/s",
+    ("m", "s", "2"): "m/s^2",
+    ("m", "s2"): "m/s^2",
+    ("n", "m"): "N m",
+    ("mn", "m"): "mN m",
+    ("n", "cm"): "N cm",
+}
+ANGLE, RATE = ("rad", "deg", "turn", "counts"), ("rad/s", "deg/s", "rpm", "counts/s")
+#: units that a kind can have
+UNITS_OF_KIND: dict[str, tuple[str, ...]] = {
+    "time": ("s", "ms", "us", "ns"),
+    "attitude": ("rad", "deg"),
+    "gyro": ("rad/s", "deg/s"),
+    "accelerometer": ("m/s^2", "g"),
+    "wheel angle": ANGLE,
+    "wheel speed": RATE,
+    "command": ("N m", "mN m", "N cm", "A", "mA", "V", "mV", "%"),
+    "ball position": ("m", "cm", "mm"),
+    "ball velocity": ("m/s", "mm/s"),
+}
+#: what a unit says of a command
+INPUT_OF_UNIT: dict[str, InputKind] = {
+    "N m": "torque",
+    "mN m": "torque",
+    "N cm": "torque",
+    "A": "current",
+    "mA": "current",
+    "V": "voltage",
+    "mV": "voltage",
+    "%": "duty",
+}
+
+REFERENCE = {
+    "ref",
+    "reference",
+    "target",
+    "tgt",
+    "setpoint",
+    "sp",
+    "des",
+    "desired",
+    "goal",
+    "wanted",
+    "traj",
+}
+#: never a measurement of what Ballbot uses
+OTHER = {
+    *("err", "error", "kp", "ki", "kd", "gain", "gains", "bat", "batt", "battery", "vbat", "supply", "temp", "bus"),
+    *("temperature", "mag", "magnetometer", "status", "state", "mode", "abort", "flag", "cost", "cpu", "bias", "std"),
+    *("var", "cov", "integral", "est", "dt", "period", "latency", "load", "checksum", "crc", "joy", "joystick"),
+}  # fmt: skip
+TIME = {
+    "time",
+    "timestamp",
+    "stamp",
+    "clock",
+    "elapsed",
+    "utime",
+    "tsec",
+    "tnow",
+    "seconds",
+    "millis",
+    "micros",
+    "ts",
+}
+COUNTER = {
+    "i",
+    "n",
+    "k",
+    "idx",
+    "index",
+    "seq",
+    "sequence",
+    "counter",
+    "frame",
+    "sample",
+    "iteration",
+    "iter",
+    "row",
+}
+ANGLE_WORDS = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z"}
+ATTITUDE = {
+    "theta",
+    "imu",
+    "lean",
+    "rpy",
+    "angle",
+    "ang",
+    "tilt",
+    "euler",
+    "att",
+    "attitude",
+    "th",
+    "orientation",
+}
+GYRO = {"gyro", "gyr", "gyroscope"}
+RATES = {"omega", "w", "rate", "angvel", "av"}
+ACCELEROMETER = {"acc", "accel", "accelerometer", "acceleration", "linacc"}
+DERIVATIVE = {"d", "dot", "rate", "vel", "velocity", "speed", "rpm", "omega", "w", "spd", "angvel"}
+WHEEL = {"wheel", "enc", "encoder", "motor", "mot", "m", "joint", "whl", "w"}
+WHEEL_ANGLE = {
+    "psi",
+    "pos",
+    "position",
+    "q",
+    "angle",
+    "ang",
+    "ticks",
+    "tick",
+    "count",
+    "counts",
+    "th",
+    "theta",
+    "phi",
+}
+INPUT: dict[str, InputKind | None] = {
+    "torque": "torque",
+    "tau": "torque",
+    "trq": "torque",
+    "effort": "torque",
+    "current": "current",
+    "cur": "current",
+    "curr": "current",
+    "amps": "current",
+    "iq": "current",
+    "i": "current",
+    "duty": "duty",
+    "pwm": "duty",
+    "throttle": "duty",
+    "dutycycle": "duty",
+    "voltage": "voltage",
+    "volt": "voltage",
+    "volts": "voltage",
+    "u": None,
+    "t": None,
+    "cmd": None,
+    "command": None,
+    "out": None,
+    "output": None,
+}
+#: words that say nothing, and may stand in any name
+EMPTY = {
+    "now",
+    "raw",
+    "val",
+    "value",
+    "data",
+    "meas",
+    "measured",
+    "actual",
+    "act",
+    "filtered",
+    "filt",
+    "body",
+    "cur",
+}

@@ -1,0 +1,387 @@
+"""In which units a foreign file has its time, lean, wheel angles and gyro: by name, by size, and by the motion.
+
+Time: rows come every 0.2 ms to 0.2 s, which only one power of 1000 allows. A clock with its unit in its name, or with
+fractions of a second, is believed unless the motion contradicts it; whole numbers without a name may count anything,
+and need the motion: the gyro against the derivative of the angles (gain 1 in one unit only), or gravity's part of the
+lean's acceleration.
+
+Lean and wheels: every pair of units has a weight, from the names, the encoder's step, the lean's size, and from the
+lean's response to the wheels, which must be the robot's (`ballbot.log.mapping_inference.placement`). Only their ratio
+is in that response: degrees for both fit as well as radians for both, and sizes and steps decide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log.columns import FACTORS
+from ballbot.log.mapping_inference.evidence import (
+    MOST,
+    Conclusion,
+    normal_log_weight,
+    probabilities,
+)
+from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.robot import Robot
+
+#: intervals between rows that a log may have [s]
+INTERVALS = (2e-4, 0.2)
+#: seconds of the robot over seconds of the file that contradict the unit of the time; noise makes the ratio too small
+TIME_RATIOS = (0.15, 2.2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """The unit of columns, and what turns their numbers into Ballbot's."""
+
+    unit: str
+    factor: float  #: what turns the file's number into Ballbot's unit, unit and scale in one
+    scale: float = 1.0  #: part of the factor that the unit does not have
+    reason: str
+    confidence: float = 1.0
+    alternatives: tuple[str, ...] = ()
+
+    @property
+    def description(self) -> str:
+        """The unit, with the scale if there is one."""
+        if self.unit == "counts":
+            return f"counts, {2.0 * math.pi / self.factor:g} a turn"
+        return self.unit if self.scale == 1.0 else f"{self.unit}, scale {self.scale:.6g}"
+
+
+def time_scale(t: NDArray[np.float64], said: str | None) -> Scale | None:
+    """Return the unit of a column of times by its intervals and name; None if no unit makes it a log's.
+
+    Parameters
+    ----------
+    t : ndarray (N,)
+        As the file has it.
+    said : str, optional
+        The unit in its name.
+    """
+    steps = np.diff(t)
+    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    fitting = [u for u, f in FACTORS["s"].items() if INTERVALS[0] <= usual * f < INTERVALS[1]]
+    if not fitting:
+        return None
+    unit = fitting[0]
+    factor = FACTORS["s"][unit]
+    rows = f"rows come every {usual:.6g}, as {1e3 * usual * factor:.4g} ms"
+    if said is not None and said != unit:
+        return Scale(
+            unit=unit,
+            factor=factor,
+            reason=f"{rows}, but the name says {said}",
+            confidence=0.5,
+            alternatives=(said,),
+        )
+    if said is not None:
+        return Scale(unit=unit, factor=factor, reason=f"the name says {said}; {rows}", confidence=0.98)
+    whole = bool(np.all(t == np.round(t)))
+    if whole:
+        reason = f"{rows}; whole numbers without a unit in the name may count anything"
+        return Scale(unit=unit, factor=factor, reason=reason, confidence=0.6, alternatives=("another unit",))
+    return Scale(unit=unit, factor=factor, reason=rows, confidence=0.95)
+
+
+def time_conclusion(
+    time: Scale, *, by_gyro: float | None, gyro_named: bool, by_gravity: tuple[float, float]
+) -> Conclusion:
+    """Return what is concluded on the unit of the time from names, intervals and the motion.
+
+    Parameters
+    ----------
+    time : Scale
+        As `time_scale` found it.
+    by_gyro : float, optional
+        Gyro over the rate of the angles.
+    gyro_named : bool
+        Whether units in names leave the gain of the gyro no freedom.
+    by_gravity : tuple of float
+        Seconds of the robot in one of the file, by the lean's acceleration, and the standard error of its logarithm.
+    """
+    confidence, evidence = time.confidence, time.reason
+    if by_gyro is not None and 0.7 < by_gyro < 1.4:
+        confidence = max(confidence, 0.99 if gyro_named else 0.97)
+        evidence += f"; gyro over rate of the angles {by_gyro:.2f}"
+    elif by_gyro is not None and gyro_named:
+        confidence = min(confidence, 0.3)
+        evidence += f"; but gyro over rate of the angles is {by_gyro:.3g}"
+    ratio, error = by_gravity
+    if math.isfinite(ratio) and error < 0.4:
+        evidence += f"; by gravity's part of the motion a second of the file is {ratio:.2g} s"
+        if not TIME_RATIOS[0] < ratio < TIME_RATIOS[1]:
+            confidence = min(confidence, 0.3)
+        elif time.confidence < 0.9:
+            confidence = max(confidence, 0.93 if 0.4 < ratio < 1.6 else 0.8)
+    return Conclusion(
+        name="unit of the time",
+        value=time.unit,
+        confidence=confidence,
+        evidence=evidence,
+        alternatives=time.alternatives or (() if confidence >= 0.9 else ("another unit",)),
+        key="[columns] t",
+    )
+
+
+def step_of(values: NDArray[np.float64]) -> float | None:
+    """Return the smallest step of which all steps of a column are multiples; None if there is no such step."""
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    steps = steps[steps > 1e-9]
+    if len(steps) < 20:
+        return None
+    step = float(np.quantile(steps, 0.001, method="lower"))
+    multiples = steps[steps < 20.5 * step] / step
+    whole = np.abs(multiples - np.round(multiples)) < 0.05
+    return step if len(multiples) >= 20 and whole.mean() > 0.95 else None
+
+
+#: beyond this lean, in a tenth of the rows, a balancing robot's angle is not in radians
+LEAN_IN_RADIANS = 0.35
+#: and below this it is hardly in degrees [deg]
+LEAN_IN_DEGREES = 0.15
+#: a step that agrees with an encoder's this well is that encoder's
+STEP_AGREEMENT = 0.02
+#: the robot file's radii, masses and heights give the lean's response to this [log]
+GAIN_DEVIATION = 0.25
+#: a name that has a unit is believed so much
+_NAMED = 0.98
+
+
+def lean_units(lean: NDArray[np.float64], said: str | None) -> dict[Scale, float]:
+    """Return the units of roll and pitch (N, 2) with the logarithms of their weights, by name and size."""
+    size = float(np.nanquantile(np.abs(lean - np.nanmedian(lean, axis=0)), 0.9))
+    found = {}
+    for unit, factor in (("rad", 1.0), ("deg", math.pi / 180.0)):
+        weight = 0.0 if said is None else math.log(_NAMED if unit == said else 1.0 - _NAMED)
+        if unit == "rad" and size > LEAN_IN_RADIANS:
+            weight -= 9.0
+        if unit == "deg":
+            weight -= 5.0 if size < LEAN_IN_DEGREES else 1.5 if size < LEAN_IN_RADIANS else 0.0
+        reason = f"nine tenths of the angles are within {size:.2g}"
+        found[Scale(unit=unit, factor=factor, reason=_said(said, reason))] = weight
+    return found
+
+
+def wheel_units(angles: NDArray[np.float64], robot: Robot, said: str | None) -> dict[Scale, float]:
+    """Return the units of wheel angles (N, n) with the logarithms of their weights, by name and encoder step."""
+    gear, counts = robot.drive.gear_ratio, float(robot.sensors.encoder_counts)
+    steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
+    step = float(np.median(steps)) if steps else None
+    whole = bool(np.all(angles[np.isfinite(angles)] == np.round(angles[np.isfinite(angles)])))
+    turn = 2.0 * math.pi
+    candidates = [(unit, factor, 1.0, unit, 0.0) for unit, factor in FACTORS["rad"].items()]
+    candidates.append(
+        ("counts", turn / (counts * gear), 1.0, f"{counts * gear:g} counts a turn of the wheel", 0.0)
+    )
+    if gear != 1.0:
+        motor = [
+            (unit, factor / gear, 1.0 / gear, f"{unit} of the motor", -3.0)
+            for unit, factor in FACTORS["rad"].items()
+        ]
+        candidates += [*motor, ("counts", turn / counts, 1.0, f"{counts:g} counts a turn of the wheel", -3.0)]
+    found = {}
+    for unit, factor, scale, reason, rare in candidates:
+        weight = rare + _unit_weight(unit, said, whole)
+        agrees = step is not None and abs(step * factor / (turn / (counts * gear)) - 1.0) < STEP_AGREEMENT
+        if agrees and unit != "counts":
+            weight += 5.0
+            reason += f"; steps of {step:.5g} are one encoder count"
+        found[Scale(unit=unit, factor=factor, scale=scale, reason=_said(said, reason))] = weight
+    return found
+
+
+def _unit_weight(unit: str, said: str | None, whole: bool) -> float:
+    if unit == "counts" and not whole:
+        return -20.0
+    weight = {"rad": 0.0, "deg": -1.0, "turn": -3.0, "counts": -1.0}[unit]
+    if whole:
+        weight += 8.0 if unit == "counts" else 0.0
+    if said is not None:
+        weight += math.log(_NAMED if unit == said else 1.0 - _NAMED)
+    return weight
+
+
+def _said(said: str | None, reason: str) -> str:
+    return reason if said is None else f"the name says {said}; {reason}"
+
+
+def paired_units(
+    leans: dict[Scale, float],
+    wheels: dict[Scale, float],
+    *,
+    gain: float | None,
+    gain_error: float,
+    assumed: tuple[Scale, Scale],
+) -> tuple[Scale, Scale]:
+    """Return the likeliest units of lean and wheels together, with their confidence.
+
+    Parameters
+    ----------
+    leans, wheels : dict of Scale to float
+        Logarithms of weights.
+    gain : float, optional
+        Response of the lean to the wheels over the robot's, with the units `assumed`; None if the log does not show it.
+    gain_error : float
+        Standard error of its logarithm.
+    assumed : tuple of Scale
+        Of lean and wheels.
+    """
+    weights = {}
+    deviation = math.hypot(GAIN_DEVIATION, gain_error) if math.isfinite(gain_error) else 1.0
+    for lean, lean_weight in leans.items():
+        for wheel, wheel_weight in wheels.items():
+            weight = lean_weight + wheel_weight
+            if gain is not None:
+                change = lean.factor / assumed[0].factor / (wheel.factor / assumed[1].factor)
+                # noise of the wheels makes the gain too small, and rolling on play, too
+                off = math.log(max(gain, 1e-12) * change)
+                weight += normal_log_weight(
+                    off + 0.1, deviation if off > 0.0 else 1.3 * deviation, outlier=1e-3
+                )
+            weights[lean, wheel] = weight
+    found = probabilities(weights)
+    best = next(iter(found))
+    return (
+        _with_confidence(best[0], {lean: _total(found, 0, lean) for lean in leans}),
+        _with_confidence(best[1], {wheel: _total(found, 1, wheel) for wheel in wheels}),
+    )
+
+
+def _total(found: dict[tuple[Scale, Scale], float], place: int, scale: Scale) -> float:
+    return sum(p for pair, p in found.items() if pair[place] == scale)
+
+
+def _with_confidence(best: Scale, shares: dict[Scale, float]) -> Scale:
+    # units with one factor are one answer
+    confidence = sum(p for one, p in shares.items() if abs(one.factor / best.factor - 1.0) < 1e-6)
+    others = sorted((one for one in shares if one.factor != best.factor), key=lambda one: -shares[one])
+    return Scale(
+        unit=best.unit,
+        factor=best.factor,
+        scale=best.scale,
+        reason=best.reason,
+        confidence=min(confidence, MOST),
+        alternatives=tuple(one.description for one in others if shares[one] > 0.02),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GyroTest:
+    """How the columns of a gyro belong to roll, pitch and yaw."""
+
+    order: tuple[int, ...]  #: for x, y, z in turn, the place of its column (from 0) among the gyro's
+    signs: tuple[int, ...]  #: of x, y, z, relative to the angles
+    gain: float  #: gyro over rates of the angles, in the unit that follows
+    unit: str
+    factor: float  #: what turns the file's number into rad/s
+    correlations: tuple[float, ...]  #: of x, y, z
+    lag: float  #: angles later than the gyro [s]
+    confidence: float
+    reason: str
+
+
+def gyro_test(
+    gyro: Smooth, attitude: Smooth, usable: NDArray[np.bool_], said: str | None, *, with_yaw: bool
+) -> GyroTest | None:
+    """Compare a gyro with the rates of the angles.
+
+    Parameters
+    ----------
+    gyro : Smooth (N, 3)
+        As the file has it.
+    attitude : Smooth (N, 3)
+        Roll, pitch and yaw [rad]; yaw zero if there is none.
+    usable : ndarray (N,)
+    said : str, optional
+        The unit in the names.
+    with_yaw : bool
+        Whether there is a yaw; if not, the last column is believed by its name.
+
+    Returns
+    -------
+    GyroTest or None
+        None if the gyro does not follow the angles.
+    """
+    lags = np.arange(-4, 9)
+    rates = _body_rates(attitude)
+    best = max(lags, key=lambda lag: _strength(gyro.value, np.roll(rates, -lag, axis=0), usable, with_yaw))
+    shifted = np.roll(rates, -int(best), axis=0)
+    R = _correlations(gyro.value[usable], shifted[usable])
+    count = 3 if with_yaw else 2
+    order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in range(count)))
+    slopes = [_slope(gyro.value[usable, order[axis]], shifted[usable, axis]) for axis in range(count)]
+    strength = [abs(float(R[order[axis], axis])) for axis in range(count)]
+    if min(strength[:2]) < 0.5:
+        return None
+    gain = float(np.exp(np.mean(np.log(np.abs(slopes[:2])))))
+    unit, factor, fits = _gyro_unit(gain, said)
+    signs = tuple(1 if slope > 0.0 else -1 for slope in slopes)
+    heading = 1.0 if len(strength) < 3 or strength[2] > 0.6 else 0.85
+    return GyroTest(
+        order=tuple(order),
+        # without a yaw, axes of one handedness
+        signs=signs
+        if len(signs) == 3
+        else (*signs, signs[0] * signs[1] * (1 if order[:2] == (0, 1) else -1)),
+        gain=gain * factor,
+        unit=unit,
+        factor=factor,
+        correlations=tuple(strength),
+        lag=float(best) * INTERVAL,
+        confidence=fits * heading * (0.99 if min(strength[:2]) > 0.75 else 0.92),
+        reason=f"correlations with the rates of the angles {', '.join(f'{r:.2f}' for r in strength)}; "
+        f"gain {gain * factor:.2f}",
+    )
+
+
+def _gyro_unit(gain: float, said: str | None) -> tuple[str, float, float]:
+    """Return the unit nearest to a gain over rad/s, its factor, and how far it is believed."""
+    units = {"rad/s": 1.0, "deg/s": math.pi / 180.0}
+    unit = min(units, key=lambda one: abs(math.log(gain * units[one])))
+    off = abs(math.log(gain * units[unit]))
+    fits = 1.0 if off < 0.3 else 0.93 if off < 0.6 else 0.4
+    return unit, units[unit], fits if said in (None, unit) else 0.5
+
+
+def _body_rates(attitude: Smooth) -> NDArray[np.float64]:
+    """Return the angular velocity (N, 3) about the IMU's axes from roll, pitch, yaw and their rates."""
+    roll, pitch, _ = attitude.value.T
+    roll_dot, pitch_dot, yaw_dot = attitude.rate.T
+    return np.column_stack(
+        [
+            roll_dot - yaw_dot * np.sin(pitch),
+            pitch_dot * np.cos(roll) + yaw_dot * np.sin(roll) * np.cos(pitch),
+            -pitch_dot * np.sin(roll) + yaw_dot * np.cos(roll) * np.cos(pitch),
+        ]
+    )
+
+
+def _strength(
+    gyro: NDArray[np.float64], rates: NDArray[np.float64], usable: NDArray[np.bool_], with_yaw: bool
+) -> float:
+    R = np.abs(_correlations(gyro[usable], rates[usable]))
+    axes: Sequence[int] = (0, 1, 2) if with_yaw else (0, 1)
+    return float(max(sum(R[p[axis], axis] for axis in axes) for p in permutations(range(3))))
+
+
+def _correlations(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the correlations (3, 3) of columns of `a` with columns of `b`; zero of a column that is still."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    return np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 1e-12)
+
+
+def _slope(y: NDArray[np.float64], x: NDArray[np.float64]) -> float:
+    """Return the slope between two noisy signals: the ratio of their sizes, with the sign of their correlation."""
+    x, y = x - x.mean(), y - y.mean()
+    product, size = float(x @ y), float(x @ x)
+    # the angles' rates are the noisier: the mean of both regressions
+    forward, reverse = product / max(size, 1e-300), float(y @ y) / product if product else 1e-300
+    return math.copysign(math.sqrt(abs(forward * reverse)), product)

@@ -1,0 +1,73 @@
+"""`ballbot check-log` on foreign files: what is undetermined exits with code 2, and --columns names the columns."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.robot.file import robot_text
+from tests.support.foreign_log_examples import Habits, columns_of, small_robot, swaying_log, write_foreign
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with the robot, its log, and that log without names of units for its commands."""
+    path = tmp_path_factory.mktemp("foreign")
+    (path / "robot.toml").write_text(robot_text(small_robot()))
+    columns = columns_of(swaying_log(), Habits())
+    write_foreign(path / "run.txt", columns, Habits())
+    write_foreign(path / "bare.txt", columns, Habits(names=()))
+    still = {name: values for name, values in columns.items() if not name.startswith("u")}
+    random = np.random.default_rng(0)
+    still |= {f"u{i}": random.standard_normal(len(columns["t_now"])) for i in (1, 2, 3)}
+    write_foreign(path / "unrelated.txt", still, Habits())
+    return path
+
+
+def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys):
+    out = folder / "checked"
+    assert (
+        main(["check-log", str(folder / "run.txt"), "--robot", str(folder / "robot.toml"), "--out", str(out)])
+        == 0
+    )
+    shown = capsys.readouterr().out
+    assert "Next: ballbot identify" in shown
+    results = json.loads((out / "results.json").read_text())
+    assert results["undetermined"] == []
+    assert all(one["confidence"] >= 0.9 for one in results["conclusions"])
+    assert {"name", "value", "confidence", "evidence", "alternatives"} <= set(results["conclusions"][0])
+    assert (out / "log.csv").exists()
+    assert "complete" not in (out / "mapping.toml").read_text()
+
+
+def test_what_cannot_be_determined_exits_with_two_and_a_line_to_fill_in(folder, capsys):
+    out = folder / "asked"
+    arguments = [
+        "check-log",
+        str(folder / "unrelated.txt"),
+        "--robot",
+        str(folder / "robot.toml"),
+        "--out",
+        str(out),
+    ]
+    assert main(arguments) == 2
+    told = capsys.readouterr()
+    assert "cannot determine: " in told.err
+    assert str(out / "mapping.toml") in told.err
+    assert "Next:" not in told.out
+    text = (out / "mapping.toml").read_text()
+    assert "# cannot determine: " in text
+    assert "complete = false" in text
+    assert not (out / "log.csv").exists()
+    assert main(["check-log", str(folder / "unrelated.txt"), "--mapping", str(out / "mapping.toml")]) == 2
+    assert "the mapping is not complete" in capsys.readouterr().err
+
+
+def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
+    names = "_,t,u1,u2,u3,roll_deg,pitch_deg,yaw_deg,psi_1,psi_2,psi_3"
+    arguments = ["check-log", str(folder / "bare.txt"), "--robot", str(folder / "robot.toml"), "--columns"]
+    assert main([*arguments, names]) == 0
+    assert "by their names" in " ".join(capsys.readouterr().out.split())
+    assert main([*arguments, "t,roll"]) == 2
+    assert "has 11 columns, but 2 names were given" in capsys.readouterr().err

@@ -1,0 +1,53 @@
+"""Tables in JSON: lists of objects, objects of lists, and refusals in one sentence."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ballbot.errors import InputError
+from ballbot.log.formats import read_columns
+from ballbot.log.formats.json import read_json_table
+
+T = [0.0, 0.005, 0.01]
+
+
+def written(folder, tree) -> str:
+    path = folder / "log.json"
+    path.write_text(tree if isinstance(tree, str) else json.dumps(tree))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    "tree",
+    [
+        {"t": T, "roll": [0.1, None, 0.3]},
+        [{"t": t, "roll": roll} for t, roll in zip(T, [0.1, None, 0.3], strict=True)],
+        {"robot": "r2", "data": [{"t": t, "roll": r} for t, r in zip(T, [0.1, None, 0.3], strict=True)]},
+    ],
+)
+def test_lists_of_objects_and_objects_of_lists_are_one_table(tmp_path, tree):
+    columns = read_columns(written(tmp_path, tree))
+    np.testing.assert_array_equal(columns["t"], T)
+    np.testing.assert_array_equal(columns["roll"], [0.1, np.nan, 0.3])
+
+
+def test_inner_objects_and_lists_become_columns_of_their_own(tmp_path):
+    rows = [{"t": t, "imu": {"roll": 0.1}, "psi": [1, 2, 3]} for t in T]
+    columns = read_json_table(written(tmp_path, rows))
+    assert list(columns) == ["t", "imu.roll", "psi_1", "psi_2", "psi_3"]
+    np.testing.assert_array_equal(columns["psi_3"], [3.0, 3.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "is not JSON"),
+        ("[1, 2]", "contains no table"),
+        ("3", "contains no table"),
+        ("[" * 5000, "is not JSON"),
+    ],
+)
+def test_what_is_no_table_is_refused_in_one_sentence(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        read_json_table(written(tmp_path, text))

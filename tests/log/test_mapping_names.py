@@ -1,0 +1,112 @@
+"""`read_name`: any text has a reading, and a known name has one reading however it is written."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.log.mapping_inference.names import UNITS, read_name
+
+#: words, and what they say: kind, axis, number, input kind
+KNOWN = {
+    ("time",): ("time", None, None, None),
+    ("timestamp",): ("time", None, None, None),
+    ("roll",): ("attitude", "x", None, None),
+    ("imu", "pitch"): ("attitude", "y", None, None),
+    ("yaw",): ("attitude", "z", None, None),
+    ("gyro", "x"): ("gyro", "x", None, None),
+    ("gyro", "z"): ("gyro", "z", None, None),
+    ("accel", "y"): ("accelerometer", "y", None, None),
+    ("enc", "1"): ("wheel angle", None, 1, None),
+    ("encoder", "3"): ("wheel angle", None, 3, None),
+    ("wheel", "2", "speed"): ("wheel speed", None, 2, None),
+    ("motor", "1", "current"): ("command", None, 1, "current"),
+    ("torque", "2"): ("command", None, 2, "torque"),
+    ("motor", "3", "pwm"): ("command", None, 3, "duty"),
+    ("voltage", "1"): ("command", None, 1, "voltage"),
+    ("loop", "count"): ("other", None, None, None),
+    ("battery",): ("other", None, None, None),
+}
+STYLES = {
+    "snake": "_".join,
+    "camel": lambda words: "".join(word.capitalize() for word in words),
+    "dots": ".".join,
+    "dashes": "-".join,
+    "capitals": lambda words: "_".join(word.upper() for word in words),
+    "brackets": lambda words: "".join(f"[{word}]" if word.isdigit() else word for word in words),
+}
+
+
+@given(st.text())
+def test_any_text_has_a_reading(name):
+    found = read_name(name)
+    assert found.name == name
+    assert 0.0 <= found.weight <= 1.0
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("words", KNOWN, ids=" ".join)
+def test_a_name_has_one_reading_however_it_is_written(words, style):
+    if style == "brackets" and not any(word.isdigit() for word in words):
+        return
+    found = read_name(STYLES[style](list(words)))
+    assert (found.kind, found.axis, found.index, found.input_kind) == KNOWN[words]
+
+
+@given(
+    st.sampled_from([("gyro_{}", "gyro"), ("{}_rate", "gyro")]),
+    st.sampled_from(["x", "y", "z"]),
+    st.sampled_from(["rad/s", "deg/s"]),
+)
+def test_a_unit_may_stand_in_brackets_or_at_the_end(form, axis, unit):
+    word = axis if "gyro" in form[0] else {"x": "roll", "y": "pitch", "z": "yaw"}[axis]
+    stem = form[0].format(word)
+    for name in (
+        f"{stem} ({unit})",
+        f"{stem}[{unit}]",
+        f"{stem}_{ {'rad/s': 'rad_s', 'deg/s': 'dps'}[unit] }",
+    ):
+        found = read_name(name)
+        assert (found.kind, found.axis, found.unit) == ("gyro", axis, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "unit"),
+    [
+        ("Timestamp_us", "time", "us"),
+        ("time_ms", "time", "ms"),
+        ("Time (s)", "time", "s"),
+        ("GyroX_dps", "gyro", "deg/s"),
+        ("Motor1_current_A", "command", "A"),
+        ("roll_deg", "attitude", "deg"),
+        ("enc1_counts", "wheel angle", "counts"),
+        ("u1 [N m]", "command", "N m"),
+        ("duty2_pct", "command", "%"),
+        ("wheel3_rpm", "wheel speed", "rpm"),
+        ("T1", "command", None),
+        ("theta_x", "attitude", None),
+        ("psi_1", "wheel angle", None),
+        ("Tx", "body command", None),
+        ("PWM[2]", "command", None),
+    ],
+)
+def test_names_of_known_logs(name, kind, unit):
+    found = read_name(name)
+    assert (found.kind, found.unit) == (kind, unit)
+
+
+@pytest.mark.parametrize("mark", ["ref", "target", "setpoint", "des", "goal"])
+@given(st.sampled_from(["roll", "pitch", "enc1", "wheel2_speed", "x", "gyro_x", "psi"]), st.booleans())
+def test_a_set_point_is_never_a_measurement(mark, name, before):
+    assert read_name(f"{mark}_{name}" if before else f"{name}_{mark}").kind == "reference"
+
+
+def test_commands_to_the_body_are_no_motor_commands():
+    assert read_name("cmd_vel").kind == "reference"
+    assert read_name("cmd_vel_x").kind == "reference"
+    assert read_name("theta_d_x").kind == "reference"
+    assert read_name("motor_cmd_1").kind == "command"
+
+
+def test_every_unit_has_a_spelling_of_its_own():
+    spellings = [spelling for words in UNITS.values() for spelling in words]
+    assert len(spellings) == len(set(spellings))
