@@ -99,18 +99,17 @@ def reproduced_items(folder: Path) -> None:
     `ballbot reproduce` has no option for it and takes ten minutes.
     """
     from ballbot import Robot
-    from ballbot.thesis.reproduce import appendices as appendix1
-    from ballbot.thesis.reproduce import appendices as appendix3
-    from ballbot.thesis.reproduce import chapter3 as chapter2
-    from ballbot.thesis.reproduce import chapter5
+    from ballbot.thesis.reproduce.appendices import figure_i_1, figure_iii_1
     from ballbot.thesis.reproduce.bench import Bench
+    from ballbot.thesis.reproduce.chapter5 import figure_5_2
+    from ballbot.thesis.reproduce.chapters_2_to_4 import figure_2_1
     from ballbot.thesis.reproduce.mistakes import MISTAKES
 
     robot = Robot.load("alten")
     bench = Bench(robot=robot, identified=robot, recordings={}, seed=0, folder=folder)
     # these need recordings
     recorded = {"rounded_constants", "residual_pairs"}
-    items = (chapter2.figure_2_1, chapter5.figure_5_2, appendix1.figure_i_1, appendix3.figure_iii_1)
+    items = (figure_2_1, figure_5_2, figure_i_1, figure_iii_1)
     results = {
         "items": _checks((make.__name__, make(bench).checks) for make in items),
         "mistakes": _checks(
