@@ -111,7 +111,11 @@ def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
     rows = [
         (
             one.name,
-            one.value if one.determined else f"cannot determine: {one.question}",
+            f"{one.value} (assumed)"
+            if one.assumed
+            else one.value
+            if one.determined
+            else f"cannot determine: {one.question}",
             f"{100.0 * one.confidence:.0f}",
             one.evidence + (f"; standard error {one.error:.2g}" if one.error is not None else ""),
         )

@@ -13,6 +13,8 @@ from ballbot.log.mapping_inference.units import Scale, time_conclusion
 CERTAIN_TURN, USABLE_TURN = 6.0, 10.0
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
+#: probability that a firmware adds no duty, if the log shows none
+NO_DEAD_BAND = 0.8
 #: standard errors of delays up to which they are usable [s]
 USABLE_DELAY = 0.02
 
@@ -269,7 +271,9 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="dead band",
             value=f"{drive.dead_band:.4f}",
-            confidence=0.95,
+            # a small one hides behind static friction
+            confidence=0.95 if drive.dead_band else NO_DEAD_BAND,
+            assumed=not drive.dead_band,
             evidence=f"the torque jumps at zero duty by that of a duty of {found.dead_band * scale:.4f}",
             error=error if math.isfinite(error) else None,
             key="[input] dead_band",

@@ -33,12 +33,15 @@ class Conclusion:
     evidence: str  #: one sentence
     alternatives: tuple[str, ...] = ()  #: other answers that are not excluded, the likeliest first
     error: float | None = None  #: standard error of a number, in its unit
+    assumed: bool = (
+        False  #: whether the answer is a usual one that the log can hardly contradict: it does not stop
+    )
     key: str = ""  #: where the answer stands in the mapping file: "[input] kind"
 
     @property
     def determined(self) -> bool:
-        """Whether the confidence is enough to go on."""
-        return self.confidence >= CONFIDENT
+        """Whether the confidence is enough to go on, or the answer is an assumption that is named as such."""
+        return self.confidence >= CONFIDENT or self.assumed
 
     @property
     def question(self) -> str:

@@ -346,6 +346,12 @@ def _commands(proposal: Proposal) -> list[Finding]:
     if assigned is not None and len(set(assigned.signs)) > 1:
         sentence = f"The signs of the commands differ between wheels: {list(assigned.signs)}."
         found.append(_finding("warning", "commands", sentence))
+    if proposal.drive and proposal.drive.unit.kind == "duty" and not proposal.drive.dead_band:
+        sentence = (
+            "No dead band is measured, and a small one hides behind static friction: if the firmware adds a duty to "
+            "overcome friction, write it in [input] dead_band, otherwise the friction that is identified lacks it."
+        )
+        found.append(_finding("warning", "drive", sentence))
     delay = round(1e3 * tested.delay)
     sentence = (
         (
