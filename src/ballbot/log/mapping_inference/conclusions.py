@@ -17,6 +17,8 @@ ALIKE = 0.05
 NO_DEAD_BAND = 0.8
 #: standard errors of delays up to which they are usable [s]
 USABLE_DELAY = 0.02
+#: a longer delay of the lean is as likely an effect of play in the gears, and is asked for [s]
+LONGEST_DELAY = 0.025
 
 
 def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
@@ -150,7 +152,11 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="delay of the lean",
             value=f"{1e3 * proposal.sensor_delay:.1f} ms",
-            confidence=0.95 if tested.lag_error < USABLE_DELAY else 0.9,
+            confidence=0.7
+            if proposal.sensor_delay > LONGEST_DELAY
+            else 0.95
+            if tested.lag_error < USABLE_DELAY
+            else 0.9,
             evidence=f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier",
             error=tested.lag_error if math.isfinite(tested.lag_error) else None,
             key="[attitude] delay",
