@@ -356,7 +356,7 @@ def _attitude(
             values = np.unwrap(values)
         angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
     turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
-    columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+    columns: Columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
     if not attitude.rates:
         return columns
     measured = [

@@ -330,7 +330,7 @@ def _wheel(cut: _Cut) -> Found | None:
     if inputs and not (moving and not of_unit and said & {"d", "dot", "vel", "speed", "velocity", "rpm"}):
         kinds = [kind for kind in (INPUT[word] for word in inputs) if kind]
         # i1 is a current as often as it is anything else
-        kind = of_unit or (kinds[0] if kinds and said != {"i"} else None)
+        kind: InputKind | None = of_unit or (kinds[0] if kinds and said != {"i"} else None)
         return ("command", 0.75 if kind else 0.6, None, kind)
     if of_unit and unit != "%":
         return ("command", 0.7, None, of_unit)

@@ -319,6 +319,7 @@ def _handedness(
     for sigma in (1.0, -1.0):
         second = acceleration + 2j * sigma * turn * rate + (1j * sigma * turn_rate - turn**2) * value
         X = np.column_stack([W_dot + 1j * sigma * turn * W, _direction(wheels) @ way, np.ones(len(W))])
+        X = X.astype(np.complex128)
         y = second - kappa * value
         left = np.abs(y - X @ _solve(X, y, weights)) ** 2 * weights**2
         rest.append(np.bincount(block_numbers(len(left)), weights=left))

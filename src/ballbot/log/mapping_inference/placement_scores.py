@@ -91,7 +91,7 @@ def scores(
     left = C.conj().transpose(0, 2, 1)
     normal, right = left @ G @ C, left @ r
     normal = normal + 1e-12 * np.trace(normal, axis1=1, axis2=2).real[:, None, None] * np.eye(3)
-    found = np.linalg.solve(normal, right[..., None])[..., 0]
+    found = np.linalg.solve(normal, right[..., None])[..., 0].astype(np.complex128)
     offset = float(abs(r[-1]) ** 2 / max(float(G[-1, -1].real), 1e-300))
     rest = y - np.einsum("hi,hi->h", right.conj(), found).real
     unexplained = np.maximum(rest, 1e-300) / max(y - offset, 1e-300)
