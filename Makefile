@@ -13,8 +13,8 @@ demo: .venv/.demo  ## record a balancing robot on the twin, study its logs, name
 	@$(BIN)/ballbot study alten demo/square/log.csv demo/figure_eight/log.csv --plant twin --out demo
 
 test: .venv/.test  ## all tests, the fast ones first
-	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadgroup
-	$(BIN)/python -m pytest -m slow -n auto --dist loadgroup
+	$(BIN)/python -m pytest -m "not slow" -n auto --dist loadfile
+	$(BIN)/python -m pytest -m slow -n auto --dist loadfile
 
 bench: .venv/.bench  ## timings against peers, into docs/generated/benchmarks.md
 	$(BIN)/python -m benchmarks.run

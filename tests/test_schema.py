@@ -88,7 +88,11 @@ def mapping(**changes):
             mapping() | {"whels": {}},
             "whels is not a key of a file; did you mean 'wheels'?",
         ),
-        (MappingTable, mapping() | {"x": {}}, "the keys there are file, time, columns, attitude, wheels"),
+        (
+            MappingTable,
+            mapping() | {"x": {}},
+            "the keys there are complete, file, time, columns, attitude, wheels",
+        ),
         (MappingTable, {}, "columns is missing; a file needs it."),
         (ControllerTable, {"compensation": "ful"}, "robot is missing; a file needs it."),
         (

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from ballbot import Log
 from campaigns.foreign_logs import draw
@@ -29,6 +30,7 @@ def sensed() -> Log:
     )
 
 
+@pytest.mark.slow
 def test_no_mapping_is_wrong_with_confidence_and_most_are_right():
     log, robot = sensed(), small_robot()
     results = {}

@@ -19,6 +19,7 @@ def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter(
     assert (errors[-1] < [1e-5, 3e-4, 1e-3, 2e-3]).all()
 
 
+@pytest.mark.slow
 def test_rollers_cause_a_speed_ripple_and_a_single_point_does_not() -> None:
     """The thesis's bumps (3.2): nine rollers of a row pass in a turn."""
     found = {}

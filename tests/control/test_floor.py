@@ -68,6 +68,7 @@ def test_its_drag_stays_within_its_bound():
     assert controller.drag == 0.0
 
 
+@pytest.mark.slow
 def test_slope_is_separated_from_floor_friction():
     """A lean that is misjudged asks for what a slope asks for, which does not turn with the motion."""
     robot = alten(FRICTION)
@@ -107,7 +108,7 @@ def test_compensation_is_continuous_when_the_estimate_is_carried_over():
         (lambda: Parts(floor_adaptation=FloorAdaptation()), "needs integral action"),
         (
             lambda: Parts(floor_adaptation=FloorAdaptation(), integral=IntegralAction(gain=np.zeros((3, 3)))),
-            "and reference shaping",
+            "needs reference shaping",
         ),
     ],
 )

@@ -133,6 +133,7 @@ def started(kind: str) -> Estimator:
     return estimator
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ESTIMATORS)
 @pytest.mark.parametrize("bad", INVALID)
 @pytest.mark.parametrize("lost", [*((name,) for name in LOST), LOST])

@@ -13,6 +13,8 @@ from ballbot.identification.windows import cut_windows
 from tests.support.control_examples import alten
 from tests.support.identification_examples import NOISE, TRUTH, balancing_log, noisy
 
+pytestmark = pytest.mark.slow
+
 DURATION = 14.0  # [s]
 
 

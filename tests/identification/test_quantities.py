@@ -357,12 +357,14 @@ def pivoting_log() -> tuple[Log, np.ndarray]:
     return log, x[:, 10]
 
 
+@pytest.mark.slow
 def test_encoders_and_gyro_show_the_ball_s_spin():
     log, spin = pivoting_log()
     np.testing.assert_allclose(ball_spin(log, alten()), spin, atol=1e-12)
     assert np.abs(spin).max() > 0.1
 
 
+@pytest.mark.slow
 def test_a_ball_that_pivots_is_predicted_from_its_spin():
     log, _ = pivoting_log()
     assert np.abs(residuals(log, {"pivoting": [0.05]})).max() < ROUNDING
@@ -376,6 +378,7 @@ def showing(log: Log, share: float) -> Log:
     return log.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
 
 
+@pytest.mark.slow
 def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
     share = share_shown(showing(moving_log(), 0.4), alten())
     # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
@@ -391,6 +394,7 @@ def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
         assert words in text
 
 
+@pytest.mark.slow
 def test_heading_consistent_with_the_wheels_gets_no_finding():
     log = moving_log()
     assert share_shown(showing(log, 1.0), alten()) == pytest.approx(1.0, abs=1e-9)
@@ -399,6 +403,7 @@ def test_heading_consistent_with_the_wheels_gets_no_finding():
     assert share_shown(still, alten()) is None
 
 
+@pytest.mark.slow
 def test_a_ball_cannot_be_seen_to_pivot_without_encoders():
     log, _ = pivoting_log()
     blind = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})

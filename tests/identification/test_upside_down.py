@@ -58,6 +58,7 @@ def multisine(samples: int, *, seed: int, size: float = 0.3) -> np.ndarray:
     return size * np.stack([sum(parts[4 * i : 4 * i + 4]) for i in range(3)], axis=1)
 
 
+@pytest.mark.slow
 class TestPlant:
     def test_mass_matrix_is_that_of_the_kinetic_energy(self):
         omega = np.array([0.3, -1.2, 0.7])

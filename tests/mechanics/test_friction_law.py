@@ -113,6 +113,7 @@ def test_gradient_is_that_of_central_differences():
     np.testing.assert_allclose(found, differences, rtol=1e-7, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_coulomb_asymmetry_is_a_constant_torque_against_the_motor():
     directed = Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB)))
     plain = Model(robot_with(PLAIN))
@@ -199,6 +200,7 @@ def test_full_law_only_takes_energy(seed):
         energy = after
 
 
+@pytest.mark.slow
 def test_gear_play_has_the_whole_law_at_its_motors():
     directed = GearPlayPlant(
         Model(robot_with(replace(PLAIN, coulomb_asymmetry=COULOMB, load=LOAD))), play=0.02

@@ -84,6 +84,7 @@ def test_fall_ends_the_log_and_is_reported():
     assert simulate(model, nominal_controller(model.robot), hold(), duration=1.0).ended is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["exact", "thesis"])
 @pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
 def test_how_fast_the_centre_of_mass_sinks(robot, formulation):

@@ -32,6 +32,8 @@ seeds = st.integers(0, 2**32 - 1)
 wheel_counts = st.sampled_from([3, 4])
 formulations = st.sampled_from(["exact", "thesis"])
 # deriving takes a second or two the first time
+pytestmark = pytest.mark.slow  # SymPy derives the equations first
+
 unhurried = settings(deadline=None, max_examples=50)
 
 

@@ -86,6 +86,7 @@ def test_a_design_that_was_killed_goes_on_to_the_same_on_other_threads(designed,
     assert (again.errors == designed.errors).all()
 
 
+@pytest.mark.slow
 def test_four_wheels():
     robot = four_wheeled(friction=True)
     made = design(

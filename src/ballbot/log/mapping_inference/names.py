@@ -328,10 +328,10 @@ def _wheel(cut: _Cut) -> Found | None:
         return None
     moving = unit in RATE or (bool(said & DERIVATIVE) and unit not in ANGLE and unit not in ("A", "N m", "V"))
     if inputs and not (moving and not of_unit and said & {"d", "dot", "vel", "speed", "velocity", "rpm"}):
-        kinds = [kind for kind in (INPUT[word] for word in inputs) if kind]
+        kinds: list[InputKind] = [kind for word in inputs if (kind := INPUT[word])]
         # i1 is a current as often as it is anything else
-        kind: InputKind | None = of_unit or (kinds[0] if kinds and said != {"i"} else None)
-        return ("command", 0.75 if kind else 0.6, None, kind)
+        one: InputKind | None = of_unit or (kinds[0] if kinds and said != {"i"} else None)
+        return ("command", 0.75 if one else 0.6, None, one)
     if of_unit and unit != "%":
         return ("command", 0.7, None, of_unit)
     if moving:
