@@ -130,7 +130,7 @@ def _minimise() -> Case:
         "limits": np.array([0.5, 0.25, 1.0]),
         "start": np.arange(5.0) / 8.0,
     }
-    return Case(call=lambda a: minimise(rolling=0.1, h=0.001, **a), arrays=arrays, rows=("C",))
+    return Case(call=lambda a: minimise(rolling_force=0.1, h=0.001, **a), arrays=arrays, rows=("C",))
 
 
 def _friction_laws() -> Iterator[tuple[str, Case]]:
