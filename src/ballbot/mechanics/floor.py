@@ -84,7 +84,7 @@ def _rolling_friction(P, v):
 @inlined
 def rolling_brake(rolling_force, speed):
     """Return N C_rr/|v|: what the velocity is multiplied by, zero at rest being its own direction."""
-    return rolling_force / max(speed, 1e-300)
+    return rolling_force / max(speed, _NO_SPEED)
 
 
 @inlined

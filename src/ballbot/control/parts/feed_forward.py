@@ -16,7 +16,9 @@ of yaw with lean.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,7 +141,7 @@ class FeedForward(Part):
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
     steps = Steps(error=_lean_error, torque=_add_torque)
-    needs = {"shaping": "it uses the derivatives of the shaped reference"}  # noqa: RUF012 (not changed)
+    needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
         """Return what the robot's exact model asks for."""

@@ -22,7 +22,9 @@ turns with the motion: what the wheels' compensation leaves, and what feedback o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +127,7 @@ class FloorAdaptation(Part):
     record = FloorRecord
     state = FloorState
     steps = Steps(learn=_learn)
-    needs = {  # noqa: RUF012 (not changed)
+    needs: ClassVar[Mapping[str, str]] = {
         "integral": "it learns the friction of the floor from the integrals",
         "shaping": "only a smooth reference has a direction of motion at all times",
     }
