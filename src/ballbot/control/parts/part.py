@@ -116,7 +116,7 @@ class TorqueHistory:
     friction_compensation: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
     #: the summand against disturbances that parts estimate
     disturbance_compensation: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
-    #: 1 if the torque of this wheel, or of one before it, was at its limit
+    #: 1 if any wheel's torque was at its limit
     limited: NDArray[np.float64] = field(metadata=number("1", MAX_PAST, MAX_WHEELS))
 
 
