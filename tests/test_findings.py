@@ -25,6 +25,9 @@ def test_errors_come_first_and_order_is_kept_within_a_severity():
 
 
 def test_warnings_and_notes_do_not_stop():
+    with pytest.raises(InputError, match=r"^Motor 2") as refusal:
+        stop_on_errors([DEAD, GAP, USE])
+    assert str(refusal.value).endswith(": --accept dead-motor.")
     stop_on_errors([GAP, USE])
 
 

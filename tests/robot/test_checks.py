@@ -1,7 +1,8 @@
-"""Nonsense is refused in one sentence that says what would be right; published robots are not refused."""
+"""Nonsense is refused in one sentence that names the correct value; published robots are not refused."""
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -12,10 +13,12 @@ from ballbot.robot import Ball, Body, Friction, Robot, Wheels
 ALTEN = Robot.load("alten")
 
 
-def refused(says: str, **parts: object) -> None:
-    with pytest.raises(InputError, match=says) as caught:
+def refusal(**parts: object) -> str:
+    """Return the one sentence that refuses the robot with other parts."""
+    with pytest.raises(InputError) as caught:
         dataclasses.replace(ALTEN, **parts)  # type: ignore[arg-type]
-    assert "\n" not in str(caught.value)
+    (sentence,) = str(caught.value).splitlines()
+    return sentence
 
 
 def ball(**changes: float) -> Ball:
@@ -34,24 +37,26 @@ def wheels(*degrees: float, tilt: float = 45.0) -> Wheels:
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
 @pytest.mark.parametrize("name", ["radius", "mass", "inertia"])
 def test_ball_numbers_are_positive_and_finite(name: str, wrong: float) -> None:
-    refused(
+    assert re.search(
         rf"ball\.{name} is .*; it (cannot be negative|must be above zero|must be finite)",
-        ball=ball(**{name: wrong}),
+        refusal(ball=ball(**{name: wrong})),
     )
 
 
 def test_non_numeric_values_are_refused() -> None:
-    refused("ball.mass is '3'; it must be a number", ball=ball(mass="3"))  # type: ignore[arg-type]
-    refused("ball.mass is True; it must be a number", ball=ball(mass=True))
+    assert re.search("ball.mass is '3'; it must be a number", refusal(ball=ball(mass="3")))  # type: ignore[arg-type]
+    assert re.search("ball.mass is True; it must be a number", refusal(ball=ball(mass=True)))
     sensors = dataclasses.replace(ALTEN.sensors, encoder_counts=2000.0)  # type: ignore[arg-type]
-    refused("encoder_counts is 2000.0; it must be a whole number", sensors=sensors)
+    assert re.search("encoder_counts is 2000.0; it must be a whole number", refusal(sensors=sensors))
 
 
 def test_a_ball_lies_between_solid_and_thin_shell() -> None:
     for fits in (0.0242, 0.0195, 0.4 * 3.0 * 0.11**2):  # thin shell, Appendix I's wall, solid
-        ALTEN.replace(ball=ball(inertia=fits))
-    refused(r"between 0\.0145 \(solid\) and 0\.0242 kg m\^2 \(thin shell\)", ball=ball(inertia=0.03))
-    refused("solid", ball=ball(inertia=0.01))
+        assert ALTEN.replace(ball=ball(inertia=fits)).ball.inertia == fits
+    assert re.search(
+        r"between 0\.0145 \(solid\) and 0\.0242 kg m\^2 \(thin shell\)", refusal(ball=ball(inertia=0.03))
+    )
+    assert re.search("solid", refusal(ball=ball(inertia=0.01)))
 
 
 #: (mass, radius, inertia) of published robots' balls: CMU, Rezero, Kugle, Michigan, "ball segway"
@@ -86,14 +91,16 @@ def test_published_bodies_pass_the_checks(
 
 
 def test_principal_moments_are_positive() -> None:
-    refused(
+    assert re.search(
         "principal moments -0.5, .* each must be above zero",
-        body=body(inertia=(1.0, 1.0, 1.0, 1.5, 0.0, 0.0)),
+        refusal(body=body(inertia=(1.0, 1.0, 1.0, 1.5, 0.0, 0.0))),
     )
 
 
 def test_the_triangle_inequality_holds_about_the_given_point() -> None:
-    refused("no body has one larger than the sum", body=body(inertia=(4.37, 4.37, 9.0, 0.0, 0.0, 0.0)))
+    assert re.search(
+        "no body has one larger than the sum", refusal(body=body(inertia=(4.37, 4.37, 9.0, 0.0, 0.0, 0.0)))
+    )
 
 
 def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
@@ -104,19 +111,22 @@ def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
         six = (j[0, 0], j[1, 1], j[2, 2], j[0, 1], j[0, 2], j[1, 2])
         made = body(inertia=six, inertia_about="center_of_mass")
         if fits:
-            ALTEN.replace(body=made)
+            assert ALTEN.replace(body=made).body == made
         else:
-            refused("larger than the sum", body=made)
+            assert re.search("larger than the sum", refusal(body=made))
 
 
 def test_inertia_about_the_wrong_point_is_refused_with_the_cause() -> None:
     central = (1.7326, 1.7326, 0.193, 0.0, 0.0, 0.0)
-    refused("less m l\\^2 = 2.64 .* may be about the centre of mass", body=body(inertia=central))
-    ALTEN.replace(body=body(inertia=central, inertia_about="center_of_mass"))
+    assert re.search(
+        "less m l\\^2 = 2.64 .* may be about the centre of mass", refusal(body=body(inertia=central))
+    )
+    made = body(inertia=central, inertia_about="center_of_mass")
+    assert ALTEN.replace(body=made).body == made
 
 
 @pytest.mark.parametrize(
-    ("says", "parts"),
+    ("sentence", "parts"),
     [
         (r"ball\.radius is 11 m, .* did you mean 11 cm \(0\.11 m\)\?", {"ball": ball(radius=11.0)}),
         (r"ball\.radius is 110 m, .* did you mean 110 mm \(0\.11 m\)\?", {"ball": ball(radius=110.0)}),
@@ -131,38 +141,49 @@ def test_inertia_about_the_wrong_point_is_refused_with_the_cause() -> None:
         (r"wheels\.tilt is 1\.6.* between 0 and 90 deg", {"wheels": wheels(0, 120, 240, tilt=92.0)}),
     ],
 )
-def test_other_units_are_recognised(says: str, parts: dict[str, object]) -> None:
-    refused(says, **parts)
+def test_other_units_are_recognised(sentence: str, parts: dict[str, object]) -> None:
+    assert re.search(sentence, refusal(**parts))
 
 
 def test_motor_constants_reveal_a_wrong_unit() -> None:
     drive = dataclasses.replace(ALTEN.drive, speed_constant=303.0)
-    refused(r"is 9\.54; for every motor it is near 1; did you mean 303 rpm/V\?", drive=drive)
+    assert re.search(
+        r"is 9\.54; for every motor it is near 1; did you mean 303 rpm/V\?", refusal(drive=drive)
+    )
 
 
 @pytest.mark.parametrize("azimuths", [(0.0, 0.0, 120.0), (0.0, 120.0, 360.0), (90.0, 180.0, 180.5)])
 def test_two_wheels_at_the_same_azimuth_are_refused(azimuths: tuple[float, ...]) -> None:
-    refused("three independent torques", wheels=wheels(*azimuths))
+    assert re.search("three independent torques", refusal(wheels=wheels(*azimuths)))
 
 
 def test_wheels_must_be_able_to_turn_the_ball_every_way() -> None:
-    refused("cannot give three independent torques", wheels=wheels(0.0, 120.0, 240.0, tilt=0.2))
-    refused("cannot give three independent torques", wheels=wheels(0.0, 120.0, 240.0, tilt=89.8))
+    assert re.search(
+        "cannot give three independent torques", refusal(wheels=wheels(0.0, 120.0, 240.0, tilt=0.2))
+    )
+    assert re.search(
+        "cannot give three independent torques", refusal(wheels=wheels(0.0, 120.0, 240.0, tilt=89.8))
+    )
 
 
 @pytest.mark.parametrize("count", [2, 5])
 def test_three_or_four_wheels(count: int) -> None:
-    refused("three or four", wheels=wheels(*np.arange(count) * 360.0 / count), friction=Friction.none(count))
+    assert re.search(
+        "three or four",
+        refusal(wheels=wheels(*np.arange(count) * 360.0 / count), friction=Friction.none(count)),
+    )
 
 
 def test_four_wheels_need_four_frictions() -> None:
     four = wheels(45.0, 135.0, 225.0, 315.0)
-    refused("friction.viscous has 3 numbers, but wheels.azimuths lists 4 wheels", wheels=four)
+    assert re.search(
+        "friction.viscous has 3 numbers, but wheels.azimuths lists 4 wheels", refusal(wheels=four)
+    )
     assert ALTEN.replace(wheels=four, friction=Friction.none(4)).wheel_count == 4
 
 
 @pytest.mark.parametrize(
-    ("says", "changes"),
+    ("sentence", "changes"),
     [
         (r"friction\.coulomb\[1\] is -0\.1 N m; it cannot be negative", {"coulomb": (0.1, -0.1, 0.1)}),
         (r"friction\.stribeck_speed is 0 rad/s; it must be above zero", {"stribeck_speed": 0.0}),
@@ -172,13 +193,17 @@ def test_four_wheels_need_four_frictions() -> None:
         (r"friction\.viscous\[2\] is None; it must be a number", {"viscous": (0.0, 0.0, None)}),
     ],
 )
-def test_friction_is_checked(says: str, changes: dict[str, object]) -> None:
-    refused(says, friction=dataclasses.replace(ALTEN.friction, **changes))  # type: ignore[arg-type]
+def test_friction_is_checked(sentence: str, changes: dict[str, object]) -> None:
+    assert re.search(sentence, refusal(friction=dataclasses.replace(ALTEN.friction, **changes)))  # type: ignore[arg-type]
 
 
 def test_sources_are_checked() -> None:
-    refused("sources names 'ball.radios', .* did you mean 'ball.radius'", sources={"ball.radios": "measured"})
-    refused(
-        "ball.radius has the unknown source .* did you mean 'measured'", sources={"ball.radius": "measuerd"}
+    assert re.search(
+        "sources names 'ball.radios', .* did you mean 'ball.radius'",
+        refusal(sources={"ball.radios": "measured"}),
     )
-    refused(r"name is '\\n'", name="\n")
+    assert re.search(
+        "ball.radius has the unknown source .* did you mean 'measured'",
+        refusal(sources={"ball.radius": "measuerd"}),
+    )
+    assert re.search(r"name is '\\n'", refusal(name="\n"))

@@ -117,7 +117,11 @@ def cases() -> Iterator[tuple[str, Case]]:
     yield from _friction_laws()
     yield from _control()
     yield from _estimators()
-    yield from _simulation()
+    yield from _plants()
+    yield from _simulations()
+    yield from _drivelines()
+    yield from _clamped_ball()
+    yield "Log", _log()
     yield from _identification()
 
 
@@ -226,9 +230,7 @@ class _Answering:
         return self.torques
 
 
-def _simulation() -> Iterator[tuple[str, Case]]:
-    reference = hold(x=0.5)(0.0)
-    run = {"duration": 3 * H}
+def _plants() -> Iterator[tuple[str, Case]]:
     plant = ModelPlant(MODEL)
 
     def step(a: Arrays) -> object:
@@ -258,6 +260,11 @@ def _simulation() -> Iterator[tuple[str, Case]]:
     )
     loaded = {"torques": TORQUES, "load": 0.5 * TORQUES}
     yield "GearPlayPlant, its load", Case(call=loads, arrays=loaded, optional=("load",))
+
+
+def _simulations() -> Iterator[tuple[str, Case]]:
+    reference = hold(x=0.5)(0.0)
+    run = {"duration": 3 * H}
     yield (
         "simulate",
         Case(
@@ -292,6 +299,9 @@ def _simulation() -> Iterator[tuple[str, Case]]:
             unbounded=("settled",),
         ),
     )
+
+
+def _drivelines() -> Iterator[tuple[str, Case]]:
     for friction in (Classical(**CURVE, stribeck_exponent=1.1), LUGRE):
         line = Driveline(inertia=0.003, friction=friction)
         yield (
@@ -310,6 +320,9 @@ def _simulation() -> Iterator[tuple[str, Case]]:
                 optional=("of",),
             ),
         )
+
+
+def _clamped_ball() -> Iterator[tuple[str, Case]]:
     yield (
         "simulate_balls",
         Case(
@@ -340,8 +353,11 @@ def _simulation() -> Iterator[tuple[str, Case]]:
         "ClampedBall",
         Case(call=lambda a: ClampedBall(**a), arrays={"A": BALL.A, "inertia": BALL.inertia}, rows=("A",)),
     )
+
+
+def _log() -> Case:
     t = np.arange(4) * H
-    yield "Log", Case(call=lambda a: Log(a), arrays={"t": t, "x": t + 0.5}, missing=True)
+    return Case(call=lambda a: Log(a), arrays={"t": t, "x": t + 0.5}, missing=True)
 
 
 def _identification() -> Iterator[tuple[str, Case]]:
@@ -523,7 +539,7 @@ OWN_ARRAYS = {
 
 
 def overrun() -> str:
-    """Return what compiled code says of an array that is too short; without the bounds check it answers."""
+    """Return what compiled code raises for an array that is too short; without the bounds check it returns torques."""
     from ballbot.control.law import MEMORY_SIZE, control_law
 
     try:
