@@ -12,8 +12,9 @@ undetermined    a conclusion is below the confidence that `check-log` asks for, 
 doubtful        wrong, with a stated confidence below 0.9
 wrong           wrong, and confident
 
-The development half is for work on the inference. The test half has other robots, motions and seeds and is run to
-judge it. Recorded logs are kept in build/mapping_corpus and are not recorded again.
+The two development halves are for work on the inference, and its calibration is fitted on them. The test half has
+other robots, motions and seeds and is run to judge it. Recorded logs are kept in build/mapping_corpus and are not
+recorded again.
 """
 
 from __future__ import annotations
@@ -43,23 +44,28 @@ from ballbot.log.mapping_inference.report import Evaluation, evaluate
 from ballbot.mechanics.model import Model
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from ballbot.robot.components import scaled_friction
+from ballbot.robot.components import Ball, scaled_friction
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, write
 from campaigns.section import Section
 
-Half = Literal["development", "test"]
+Half = Literal["development", "second_development", "test"]
 
-#: robots of each half; four_wheels is a robot of the half's own with four wheels
+#: robots of each half; a name that ends in `_four_wheels` is that robot with four wheels
 ROBOTS: dict[Half, tuple[str, ...]] = {
     "development": ("alten", "kugle", "rezero_four_wheels"),
-    "test": ("rob311", "rezero", "cmu"),
+    "second_development": ("rob311", "rezero", "cmu"),
+    "test": ("slender", "desk", "heavy_four_wheels"),
 }
 MOTIONS: dict[Half, tuple[str, ...]] = {
     "development": ("hold", "square", "sway", "turn", "wander", "dead_band"),
-    "test": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
+    "second_development": ("circle", "figure_eight", "sway", "turn", "wander", "dead_band"),
+    "test": ("spiral", "zigzag", "pulses", "lissajous", "sway", "dead_band"),
 }
+#: first seed of each half, of its recordings and of its teams' habits
+RECORDED_SEED: dict[Half, int] = {"development": 0, "second_development": 100, "test": 200}
+HABITS_SEED: dict[Half, int] = {"development": 0, "second_development": 1_000_000, "test": 2_000_000}
 #: part of the wheels' dry friction that the firmware adds in the duty's direction, in the motion dead_band
 COMPENSATED = 0.6
 #: [s] of each recording
@@ -73,17 +79,83 @@ KEPT = Path(__file__).parents[1] / "build" / "mapping_corpus"
 
 @cache
 def robot_named(name: str) -> Robot:
-    """Return a robot of the corpus as its team would describe it."""
+    """Return a robot of the corpus as its team would describe it: a preset, one with four wheels, or one of its own."""
+    if name in OWN_ROBOTS:
+        return OWN_ROBOTS[name]()
     preset = name.removesuffix("_four_wheels")
     robot = Robot.load(preset)
     if preset in WHEEL_INERTIA:
         robot = robot.replace(wheels=replace(robot.wheels, inertia=WHEEL_INERTIA[preset]))
-    if preset == name:
-        return robot
-    azimuths = tuple(0.5 * np.pi * k for k in range(4))
-    drive = replace(robot.drive, torque_limit=robot.drive.torque_limit)
-    friction = robot.friction.__class__.none(4)
-    return robot.replace(wheels=replace(robot.wheels, azimuths=azimuths), drive=drive, friction=friction)
+    return robot if preset == name else _with_wheels(robot, count=4, first=0.0)
+
+
+def _with_wheels(robot: Robot, *, count: int, first: float) -> Robot:
+    """Return a robot with so many wheels, evenly, the first at an azimuth [rad]."""
+    azimuths = tuple(first + 2.0 * np.pi * k / count for k in range(count))
+    friction = robot.friction.__class__.none(count)
+    return robot.replace(wheels=replace(robot.wheels, azimuths=azimuths), friction=friction)
+
+
+def _with_body(robot: Robot, *, mass: float, height: float, slenderness: float) -> Robot:
+    """Return a robot with another body.
+
+    Parameters
+    ----------
+    robot : Robot
+    mass : float
+        [kg]
+    height : float
+        Of the centre of mass above the ball's [m].
+    slenderness : float
+        Inertia about the ball's centre over mass times height squared.
+    """
+    about = slenderness * mass * height**2
+    old = robot.body.inertia
+    inertia = (about, about, old[2] * mass / robot.body.mass, 0.0, 0.0, 0.0)
+    body = replace(robot.body, mass=mass, center_of_mass=height, inertia=inertia, inertia_about="ball_center")
+    return robot.replace(body=body)
+
+
+def _ball(robot: Robot, *, radius: float, mass: float) -> Ball:
+    # between a solid ball's 2/5 and a thin shell's 2/3
+    return replace(robot.ball, radius=radius, mass=mass, inertia=0.55 * mass * radius**2)
+
+
+def _slender() -> Robot:
+    """Return a tall robot on a small ball, with steep wheels, the first at 60 degrees."""
+    robot = _with_body(Robot.load("alten"), mass=10.5, height=0.47, slenderness=1.25)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.1, mass=2.2),
+        wheels=replace(robot.wheels, radius=0.05, tilt=float(np.radians(50.0)), inertia=6e-4),
+        drive=replace(robot.drive, torque_limit=4.0, gear_ratio=22.0),
+    )
+    return _with_wheels(robot, count=3, first=float(np.radians(60.0)))
+
+
+def _desk() -> Robot:
+    """Return a small robot with coarse encoders, the first wheel in front."""
+    robot = _with_body(Robot.load("rob311"), mass=3.1, height=0.26, slenderness=1.35)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.115, mass=0.8),
+        wheels=replace(robot.wheels, radius=0.04, tilt=float(np.radians(40.0)), inertia=7e-5),
+        drive=replace(robot.drive, torque_limit=1.8, gear_ratio=50.0),
+        sensors=replace(robot.sensors, encoder_counts=96),
+    )
+    return _with_wheels(robot, count=3, first=0.0)
+
+
+def _heavy() -> Robot:
+    """Return a heavy robot with four wheels, the first at 45 degrees."""
+    robot = _with_body(Robot.load("rezero"), mass=21.0, height=0.42, slenderness=1.3)
+    robot = robot.replace(
+        ball=_ball(robot, radius=0.12, mass=3.1),
+        drive=replace(robot.drive, torque_limit=7.0, gear_ratio=32.0),
+    )
+    return _with_wheels(robot, count=4, first=float(np.radians(45.0)))
+
+
+#: robots that are no preset
+OWN_ROBOTS = {"slender": _slender, "desk": _desk, "heavy_four_wheels": _heavy}
 
 
 def recording(half: Half, robot: str, motion: str) -> Log:
@@ -97,7 +169,7 @@ def recording(half: Half, robot: str, motion: str) -> Log:
 
 def _recorded(half: Half, name: str, motion: str) -> Log:
     robot = robot_named(name)
-    seed = 100 * (half == "test") + 10 * ROBOTS[half].index(name) + MOTIONS[half].index(motion)
+    seed = RECORDED_SEED[half] + 10 * ROBOTS[half].index(name) + MOTIONS[half].index(motion)
     base = Scenario.named("nominal", robot)
     heavier = robot.body.mass / NOMINAL_MASS
     scenario = replace(
@@ -154,7 +226,31 @@ def _reference(motion: str, seed: int) -> Reference:
     if motion == "turn":
         turn = random.uniform(0.5 * np.pi, np.pi)
         return change_pose(x=size, y=-0.5 * size, psi=turn, at=6.0, ramp=40.0)
+    if motion in ("spiral", "zigzag", "lissajous", "pulses"):
+        return _path(motion, random, size)
     return _sway(random, heading=0.6 if motion == "sway" else 0.2)
+
+
+def _path(motion: str, random: np.random.Generator, size: float) -> Reference:
+    """Return a reference along a path of a size [m]; in `pulses` the robot stands, and its heading steps to and fro."""
+    slow, way, turn = random.uniform(0.3, 0.6), random.uniform(0.0, 2.0 * np.pi), random.uniform(0.3, 0.8)
+
+    def reference(t: float) -> NDArray[np.float64]:
+        pose, now = np.zeros(10), slow * t
+        if motion == "spiral":
+            place = size * t / DURATION * (np.exp(2j * now) - 0.5)
+        elif motion == "zigzag":
+            place = 0.5 * size * (np.arcsin(np.sin(now)) + 0.5j * np.arcsin(np.sin(3.0 * now)))
+        elif motion == "lissajous":
+            place = 0.4 * size * (np.sin(2.0 * now) + 1j * np.sin(3.0 * now))
+        else:
+            place = 0j
+            pose[4] = turn * round(np.sin(now)) * min(t / 6.0, 1.0)
+        place = place * np.exp(1j * way)
+        pose[:2] = place.real, place.imag
+        return pose
+
+    return reference
 
 
 def _sway(random: np.random.Generator, *, heading: float) -> Reference:
@@ -200,8 +296,7 @@ def outcome(half: Half, seed: int) -> Outcome:
     motion = MOTIONS[half][seed // len(ROBOTS[half]) % len(MOTIONS[half])]
     robot, log = robot_named(name), recording(half, name, motion)
     band = dead_band(robot) if motion == "dead_band" else 0.0
-    offset = 1_000_000 if half == "test" else 0
-    habits = draw(offset + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
+    habits = draw(HABITS_SEED[half] + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
     result, reason, confidence = judged(log, robot, habits, dead_band=band)
     return Outcome(
         half=half,

@@ -3,8 +3,9 @@
 names, name_words        what a column's name says: kind, axis or wheel, unit
 roles                    which column is which quantity, by name or by values
 units                    units of time, lean, wheels and gyro
-file_signals             the columns on even rows, filtered
-placement                where the wheels sit, by the response of the lean; `placement_scores` compares all placements
+file_signals             the columns on even rows, filtered; the axes of the gyro
+placement                how the lean responds to the wheels
+placements               every order and sign of the wheels, compared
 frame                    order, signs, the IMU's turn and reversed axes that follow
 wheel_response           how late the wheels answer to the commands
 commands, drive          which command drives which wheel, its kind and scale, and a dead band

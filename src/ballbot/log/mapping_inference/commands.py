@@ -322,8 +322,8 @@ def unit_probabilities(
     found: Response | None,
     commands: NDArray[np.float64],
     *,
-    said_kind: InputKind | None,
-    said_unit: str | None,
+    named_kind: InputKind | None,
+    named_unit: str | None,
     known_inertia: bool = True,
 ) -> dict[Unit, float]:
     """Return the probability of each kind and unit, the likeliest first.
@@ -335,15 +335,15 @@ def unit_probabilities(
         None if the log does not show how the wheels respond.
     commands : ndarray (N, n)
         As the file has them.
-    said_kind, said_unit : str, optional
-        What the columns' names say.
+    named_kind, named_unit : str, optional
+        What the columns' names have.
     known_inertia : bool
         Whether what the wheels need is that of a whole robot. Wheels that turn free have an inertia that no one knows
         well, so that the gain shows little, and the command that a speed needs instead.
     """
     weights = {}
     for unit, per_number in units_of(robot).items():
-        weight = math.log(_prior(unit, said_kind, said_unit)) + _size_weight(
+        weight = math.log(_prior(unit, named_kind, named_unit)) + _size_weight(
             unit, per_number, commands, robot
         )
         if found is not None and math.isfinite(found.gain) and found.gain_error < 0.5:
@@ -356,16 +356,16 @@ def unit_probabilities(
     return probabilities(weights)
 
 
-def _prior(unit: Unit, said_kind: InputKind | None, said_unit: str | None) -> float:
+def _prior(unit: Unit, named_kind: InputKind | None, named_unit: str | None) -> float:
     prior = _PRIOR[unit.kind] * _RARE_UNITS.get(unit.unit, 1.0)
     if unit.kind == "duty":
         prior *= _RARE_DUTIES.get(round(1.0 / unit.scale), 1.0)
-    if said_kind is not None:
-        prior *= _NAMED if unit.kind == said_kind else 1.0 - _NAMED
-    if said_unit == "%":
+    if named_kind is not None:
+        prior *= _NAMED if unit.kind == named_kind else 1.0 - _NAMED
+    if named_unit == "%":
         return prior * (_NAMED if unit.scale == 0.01 else 1.0 - _NAMED)
-    if said_unit is not None:
-        return prior * (_NAMED if unit.unit == said_unit else 1.0 - _NAMED)
+    if named_unit is not None:
+        return prior * (_NAMED if unit.unit == named_unit else 1.0 - _NAMED)
     return prior
 
 

@@ -48,11 +48,11 @@ def _columns(proposal: Proposal) -> Conclusion:
 
 
 def _time(proposal: Proposal) -> Conclusion:
-    tested, gyro, said = proposal.lean_test, proposal.gyro, proposal.roles.reading(proposal.roles.gyro)
+    tested, gyro, named = proposal.lean_test, proposal.gyro, proposal.roles.reading(proposal.roles.gyro)
     return time_conclusion(
         proposal.time,
         by_gyro=gyro.gain if gyro else None,
-        gyro_named=bool(said and said.unit),
+        gyro_named=bool(named and named.unit),
         by_gravity=(tested.time_ratio, tested.time_error) if tested else (math.nan, math.nan),
     )
 

@@ -73,7 +73,7 @@ def drive_evidence(
     commands: NDArray[np.float64],
     robot: Robot,
     *,
-    said: Reading | None,
+    reading: Reading | None,
     expected: Sequence[tuple[int, int]],
 ) -> DriveEvidence:
     """Return what the commands are.
@@ -86,8 +86,8 @@ def drive_evidence(
         The file's columns.
     commands : ndarray (M, n)
     robot : Robot
-    said : Reading, optional
-        What the first command's name says.
+    reading : Reading, optional
+        The first command's name.
     expected : sequence of tuple of int
         As `assign` takes it.
     """
@@ -106,8 +106,8 @@ def drive_evidence(
         robot,
         found,
         commands,
-        said_kind=said.input_kind if said else None,
-        said_unit=said.unit if said else None,
+        named_kind=reading.input_kind if reading else None,
+        named_unit=reading.unit if reading else None,
         known_inertia=mapping.attitude is not None,
     )
     return DriveEvidence(assigned=assigned, response=found, units=units)

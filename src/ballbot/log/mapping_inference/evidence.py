@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 CONFIDENT = 0.9
 #: no log gives more confidence than this
 MOST = 0.999
+#: smallest normal number: a denominator of at least this keeps the ratio of two zeros finite
+TINY = float(np.finfo(np.float64).tiny)
 
 Candidate = TypeVar("Candidate", bound=Hashable)
 

@@ -1,15 +1,23 @@
-"""The columns of a foreign file that have a role, and their smooth signals on even rows."""
+"""The columns of a foreign file that have a role: their smooth signals on even rows, and the axes of the gyro.
+
+A gyro is compared with the rates of the angles: which of its columns is about which axis, with which sign and unit, and
+by how much the angles are later.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.roles import Roles
-from ballbot.log.mapping_inference.units import GyroTest, Scale, gyro_test
+from ballbot.log.mapping_inference.units import Scale
 from ballbot.log.mapping_inference.wheel_response import held_commands
 from ballbot.log.signals import INTERVAL, Smooth, balancing_rows, even_rows, new_messages, smooth
 
@@ -44,7 +52,7 @@ class Raw:
         def stacked(names: tuple[str, ...]) -> NDArray[np.float64] | None:
             return np.column_stack([_filled(columns[name]) for name in names]) if names else None
 
-        angles, said = stacked(roles.angles), roles.reading(roles.gyro)
+        angles, named = stacked(roles.angles), roles.reading(roles.gyro)
         if angles is None:
             raise InputError("No wheel angles were found.")
         return Raw(
@@ -53,7 +61,7 @@ class Raw:
             attitude=stacked(roles.attitude),
             commands=stacked(roles.commands),
             gyro=stacked(roles.gyro),
-            gyro_unit=said.unit if said else None,
+            gyro_unit=named.unit if named else None,
         )
 
 
@@ -75,6 +83,22 @@ def signals_of(
     width: float,
     gyro: GyroTest | None = None,
 ) -> Signals:
+    """Return the file's signals on even rows.
+
+    Parameters
+    ----------
+    raw : Raw
+    angles : ndarray (M, n)
+        Of the wheels [rad], continued across resets.
+    sampled : ndarray (M,)
+        When the rows were sampled [s].
+    attitude : ndarray (M, 2) or (M, 3), optional
+        Roll, pitch and, if there is one, yaw [rad].
+    width : float
+        Standard deviation of the filter [s].
+    gyro : GyroTest, optional
+        If given, the lean's rates are the gyro's, and the heading too if there is no yaw.
+    """
     rows, kept = even_rows(raw.t), new_messages(sampled)
     wheels = smooth(rows, sampled[kept], angles[kept], width=width)
     commands = held_commands(rows, raw.t, raw.commands) if raw.commands is not None else None
@@ -106,6 +130,18 @@ def signals_of(
 def gyro_of(
     raw: Raw, signals: Signals, sampled: NDArray[np.float64], attitude: NDArray[np.float64] | None
 ) -> GyroTest | None:
+    """Return how the gyro belongs to the angles; None without one, or if it does not follow them.
+
+    Parameters
+    ----------
+    raw : Raw
+    signals : Signals
+        Of which the times and the usable rows are taken.
+    sampled : ndarray (M,)
+        When the rows were sampled [s].
+    attitude : ndarray (M, 2) or (M, 3), optional
+        Roll, pitch and, if there is one, yaw [rad].
+    """
     if raw.gyro is None or signals.lean is None or attitude is None:
         return None
     kept = new_messages(sampled)
@@ -115,4 +151,119 @@ def gyro_of(
     gyro = smooth(signals.rows, sampled[kept], raw.gyro[kept])
     if signals.usable.sum() < 200:
         return None
-    return gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+    return _gyro_test(gyro, seen, signals.usable, raw.gyro_unit, with_yaw=with_yaw)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GyroTest:
+    """How the columns of a gyro belong to roll, pitch and yaw."""
+
+    order: tuple[int, ...]  #: for x, y, z in turn, the place of its column (from 0) among the gyro's
+    signs: tuple[int, ...]  #: of x, y, z, relative to the angles
+    gain: float  #: gyro over rates of the angles, in the unit that follows
+    unit: str
+    factor: float  #: what turns the file's number into rad/s
+    correlations: tuple[float, ...]  #: of x, y, z
+    lag: float  #: angles later than the gyro [s]
+    confidence: float
+    reason: str
+
+
+def _gyro_test(
+    gyro: Smooth, attitude: Smooth, usable: NDArray[np.bool_], named: str | None, *, with_yaw: bool
+) -> GyroTest | None:
+    """Compare a gyro with the rates of the angles.
+
+    Parameters
+    ----------
+    gyro : Smooth (N, 3)
+        As the file has it.
+    attitude : Smooth (N, 3)
+        Roll, pitch and yaw [rad]; yaw zero if there is none.
+    usable : ndarray (N,)
+    named : str, optional
+        The unit in the names.
+    with_yaw : bool
+        Whether there is a yaw; if not, the last column is believed by its name.
+
+    Returns
+    -------
+    GyroTest or None
+        None if the gyro does not follow the angles.
+    """
+    lags = np.arange(-4, 9)
+    rates = _body_rates(attitude)
+    best = max(lags, key=lambda lag: _strength(gyro.value, np.roll(rates, -lag, axis=0), usable, with_yaw))
+    shifted = np.roll(rates, -int(best), axis=0)
+    R = _correlations(gyro.value[usable], shifted[usable])
+    count = 3 if with_yaw else 2
+    order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in range(count)))
+    slopes = [_slope(gyro.value[usable, order[axis]], shifted[usable, axis]) for axis in range(count)]
+    strength = [abs(float(R[order[axis], axis])) for axis in range(count)]
+    if min(strength[:2]) < 0.5:
+        return None
+    gain = float(np.exp(np.mean(np.log(np.abs(slopes[:2])))))
+    unit, factor, fits = _gyro_unit(gain, named)
+    signs = tuple(1 if slope > 0.0 else -1 for slope in slopes)
+    heading = 1.0 if len(strength) < 3 or strength[2] > 0.6 else 0.85
+    return GyroTest(
+        order=tuple(order),
+        # without a yaw, axes of one handedness
+        signs=signs
+        if len(signs) == 3
+        else (*signs, signs[0] * signs[1] * (1 if order[:2] == (0, 1) else -1)),
+        gain=gain * factor,
+        unit=unit,
+        factor=factor,
+        correlations=tuple(strength),
+        lag=float(best) * INTERVAL,
+        confidence=fits * heading * (0.99 if min(strength[:2]) > 0.75 else 0.92),
+        reason=f"correlations with the rates of the angles {', '.join(f'{r:.2f}' for r in strength)}; "
+        f"gain {gain * factor:.2f}",
+    )
+
+
+def _gyro_unit(gain: float, named: str | None) -> tuple[str, float, float]:
+    """Return the unit nearest to a gain over rad/s, its factor, and how far it is believed."""
+    units = {"rad/s": 1.0, "deg/s": math.pi / 180.0}
+    unit = min(units, key=lambda one: abs(math.log(gain * units[one])))
+    off = abs(math.log(gain * units[unit]))
+    fits = 1.0 if off < 0.3 else 0.93 if off < 0.6 else 0.4
+    return unit, units[unit], fits if named in (None, unit) else 0.5
+
+
+def _body_rates(attitude: Smooth) -> NDArray[np.float64]:
+    """Return the angular velocity (N, 3) about the IMU's axes from roll, pitch, yaw and their rates."""
+    roll, pitch, _ = attitude.value.T
+    roll_dot, pitch_dot, yaw_dot = attitude.rate.T
+    return np.column_stack(
+        [
+            roll_dot - yaw_dot * np.sin(pitch),
+            pitch_dot * np.cos(roll) + yaw_dot * np.sin(roll) * np.cos(pitch),
+            -pitch_dot * np.sin(roll) + yaw_dot * np.cos(roll) * np.cos(pitch),
+        ]
+    )
+
+
+def _strength(
+    gyro: NDArray[np.float64], rates: NDArray[np.float64], usable: NDArray[np.bool_], with_yaw: bool
+) -> float:
+    R = np.abs(_correlations(gyro[usable], rates[usable]))
+    axes: Sequence[int] = (0, 1, 2) if with_yaw else (0, 1)
+    return float(max(sum(R[p[axis], axis] for axis in axes) for p in permutations(range(3))))
+
+
+def _correlations(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the correlations (3, 3) of columns of `a` with columns of `b`; zero of a column that is still."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    return np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 1e-12)
+
+
+def _slope(y: NDArray[np.float64], x: NDArray[np.float64]) -> float:
+    """Return the slope between two noisy signals: the ratio of their sizes, with the sign of their correlation."""
+    x, y = x - x.mean(), y - y.mean()
+    product, size = float(x @ y), float(x @ x)
+    # the angles' rates are the noisier: the mean of both regressions
+    forward, reverse = product / max(size, TINY), float(y @ y) / product if product else TINY
+    return math.copysign(math.sqrt(abs(forward * reverse)), product)

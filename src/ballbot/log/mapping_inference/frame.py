@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.log.mapping_inference.evidence import MOST, advantage_confidence
+from ballbot.log.mapping_inference.evidence import MOST, TINY, advantage_confidence
 from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
@@ -63,7 +63,7 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
     return HeadingTest(
         correlation=correlation,
-        gain=float(total @ rate / max(float(rate @ rate), 1e-300) / without_pivoting),
+        gain=float(total @ rate / max(float(rate @ rate), TINY) / without_pivoting),
         believed=bool(z > LEAST_CORRELATION),
         confidence=advantage_confidence(z),
     )

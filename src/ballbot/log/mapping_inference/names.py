@@ -82,10 +82,10 @@ def read_name(name: str) -> Reading:
     words, unit = _words_and_unit(name)
     axis, index, bare = _axis_and_index(words)
     stem = "".join(bare)
-    said = set(bare)
-    if said & REFERENCE or _is_set_point(words):
+    present = set(bare)
+    if present & REFERENCE or _is_set_point(words):
         return Reading(name=name, kind="reference", axis=axis, index=index, stem=stem, weight=0.9)
-    if said & OTHER or bare[:1] in (["e"], ["p"]) or (bare in (["i"], ["d"]) and axis):
+    if present & OTHER or bare[:1] in (["e"], ["p"]) or (bare in (["i"], ["d"]) and axis):
         return Reading(name=name, kind="other", axis=axis, index=index, stem=stem, weight=0.9)
     if unit is None and len(words) == 1:
         unit = next((one for one in ("s", "ms", "us", "ns") if words[0] in UNITS[one][1:]), None)
@@ -252,17 +252,17 @@ def _is_set_point(words: list[str]) -> bool:
 
 def _time(cut: _Cut) -> Found | None:
     words, bare, axis, index = cut.words, cut.bare, cut.axis, cut.index
-    said = set(bare) - EMPTY
-    if "loop" in said or "cycle" in said or "exec" in said:
+    present = set(bare) - EMPTY
+    if "loop" in present or "cycle" in present or "exec" in present:
         return ("other", 0.6, None, None)
     if index is None and axis is None:
-        if said & TIME:
+        if present & TIME:
             return ("time", 0.8, None, None)
         if words and all(word in _UNITS_OF_TIME for word in words):
             return ("time", 0.7, None, None)
-        if said == {"t"}:
+        if present == {"t"}:
             return ("time", 0.75, None, None)
-        if said and said <= COUNTER:
+        if present and present <= COUNTER:
             return ("counter", 0.6, None, None)
     return None
 
@@ -279,24 +279,24 @@ _NUMBERED_AXES = {0: "x", 1: "x", 2: "y", 3: "z"}
 def _inertial(cut: _Cut) -> Found | None:
     """Return roll, pitch, yaw, gyro or accelerometer."""
     bare, axis, index, unit = cut.bare, cut.axis, cut.index, cut.unit
-    said = set(bare)
-    if said & {"ball", "wheel", "enc", "encoder", "motor", "odom"}:
+    present = set(bare)
+    if present & {"ball", "wheel", "enc", "encoder", "motor", "odom"}:
         return None
-    if said & GYRO and (axis or said & set(ANGLE_WORDS)):
+    if present & GYRO and (axis or present & set(ANGLE_WORDS)):
         return ("gyro", 0.85, axis or _angle_axis(bare), None)
-    if said & ACCELEROMETER and axis:
+    if present & ACCELEROMETER and axis:
         return ("accelerometer", 0.85, axis, None)
     named = _angle_axis(bare)
-    changing = bool(said & DERIVATIVE) or unit in ("rad/s", "deg/s")
+    changing = bool(present & DERIVATIVE) or unit in ("rad/s", "deg/s")
     if named:
         return ("gyro" if changing else "attitude", 0.8 if changing else 0.85, named, None)
-    if axis and index is None and not said & {"phi", "psi", "pos"}:
-        if said & RATES or (said & ATTITUDE and changing):
+    if axis and index is None and not present & {"phi", "psi", "pos"}:
+        if present & RATES or (present & ATTITUDE and changing):
             return ("gyro", 0.6, axis, None)
-        if said & ATTITUDE:
+        if present & ATTITUDE:
             return ("attitude", 0.7, axis, None)
     euler = [word for word in bare if word in _EULER]
-    if len(euler) == 1 and index is None and axis is None and said <= {*_EULER, *DERIVATIVE}:
+    if len(euler) == 1 and index is None and axis is None and present <= {*_EULER, *DERIVATIVE}:
         return ("gyro" if changing else "attitude", 0.6, _EULER[euler[0]], None)
     if bare == ["rpy"] and index is not None:
         return ("attitude", 0.7, _NUMBERED_AXES.get(index), None)
@@ -316,44 +316,46 @@ def _angle_axis(bare: Collection[str]) -> str | None:
 def _wheel(cut: _Cut) -> Found | None:
     """Return a motor's command, or a wheel's angle or speed."""
     bare, axis, index, unit = cut.bare, cut.axis, cut.index, cut.unit
-    said = set(bare) - EMPTY | ({"cur"} & set(bare))
+    present = set(bare) - EMPTY | ({"cur"} & set(bare))
     inputs = [word for word in bare if word in INPUT]
     if axis and inputs and index is None:
         return ("body command", 0.6, axis, None)
     if index is None or axis:
         return None
     of_unit = INPUT_OF_UNIT.get(unit or "")
-    known = said <= {*WHEEL, *WHEEL_ANGLE, *DERIVATIVE, *INPUT, "left", "right", "control", "ctrl", "req"}
-    if not known or not said:
+    known = present <= {*WHEEL, *WHEEL_ANGLE, *DERIVATIVE, *INPUT, "left", "right", "control", "ctrl", "req"}
+    if not known or not present:
         return None
-    moving = unit in RATE or (bool(said & DERIVATIVE) and unit not in ANGLE and unit not in ("A", "N m", "V"))
-    if inputs and not (moving and not of_unit and said & {"d", "dot", "vel", "speed", "velocity", "rpm"}):
+    moving = unit in RATE or (
+        bool(present & DERIVATIVE) and unit not in ANGLE and unit not in ("A", "N m", "V")
+    )
+    if inputs and not (moving and not of_unit and present & {"d", "dot", "vel", "speed", "velocity", "rpm"}):
         kinds: list[InputKind] = [kind for word in inputs if (kind := INPUT[word])]
         # i1 is a current as often as it is anything else
-        one: InputKind | None = of_unit or (kinds[0] if kinds and said != {"i"} else None)
+        one: InputKind | None = of_unit or (kinds[0] if kinds and present != {"i"} else None)
         return ("command", 0.75 if one else 0.6, None, one)
     if of_unit and unit != "%":
         return ("command", 0.7, None, of_unit)
     if moving:
-        plain = said & {"speed", "vel", "velocity", "rpm", "dot", "d", "spd"} or unit in RATE
+        plain = present & {"speed", "vel", "velocity", "rpm", "dot", "d", "spd"} or unit in RATE
         return ("wheel speed", 0.75 if plain else 0.5, None, None)
-    if said & (WHEEL | WHEEL_ANGLE):
-        plain = said & {"enc", "encoder", "ticks", "tick", "counts", "count"} or unit in ANGLE
-        said_angle = bool(said & (WHEEL_ANGLE | {"wheel", "whl"}))
-        return ("wheel angle", 0.8 if plain else 0.65 if said_angle else 0.4, None, None)
+    if present & (WHEEL | WHEEL_ANGLE):
+        plain = present & {"enc", "encoder", "ticks", "tick", "counts", "count"} or unit in ANGLE
+        is_angle = bool(present & (WHEEL_ANGLE | {"wheel", "whl"}))
+        return ("wheel angle", 0.8 if plain else 0.65 if is_angle else 0.4, None, None)
     return None
 
 
 def _ball(cut: _Cut) -> Found | None:
     words, bare, axis, index = cut.words, cut.bare, cut.axis, cut.index
-    said = set(bare)
+    present = set(bare)
     if index is not None:
         return None
     if words in (["x"], ["y"]):
         return ("ball position", 0.5, words[0], None)
     if axis is None or axis == "z":
         return None
-    if said & {"vel", "velocity", "dot", "d", "v"} and said <= {
+    if present & {"vel", "velocity", "dot", "d", "v"} and present <= {
         "ball",
         "vel",
         "velocity",
@@ -363,6 +365,6 @@ def _ball(cut: _Cut) -> Found | None:
         "odom",
     }:
         return ("ball velocity", 0.6, axis, None)
-    if said and said <= {"ball", "pos", "position", "odom"}:
+    if present and present <= {"ball", "pos", "position", "odom"}:
         return ("ball position", 0.6, axis, None)
     return None

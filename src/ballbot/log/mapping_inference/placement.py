@@ -28,20 +28,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.log.checks.lean import clarity
 from ballbot.log.mapping_inference.evidence import jackknife_error
-from ballbot.log.mapping_inference.placement_scores import (
+from ballbot.log.mapping_inference.placements import (
     BLOCK,
+    Placement,
     block_numbers,
+    each_wheel,
     lean_sums_of,
+    placement_way,
     ranked_placements,
-    scores,
-    wheel_sums_of,
+    rolling_direction,
 )
 from ballbot.log.mapping_inference.wheel_response import vertex_with_error
 from ballbot.log.signals import INTERVAL, Smooth
@@ -59,44 +60,8 @@ LEAST_SIZE = 0.3
 USUAL_LAG = 0.0175
 #: over which disturbance and gravity are compared [s], about the time in which the robot falls
 SLOW = 0.25
-#: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
-ROLLING = 0.2
 #: the fewest seconds of balancing
 LEAST_TIME = 3.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Placement:
-    """One way in which the wheels' columns may sit on the robot, and how well the log agrees."""
-
-    positions: tuple[int, ...]  #: for the file's wheels in turn, the robot's wheel (from 1)
-    signs: tuple[int, ...]  #: of the file's wheels in turn, up to all of them
-    phase: float  #: [rad], the angle of gamma
-    gain: float  #: its size, over the robot's own gamma
-    unexplained: float  #: share of the lean's acceleration
-    together: float  #: share of the wheels' motion that is neither lean nor heading
-    misfit: float  #: unexplained, times the root of together
-
-    @property
-    def mirrored(self) -> bool:
-        """Whether the wheels are numbered in the direction opposite to the robot's."""
-        count = len(self.positions)
-        return count > 2 and self.positions == (1, *range(count, 1, -1))
-
-    @property
-    def reversed_wheels(self) -> tuple[int, ...]:
-        """The file's wheels (from 1) that count against the others."""
-        return tuple(i for i, sign in enumerate(self.signs, start=1) if sign < 0)
-
-    @property
-    def description(self) -> str:
-        """The placement in words."""
-        own = self.positions == tuple(range(1, len(self.positions) + 1))
-        order = "mirrored" if self.mirrored else "as the robot's" if own else f"order {self.positions}"
-        wheels = self.reversed_wheels
-        if not wheels:
-            return order
-        return f"{order}, wheel{'s' if len(wheels) > 1 else ''} {' and '.join(map(str, wheels))} reversed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,13 +99,6 @@ def torque_free_gains(robot: Robot) -> tuple[float, float]:
     wheels = 0.5 * robot.wheel_count * r_b / robot.wheels.radius * np.cos(robot.wheels.tilt)
     kappa = body.mass * robot.gravity * body.center_of_mass / (a + b)
     return float(kappa), float(b / ((a + b) * wheels))
-
-
-def even_azimuths(robot: Robot) -> bool:
-    """Return whether turning the robot by one wheel's angle gives the same robot."""
-    beta = np.asarray(robot.wheels.azimuths)
-    steps = np.exp(1j * np.diff(beta))
-    return bool(np.allclose(steps, np.exp(2j * np.pi / len(beta)), atol=1e-3))
 
 
 def lean_test(
@@ -182,7 +140,7 @@ def lean_test(
     driven = _driven(lean, kappa, lag)
     weights, pushed = _weights(driven, wheels, usable)
     usable = usable & ~pushed
-    placements, confidence = _placements(robot, driven, wheels, heading, weights, gamma)
+    placements, confidence = ranked_placements(robot, driven, wheels, heading, weights, gamma)
     best = placements[0]
     turning = _turning(robot, wheels, best)
     gains = _block_gains(turning, driven, weights)
@@ -207,64 +165,11 @@ def lean_test(
     )
 
 
-def _placements(
-    robot: Robot,
-    driven: NDArray[np.complex128],
-    wheels: Smooth,
-    heading: Smooth | None,
-    weights: NDArray[np.float64],
-    gamma: float,
-) -> tuple[list[Placement], float]:
-    """Return all placements, the best first, and the confidence in the best."""
-    count, beta = robot.wheel_count, np.asarray(robot.wheels.azimuths)
-    orders = [p for p in permutations(range(count)) if p[0] == 0 or not even_azimuths(robot)]
-    every = [(p, (1, *s)) for p in orders for s in product((1, -1), repeat=count - 1)]
-    ways = np.array([np.array(s) * np.exp(1j * beta[list(p)]) for p, s in every])  # (H, n)
-    lean_sums = lean_sums_of(_each_wheel(wheels), driven, weights)
-    wheel_sums = wheel_sums_of(wheels, heading, weights > 0.0)
-    total = scores(every, ways, lean_sums.sum(axis=0), wheel_sums.sum(axis=0), beta)
-    blocks = np.array(
-        [
-            scores(every, ways, lean_sums.sum(axis=0) - one, wheel_sums.sum(axis=0) - other, beta).score
-            for one, other in zip(lean_sums, wheel_sums, strict=True)
-        ]
-    )
-    ranked, confidence = ranked_placements(every, total.score, blocks, float(total.unexplained.min()))
-    placements = [
-        Placement(
-            positions=tuple(place + 1 for place in every[h][0]),
-            signs=_fewest_reversed(every[h][1]),
-            phase=float(np.angle(total.gain[h] * _global_sign(every[h][1]))),
-            gain=float(abs(total.gain[h])) / gamma,
-            unexplained=float(total.unexplained[h]),
-            together=float(total.together[h]),
-            misfit=float(np.exp(total.score[h])),
-        )
-        for h in ranked
-    ]
-    return placements, confidence
-
-
-def _fewest_reversed(signs: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(_global_sign(signs) * sign for sign in signs)
-
-
-def _global_sign(signs: tuple[int, ...]) -> int:
-    """Return -1 if more than half of the signs are negative."""
-    return -1 if sum(signs) < 0 else 1
-
-
 def _turning(robot: Robot, wheels: Smooth, placement: Placement) -> NDArray[np.complex128]:
     """Return W_dot, W/|W| and ones (N, 3)."""
     way = placement_way(robot, placement)
-    columns = [wheels.acceleration @ way, _direction(wheels) @ way, np.ones(len(wheels.rate))]
+    columns = [wheels.acceleration @ way, rolling_direction(wheels) @ way, np.ones(len(wheels.rate))]
     return np.column_stack(columns).astype(np.complex128)
-
-
-def placement_way(robot: Robot, placement: Placement) -> NDArray[np.complex128]:
-    """Return s_i e^{j beta} (n,) of the file's wheels."""
-    beta = np.asarray(robot.wheels.azimuths)[np.asarray(placement.positions) - 1]
-    return np.asarray(placement.signs) * np.exp(1j * beta)
 
 
 def _block_gains(
@@ -318,7 +223,7 @@ def _handedness(
     rest = []
     for sigma in (1.0, -1.0):
         second = acceleration + 2j * sigma * turn * rate + (1j * sigma * turn_rate - turn**2) * value
-        X = np.column_stack([W_dot + 1j * sigma * turn * W, _direction(wheels) @ way, np.ones(len(W))])
+        X = np.column_stack([W_dot + 1j * sigma * turn * W, rolling_direction(wheels) @ way, np.ones(len(W))])
         X = X.astype(np.complex128)
         y = second - kappa * value
         left = np.abs(y - X @ _solve(X, y, weights)) ** 2 * weights**2
@@ -354,23 +259,11 @@ def _slow(values: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return np.convolve(values, np.full(count, 1.0 / count), mode="same")
 
 
-def _each_wheel(wheels: Smooth) -> NDArray[np.complex128]:
-    """Return columns (N, 2 n + 1) that give every wheel gains of its own."""
-    ones = np.ones(len(wheels.rate))
-    return np.column_stack([wheels.acceleration, _direction(wheels), ones]).astype(np.complex128)
-
-
-def _direction(wheels: Smooth) -> NDArray[np.float64]:
-    """Return the wheels' speeds (N, n) over their size: the direction in which the ball rolls."""
-    size = np.sqrt((wheels.rate**2).sum(axis=1, keepdims=True))
-    return wheels.rate / (size + ROLLING)
-
-
 def _best_lag(
     lean: Smooth, wheels: Smooth, weights: NDArray[np.float64], kappa: float
 ) -> tuple[float, float]:
     """Return the lag at which the wheels, each with a gain of its own, explain the lean best, and its error."""
-    X, blocks = _each_wheel(wheels), block_numbers(len(weights))
+    X, blocks = each_wheel(wheels), block_numbers(len(weights))
     left = []
     for lag in LAGS:
         y = _driven(lean, kappa, float(lag))
@@ -386,7 +279,7 @@ def _weights(
 
     Rows that are not usable, and those pushed, have weight zero.
     """
-    X = _each_wheel(wheels)
+    X = each_wheel(wheels)
     blocks = np.arange(len(usable)) // round(BLOCK / INTERVAL)
     count = np.bincount(blocks, weights=usable)
     weights, pushed = usable.astype(np.float64), np.zeros_like(usable)

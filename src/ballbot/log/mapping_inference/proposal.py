@@ -21,12 +21,11 @@ from ballbot.log.formats.text import ForeignTable
 from ballbot.log.mapping import Attitude, LogMapping, MotorInput, Source, Timing, TorqueInput, without_resets
 from ballbot.log.mapping_inference.drive import DriveEvidence, drive_evidence
 from ballbot.log.mapping_inference.evidence import CONFIDENT
-from ballbot.log.mapping_inference.file_signals import Raw, Signals, gyro_of, signals_of
+from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, gyro_of, signals_of
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of, heading_test
 from ballbot.log.mapping_inference.placement import LeanTest, lean_test
 from ballbot.log.mapping_inference.roles import Roles, roles_by_data, roles_by_name
 from ballbot.log.mapping_inference.units import (
-    GyroTest,
     Scale,
     lean_units,
     paired_units,
@@ -165,12 +164,12 @@ def propose(path: str | Path, robot: Robot, *, columns: Sequence[str] | None = N
     )
     if raw.commands is None:
         return proposal
-    said = roles.reading(roles.commands)
+    reading = roles.reading(roles.commands)
     mapping = log_mapping(proposal, delay=commands.delay if commands else 0.0)
     expected = [
         (frame.order.index(wheel), frame.signs[wheel - 1]) for wheel in range(1, len(frame.order) + 1)
     ]
-    drive = drive_evidence(mapping, cut, raw.commands, robot, said=said, expected=expected)
+    drive = drive_evidence(mapping, cut, raw.commands, robot, reading=reading, expected=expected)
     return replace(proposal, drive=drive)
 
 
@@ -342,8 +341,8 @@ def _roles(path: str | Path, table: ForeignTable, robot: Robot) -> tuple[Roles, 
 
 
 def _time(path: str | Path, table: ForeignTable, roles: Roles) -> Scale:
-    said = roles.reading((roles.time,)) if roles.time else None
-    found = time_scale(table.columns[roles.time or ""], said.unit if said else None)
+    named = roles.reading((roles.time,)) if roles.time else None
+    found = time_scale(table.columns[roles.time or ""], named.unit if named else None)
     if found is None:
         raise InputError(
             f"{path}: cannot determine the unit of the time {roles.time}: no power of 1000 makes its steps 0.2 ms "

@@ -191,13 +191,14 @@ def _contradictions(proposal: Proposal) -> list[Finding]:
         (roles.commands, drive.unit.unit if drive and drive.unit.kind != "duty" else None),
     ]
     for names, unit in pairs:
-        said = read_name(names[0]).unit if names else None
-        if said is not None and unit is not None and said not in (unit, "%"):
-            sentence = f"The name of {names[0]} has the unit {said}, but its numbers fit {unit}."
+        named = read_name(names[0]).unit if names else None
+        if named is not None and unit is not None and named not in (unit, "%"):
+            sentence = f"The name of {names[0]} has the unit {named}, but its numbers fit {unit}."
             found.append(_finding("warning", "contradiction", sentence, names))
-    said_kind = read_name(roles.commands[0]).input_kind if roles.commands else None
-    if drive and said_kind is not None and drive.unit.kind != said_kind:
-        sentence = f"The name of {roles.commands[0]} is that of a {said_kind}, but its numbers fit a {drive.unit.kind}."
+    named_kind = read_name(roles.commands[0]).input_kind if roles.commands else None
+    if drive and named_kind is not None and drive.unit.kind != named_kind:
+        name, kind = roles.commands[0], drive.unit.kind
+        sentence = f"The name of {name} is that of a {named_kind}, but its numbers fit a {kind}."
         found.append(_finding("warning", "contradiction", sentence, roles.commands))
     return found
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.log.mapping_inference.evidence import TINY
 from ballbot.log.mapping_inference.names import Kind, Reading, read_name
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.units import step_of, time_scale
@@ -251,14 +252,14 @@ def _rest(
         X = np.column_stack([accelerations @ np.exp(1j * azimuths), np.ones(len(accelerations))])[rows]
         rest = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
         # medians, since hands and pushes are not excluded yet
-        unexplained.append(float(np.median(np.abs(rest)) / max(float(np.median(np.abs(y))), 1e-300)) ** 2)
+        unexplained.append(float(np.median(np.abs(rest)) / max(float(np.median(np.abs(y))), TINY)) ** 2)
     return min(unexplained)
 
 
 def _unexplained_fraction(angles: NDArray[np.float64], value: NDArray[np.float64]) -> float:
     X = np.column_stack([angles, np.ones(len(angles))])
     rest = value - X @ np.linalg.lstsq(X, value, rcond=None)[0]
-    return float((rest.var(axis=0) / np.maximum(value.var(axis=0), 1e-300)).max())
+    return float((rest.var(axis=0) / np.maximum(value.var(axis=0), TINY)).max())
 
 
 def _commands(

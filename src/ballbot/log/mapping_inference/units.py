@@ -13,9 +13,7 @@ is in that response: degrees for both fit as well as radians for both, and sizes
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +25,6 @@ from ballbot.log.mapping_inference.evidence import (
     normal_log_weight,
     probabilities,
 )
-from ballbot.log.signals import INTERVAL, Smooth
 from ballbot.robot import Robot
 
 #: intervals between rows that a log may have [s]
@@ -55,14 +52,14 @@ class Scale:
         return self.unit if self.scale == 1.0 else f"{self.unit}, scale {self.scale:.6g}"
 
 
-def time_scale(t: NDArray[np.float64], said: str | None) -> Scale | None:
+def time_scale(t: NDArray[np.float64], named: str | None) -> Scale | None:
     """Return the unit of a column of times by its intervals and name; None if no unit makes it a log's.
 
     Parameters
     ----------
     t : ndarray (N,)
         As the file has it.
-    said : str, optional
+    named : str, optional
         The unit in its name.
     """
     steps = np.diff(t)
@@ -73,16 +70,18 @@ def time_scale(t: NDArray[np.float64], said: str | None) -> Scale | None:
     unit = fitting[0]
     factor = FACTORS["s"][unit]
     rows = f"rows come every {usual:.6g}, as {1e3 * usual * factor:.4g} ms"
-    if said is not None and said != unit:
+    if named is not None and named != unit:
         return Scale(
             unit=unit,
             factor=factor,
-            reason=f"{rows}, but the name says {said}",
+            reason=f"{rows}, but the name has the unit {named}",
             confidence=0.5,
-            alternatives=(said,),
+            alternatives=(named,),
         )
-    if said is not None:
-        return Scale(unit=unit, factor=factor, reason=f"the name says {said}; {rows}", confidence=0.98)
+    if named is not None:
+        return Scale(
+            unit=unit, factor=factor, reason=f"the name has the unit {named}; {rows}", confidence=0.98
+        )
     whole = bool(np.all(t == np.round(t)))
     if whole:
         reason = f"{rows}; whole numbers without a unit in the name may count anything"
@@ -154,22 +153,22 @@ GAIN_DEVIATION = 0.25
 _NAMED = 0.98
 
 
-def lean_units(lean: NDArray[np.float64], said: str | None) -> dict[Scale, float]:
+def lean_units(lean: NDArray[np.float64], named: str | None) -> dict[Scale, float]:
     """Return the units of roll and pitch (N, 2) with the logarithms of their weights, by name and size."""
     size = float(np.nanquantile(np.abs(lean - np.nanmedian(lean, axis=0)), 0.9))
     found = {}
     for unit, factor in (("rad", 1.0), ("deg", math.pi / 180.0)):
-        weight = 0.0 if said is None else math.log(_NAMED if unit == said else 1.0 - _NAMED)
+        weight = 0.0 if named is None else math.log(_NAMED if unit == named else 1.0 - _NAMED)
         if unit == "rad" and size > LEAN_IN_RADIANS:
             weight -= 9.0
         if unit == "deg":
             weight -= 5.0 if size < LEAN_IN_DEGREES else 1.5 if size < LEAN_IN_RADIANS else 0.0
         reason = f"nine tenths of the angles are within {size:.2g}"
-        found[Scale(unit=unit, factor=factor, reason=_said(said, reason))] = weight
+        found[Scale(unit=unit, factor=factor, reason=_with_name(named, reason))] = weight
     return found
 
 
-def wheel_units(angles: NDArray[np.float64], robot: Robot, said: str | None) -> dict[Scale, float]:
+def wheel_units(angles: NDArray[np.float64], robot: Robot, named: str | None) -> dict[Scale, float]:
     """Return the units of wheel angles (N, n) with the logarithms of their weights, by name and encoder step."""
     gear, counts = robot.drive.gear_ratio, float(robot.sensors.encoder_counts)
     steps = [step for step in (step_of(column) for column in angles.T) if step is not None]
@@ -188,28 +187,28 @@ def wheel_units(angles: NDArray[np.float64], robot: Robot, said: str | None) -> 
         candidates += [*motor, ("counts", turn / counts, 1.0, f"{counts:g} counts a turn of the wheel", -3.0)]
     found = {}
     for unit, factor, scale, reason, rare in candidates:
-        weight = rare + _unit_weight(unit, said, whole)
+        weight = rare + _unit_weight(unit, named, whole)
         agrees = step is not None and abs(step * factor / (turn / (counts * gear)) - 1.0) < STEP_AGREEMENT
         if agrees and unit != "counts":
             weight += 5.0
             reason += f"; steps of {step:.5g} are one encoder count"
-        found[Scale(unit=unit, factor=factor, scale=scale, reason=_said(said, reason))] = weight
+        found[Scale(unit=unit, factor=factor, scale=scale, reason=_with_name(named, reason))] = weight
     return found
 
 
-def _unit_weight(unit: str, said: str | None, whole: bool) -> float:
+def _unit_weight(unit: str, named: str | None, whole: bool) -> float:
     if unit == "counts" and not whole:
         return -20.0
     weight = {"rad": 0.0, "deg": -1.0, "turn": -3.0, "counts": -1.0}[unit]
     if whole:
         weight += 8.0 if unit == "counts" else 0.0
-    if said is not None:
-        weight += math.log(_NAMED if unit == said else 1.0 - _NAMED)
+    if named is not None:
+        weight += math.log(_NAMED if unit == named else 1.0 - _NAMED)
     return weight
 
 
-def _said(said: str | None, reason: str) -> str:
-    return reason if said is None else f"the name says {said}; {reason}"
+def _with_name(named: str | None, reason: str) -> str:
+    return reason if named is None else f"the name has the unit {named}; {reason}"
 
 
 def paired_units(
@@ -270,118 +269,3 @@ def _with_confidence(best: Scale, shares: dict[Scale, float]) -> Scale:
         confidence=min(confidence, MOST),
         alternatives=tuple(one.description for one in others if shares[one] > 0.02),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class GyroTest:
-    """How the columns of a gyro belong to roll, pitch and yaw."""
-
-    order: tuple[int, ...]  #: for x, y, z in turn, the place of its column (from 0) among the gyro's
-    signs: tuple[int, ...]  #: of x, y, z, relative to the angles
-    gain: float  #: gyro over rates of the angles, in the unit that follows
-    unit: str
-    factor: float  #: what turns the file's number into rad/s
-    correlations: tuple[float, ...]  #: of x, y, z
-    lag: float  #: angles later than the gyro [s]
-    confidence: float
-    reason: str
-
-
-def gyro_test(
-    gyro: Smooth, attitude: Smooth, usable: NDArray[np.bool_], said: str | None, *, with_yaw: bool
-) -> GyroTest | None:
-    """Compare a gyro with the rates of the angles.
-
-    Parameters
-    ----------
-    gyro : Smooth (N, 3)
-        As the file has it.
-    attitude : Smooth (N, 3)
-        Roll, pitch and yaw [rad]; yaw zero if there is none.
-    usable : ndarray (N,)
-    said : str, optional
-        The unit in the names.
-    with_yaw : bool
-        Whether there is a yaw; if not, the last column is believed by its name.
-
-    Returns
-    -------
-    GyroTest or None
-        None if the gyro does not follow the angles.
-    """
-    lags = np.arange(-4, 9)
-    rates = _body_rates(attitude)
-    best = max(lags, key=lambda lag: _strength(gyro.value, np.roll(rates, -lag, axis=0), usable, with_yaw))
-    shifted = np.roll(rates, -int(best), axis=0)
-    R = _correlations(gyro.value[usable], shifted[usable])
-    count = 3 if with_yaw else 2
-    order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in range(count)))
-    slopes = [_slope(gyro.value[usable, order[axis]], shifted[usable, axis]) for axis in range(count)]
-    strength = [abs(float(R[order[axis], axis])) for axis in range(count)]
-    if min(strength[:2]) < 0.5:
-        return None
-    gain = float(np.exp(np.mean(np.log(np.abs(slopes[:2])))))
-    unit, factor, fits = _gyro_unit(gain, said)
-    signs = tuple(1 if slope > 0.0 else -1 for slope in slopes)
-    heading = 1.0 if len(strength) < 3 or strength[2] > 0.6 else 0.85
-    return GyroTest(
-        order=tuple(order),
-        # without a yaw, axes of one handedness
-        signs=signs
-        if len(signs) == 3
-        else (*signs, signs[0] * signs[1] * (1 if order[:2] == (0, 1) else -1)),
-        gain=gain * factor,
-        unit=unit,
-        factor=factor,
-        correlations=tuple(strength),
-        lag=float(best) * INTERVAL,
-        confidence=fits * heading * (0.99 if min(strength[:2]) > 0.75 else 0.92),
-        reason=f"correlations with the rates of the angles {', '.join(f'{r:.2f}' for r in strength)}; "
-        f"gain {gain * factor:.2f}",
-    )
-
-
-def _gyro_unit(gain: float, said: str | None) -> tuple[str, float, float]:
-    """Return the unit nearest to a gain over rad/s, its factor, and how far it is believed."""
-    units = {"rad/s": 1.0, "deg/s": math.pi / 180.0}
-    unit = min(units, key=lambda one: abs(math.log(gain * units[one])))
-    off = abs(math.log(gain * units[unit]))
-    fits = 1.0 if off < 0.3 else 0.93 if off < 0.6 else 0.4
-    return unit, units[unit], fits if said in (None, unit) else 0.5
-
-
-def _body_rates(attitude: Smooth) -> NDArray[np.float64]:
-    """Return the angular velocity (N, 3) about the IMU's axes from roll, pitch, yaw and their rates."""
-    roll, pitch, _ = attitude.value.T
-    roll_dot, pitch_dot, yaw_dot = attitude.rate.T
-    return np.column_stack(
-        [
-            roll_dot - yaw_dot * np.sin(pitch),
-            pitch_dot * np.cos(roll) + yaw_dot * np.sin(roll) * np.cos(pitch),
-            -pitch_dot * np.sin(roll) + yaw_dot * np.cos(roll) * np.cos(pitch),
-        ]
-    )
-
-
-def _strength(
-    gyro: NDArray[np.float64], rates: NDArray[np.float64], usable: NDArray[np.bool_], with_yaw: bool
-) -> float:
-    R = np.abs(_correlations(gyro[usable], rates[usable]))
-    axes: Sequence[int] = (0, 1, 2) if with_yaw else (0, 1)
-    return float(max(sum(R[p[axis], axis] for axis in axes) for p in permutations(range(3))))
-
-
-def _correlations(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlations (3, 3) of columns of `a` with columns of `b`; zero of a column that is still."""
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    return np.divide(a.T @ b, size, out=np.zeros_like(size), where=size > 1e-12)
-
-
-def _slope(y: NDArray[np.float64], x: NDArray[np.float64]) -> float:
-    """Return the slope between two noisy signals: the ratio of their sizes, with the sign of their correlation."""
-    x, y = x - x.mean(), y - y.mean()
-    product, size = float(x @ y), float(x @ x)
-    # the angles' rates are the noisier: the mean of both regressions
-    forward, reverse = product / max(size, 1e-300), float(y @ y) / product if product else 1e-300
-    return math.copysign(math.sqrt(abs(forward * reverse)), product)

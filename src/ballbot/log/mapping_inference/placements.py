@@ -1,4 +1,4 @@
-"""How well every order of the wheels and every choice of their signs fits a log of balancing.
+"""All placements of the wheels: how well every order and every choice of signs fits a log of balancing.
 
 What is left of the lean's acceleration, and how much of the wheels' motion is neither lean nor heading, both from sums
 over blocks of the log, so that every placement, with each block left out in turn, takes a small system of equations.
@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.mapping_inference.evidence import MOST, jackknife_error, probabilities
+from ballbot.log.mapping_inference.evidence import MOST, TINY, jackknife_error, probabilities
 from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.robot import Robot
 
 #: windows [s] that share one weight, one over their residual's size, and that the jackknife leaves out in turn
 BLOCK = 1.0
@@ -27,6 +29,102 @@ LEAST_TOGETHER = 0.003
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: part of the standard errors by which a placement is behind the best that is believed
 BELIEVED_ERRORS = 0.6
+#: wheel speed (root of the sum of squares) below which the ball hardly rolls, and rolling friction has no sign [rad/s]
+ROLLING = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placement:
+    """One way in which the wheels' columns may sit on the robot, and how well the log agrees."""
+
+    positions: tuple[int, ...]  #: for the file's wheels in turn, the robot's wheel (from 1)
+    signs: tuple[int, ...]  #: of the file's wheels in turn, up to all of them
+    phase: float  #: [rad], the angle of gamma
+    gain: float  #: its size, over the robot's own gamma
+    unexplained: float  #: share of the lean's acceleration
+    together: float  #: share of the wheels' motion that is neither lean nor heading
+    misfit: float  #: unexplained, times the root of together
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the wheels are numbered in the direction opposite to the robot's."""
+        count = len(self.positions)
+        return count > 2 and self.positions == (1, *range(count, 1, -1))
+
+    @property
+    def reversed_wheels(self) -> tuple[int, ...]:
+        """The file's wheels (from 1) that count against the others."""
+        return tuple(i for i, sign in enumerate(self.signs, start=1) if sign < 0)
+
+    @property
+    def description(self) -> str:
+        """The placement in words."""
+        own = self.positions == tuple(range(1, len(self.positions) + 1))
+        order = "mirrored" if self.mirrored else "as the robot's" if own else f"order {self.positions}"
+        wheels = self.reversed_wheels
+        if not wheels:
+            return order
+        return f"{order}, wheel{'s' if len(wheels) > 1 else ''} {' and '.join(map(str, wheels))} reversed"
+
+
+def even_azimuths(robot: Robot) -> bool:
+    """Return whether turning the robot by one wheel's angle gives the same robot."""
+    beta = np.asarray(robot.wheels.azimuths)
+    steps = np.exp(1j * np.diff(beta))
+    return bool(np.allclose(steps, np.exp(2j * np.pi / len(beta)), atol=1e-3))
+
+
+def ranked_placements(
+    robot: Robot,
+    driven: NDArray[np.complex128],
+    wheels: Smooth,
+    heading: Smooth | None,
+    weights: NDArray[np.float64],
+    gamma: float,
+) -> tuple[list[Placement], float]:
+    """Return all placements, the best first, and the confidence in the best."""
+    count, beta = robot.wheel_count, np.asarray(robot.wheels.azimuths)
+    orders = [p for p in permutations(range(count)) if p[0] == 0 or not even_azimuths(robot)]
+    every = [(p, (1, *s)) for p in orders for s in product((1, -1), repeat=count - 1)]
+    ways = np.array([np.array(s) * np.exp(1j * beta[list(p)]) for p, s in every])  # (H, n)
+    lean_sums = lean_sums_of(each_wheel(wheels), driven, weights)
+    wheel_sums = _wheel_sums(wheels, heading, weights > 0.0)
+    total = _scores(every, ways, lean_sums.sum(axis=0), wheel_sums.sum(axis=0), beta)
+    blocks = np.array(
+        [
+            _scores(every, ways, lean_sums.sum(axis=0) - one, wheel_sums.sum(axis=0) - other, beta).score
+            for one, other in zip(lean_sums, wheel_sums, strict=True)
+        ]
+    )
+    ranked, confidence = _ranked(every, total.score, blocks, float(total.unexplained.min()))
+    placements = [
+        Placement(
+            positions=tuple(place + 1 for place in every[h][0]),
+            signs=_fewest_reversed(every[h][1]),
+            phase=float(np.angle(total.gain[h] * _global_sign(every[h][1]))),
+            gain=float(abs(total.gain[h])) / gamma,
+            unexplained=float(total.unexplained[h]),
+            together=float(total.together[h]),
+            misfit=float(np.exp(total.score[h])),
+        )
+        for h in ranked
+    ]
+    return placements, confidence
+
+
+def _fewest_reversed(signs: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(_global_sign(signs) * sign for sign in signs)
+
+
+def _global_sign(signs: tuple[int, ...]) -> int:
+    """Return -1 if more than half of the signs are negative."""
+    return -1 if sum(signs) < 0 else 1
+
+
+def placement_way(robot: Robot, placement: Placement) -> NDArray[np.complex128]:
+    """Return s_i e^{j beta} (n,) of the file's wheels."""
+    beta = np.asarray(robot.wheels.azimuths)[np.asarray(placement.positions) - 1]
+    return np.asarray(placement.signs) * np.exp(1j * beta)
 
 
 def _usual(order: tuple[int, ...], signs: tuple[int, ...], count: int) -> float:
@@ -43,7 +141,7 @@ def _usual(order: tuple[int, ...], signs: tuple[int, ...], count: int) -> float:
     return math.log(p * (EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)))
 
 
-def ranked_placements(
+def _ranked(
     every: list[tuple[tuple[int, ...], tuple[int, ...]]],
     score: NDArray[np.float64],
     blocks: NDArray[np.float64],
@@ -76,14 +174,14 @@ class _Scores:
     score: NDArray[np.float64]
 
 
-def scores(
+def _scores(
     every: list[tuple[tuple[int, ...], tuple[int, ...]]],
     ways: NDArray[np.complex128],
     lean_sums: NDArray[np.complex128],
     wheel_sums: NDArray[np.float64],
     beta: NDArray[np.float64],
 ) -> _Scores:
-    """Return how well placements fit sums over rows, as `_lean_sums` and `_wheel_sums` make them."""
+    """Return how well placements fit sums over rows, as `lean_sums_of` and `_wheel_sums` make them."""
     n, H = ways.shape[1], len(ways)
     C = np.zeros((H, 2 * n + 1, 3), dtype=np.complex128)
     C[:, :n, 0], C[:, n : 2 * n, 1], C[:, 2 * n, 2] = ways, ways, 1.0
@@ -92,15 +190,16 @@ def scores(
     normal, right = left @ G @ C, left @ r
     normal = normal + 1e-12 * np.trace(normal, axis1=1, axis2=2).real[:, None, None] * np.eye(3)
     found = np.linalg.solve(normal, right[..., None])[..., 0].astype(np.complex128)
-    offset = float(abs(r[-1]) ** 2 / max(float(G[-1, -1].real), 1e-300))
+    offset = float(abs(r[-1]) ** 2 / max(float(G[-1, -1].real), TINY))
     rest = y - np.einsum("hi,hi->h", right.conj(), found).real
-    unexplained = np.maximum(rest, 1e-300) / max(y - offset, 1e-300)
+    unexplained = np.maximum(rest, TINY) / max(y - offset, TINY)
     together = np.array([_together(order, signs, wheel_sums, beta) for order, signs in every])
     score = np.log(unexplained) + 0.5 * np.log(together + LEAST_TOGETHER)
     return _Scores(gain=found[:, 0], unexplained=unexplained, together=together, score=score)
 
 
 def block_numbers(count: int) -> NDArray[np.intp]:
+    """Return the number of the block (N,) that each of `count` even rows is in."""
     return np.arange(count) // round(BLOCK / INTERVAL)
 
 
@@ -114,7 +213,7 @@ def lean_sums_of(
     return np.array([table[blocks == b].conj().T @ table[blocks == b] for b in kept])
 
 
-def wheel_sums_of(wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _wheel_sums(wheels: Smooth, heading: Smooth | None, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return products (B, n + 1, n + 1) of the wheels' speeds and the heading's rate, less their means, by blocks."""
     rate = np.zeros(len(usable)) if heading is None else heading.rate[:, 0]
     table = np.column_stack([wheels.rate, rate])
@@ -134,4 +233,16 @@ def _together(
     basis, _ = np.linalg.qr(np.column_stack([ones, np.cos(angles), np.sin(angles)]))
     outside = float(np.trace(G) - np.trace(basis.T @ G @ basis))
     total = float(ones @ G @ ones) - (float(ones @ with_rate) ** 2 / rate if rate > 0.0 else 0.0)
-    return max(outside + total, 0.0) / max(float(np.trace(G)), 1e-300)
+    return max(outside + total, 0.0) / max(float(np.trace(G)), TINY)
+
+
+def each_wheel(wheels: Smooth) -> NDArray[np.complex128]:
+    """Return columns (N, 2 n + 1) that give every wheel gains of its own."""
+    ones = np.ones(len(wheels.rate))
+    return np.column_stack([wheels.acceleration, rolling_direction(wheels), ones]).astype(np.complex128)
+
+
+def rolling_direction(wheels: Smooth) -> NDArray[np.float64]:
+    """Return the wheels' speeds (N, n) over their size: the direction in which the ball rolls."""
+    size = np.sqrt((wheels.rate**2).sum(axis=1, keepdims=True))
+    return wheels.rate / (size + ROLLING)
