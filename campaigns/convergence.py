@@ -61,7 +61,7 @@ class Forces(NamedTuple):
 
     q_ddot: NDArray[np.float64]  #: (5,)
     wheels: NDArray[np.float64]  #: (n,) [N m]; those of sticking wheels by their constraint
-    floor: NDArray[np.float64]  #: (2,) [N], likewise; friction acts against what both say
+    floor: NDArray[np.float64]  #: (2,) [N], likewise; friction opposes the force that both give
 
 
 class EventDriven:
@@ -92,7 +92,7 @@ class EventDriven:
     def _until_event(
         self, t: float, end: float, state: NDArray[np.float64], u: NDArray[np.float64], mode: Mode
     ) -> tuple[float, NDArray[np.float64], Mode]:
-        """Integrate to the next event or `end`; return where that is and what the contacts do from there on."""
+        """Integrate to the next event or `end`; return its time, its state and the mode of the contacts after it."""
         n = len(mode.signs)
         events = [self._wheel_event(wheel, u, mode) for wheel in range(n)] + [self._ball_event(u, mode)]
         run = solve_ivp(
@@ -147,9 +147,9 @@ class EventDriven:
     def _consistent(
         self, state: NDArray[np.float64], u: NDArray[np.float64], resting: set[int], mode: Mode
     ) -> tuple[NDArray[np.float64], Mode]:
-        """Return what contacts at rest do: stick within their limits, or slide the way that they are accelerated.
+        """Return the mode of contacts at rest: they stick within their limits, or slide as they are accelerated.
 
-        The ball sticks where it can. Where it cannot, it is given the speed of rest, the way that it was held from.
+        The ball sticks if it can. Otherwise it starts at the speed of rest, in the direction that friction held back.
         """
         n = len(mode.signs)
         wheels, ball_rests = sorted(resting - {n}), n in resting
@@ -293,7 +293,7 @@ def observed_order(steps: tuple[float, ...], values: NDArray[np.float64]) -> flo
 
 
 def changes(known: Followed) -> int:
-    """Return how often what the wheels do changes."""
+    """Return how often the mode of the contacts changes."""
     return sum(a.mode != b.mode for a, b in zip(known.phases, known.phases[1:], strict=False))
 
 

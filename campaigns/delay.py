@@ -49,7 +49,7 @@ BELIEFS: Mapping[str, int | None] = {
 
 
 def controller_for(known: Robot, name: str, belief: str, delay: int) -> Controller | None:
-    """Return a controller that believes in a delay; None where the belief is none that a controller can have."""
+    """Return a controller that assumes a delay; None if a controller cannot have that delay."""
     plain, off = CONTROLLERS[name](known), BELIEFS[belief]
     if off is None:
         return plain

@@ -208,12 +208,12 @@ class Commands:
 
 
 def run_line(words: list[str]) -> None:
-    """Run a command line; InputError with what it said where it is refused.
+    """Run a command line; raise InputError with its sentence if it is refused.
 
     Raises
     ------
     AssertionError
-        Where it ends otherwise than with success or one sentence.
+        If it ends neither with success nor with one sentence.
     """
     out, err = io.StringIO(), io.StringIO()
     began = sys.argv

@@ -125,7 +125,7 @@ PARTS: Mapping[str, Part] = {
 
 
 def compared_run(robot: Robot, name: str, reference: str, seed: int) -> ComparedRun:
-    """Return a run of a part on the nominal twin; `robot` has the friction that is known."""
+    """Return a run of a part on the nominal twin; `robot` has the identified friction."""
     return ComparedRun(
         candidate=name,
         controller=PARTS[name].make(robot),
@@ -271,7 +271,7 @@ class Task:
     duration: float  #: [s]
     seeds: range
     off: bool = (
-        False  #: whether the twin's mass, height and friction are each 20 % above or below what is known
+        False  #: whether the twin's mass, height and friction are each 20 % above or below the robot file's
     )
     precise: bool = True  #: or the nominal gain, uncompensated, with the thesis's state
 
@@ -299,7 +299,7 @@ TASKS = {
 
 
 def another(seed: int) -> tuple[Robot, Scenario]:
-    """Return a robot whose mass, height and friction are each 20 % above or below what is known, by chance."""
+    """Return a robot whose mass, height and friction are each drawn 20 % above or below the nominal values."""
     mass, height, friction = 1.0 + OFF * np.random.default_rng([seed, 20]).choice([-1.0, 1.0], 3)
     robot = ALTEN.replace(body=scaled_body(ALTEN.body, mass=mass, height=height))
     nominal = Scenario.nominal(robot)

@@ -8,7 +8,7 @@ is the least such sum with torques and wheel speeds within their limits, by the 
 
 Limits are soft: with z for C such that the corrections cost z' z / 2, what lies d from a limit's half-space costs
 d^2 / (2 SOFTNESS) more. c is given at the nodes, runs straight between them, and is zero from the last on (1.5 s);
-there the law goes on. Where the law keeps the limits by itself, c = 0 and it is left alone to the bit. The solver is
+there the law goes on. If the law keeps the limits by itself, c = 0 and it is left alone to the bit. The solver is
 DAQP, a dual active-set method (pip install 'ballbot[peers]').
 """
 

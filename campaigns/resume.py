@@ -44,9 +44,9 @@ class Identification:
     def finish(self) -> dict[str, bytes]:
         """Run it to its end and return what it has written."""
         process = self.start()
-        _, told = process.communicate()
+        _, errors = process.communicate()
         if process.returncode:
-            raise RuntimeError(told.decode())
+            raise RuntimeError(errors.decode())
         return {name: (self.folder / "out" / name).read_bytes() for name in OUTPUTS}
 
     def kill_after(self, seconds: float) -> int | None:

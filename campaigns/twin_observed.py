@@ -56,7 +56,7 @@ class Ripple:
 
     @property
     def background(self) -> float:
-        """Median amplitude of what is neither the mean nor the counts' noise."""
+        """Median amplitude between the mean and the encoder counts' noise."""
         return float(np.median(self.amplitude[(self.order > 3) & (self.order < 40)]))
 
 
@@ -110,17 +110,17 @@ class Spectrum:
 
     @property
     def peak(self) -> float:
-        """Where it is strongest [Hz]."""
+        """Frequency of the largest power [Hz]."""
         return float(self.frequency[np.argmax(self.power)])
 
     @property
     def height(self) -> float:
-        """The strongest over the median."""
+        """Ratio of the largest power to the median."""
         return float(self.power.max() / np.median(self.power))
 
 
 def residual_spectrum(log: Log, friction: Friction) -> Spectrum:
-    """Return the spectrum of what the exact model with that friction cannot tell of the next sample."""
+    """Return the spectrum of the one-step residuals of the exact model with that friction."""
     model = Model(ROBOT.replace(friction=friction))
     residuals = [
         after[5] - model.advance(before, u, log.sample_time)[5]
@@ -281,7 +281,7 @@ class Run:
     compensation: Compensation = "none"
 
 
-#: the runs by what they show
+#: the runs, by the observation that they show
 ERRORS = [
     Run(reference=reference, seed=seed, compensation=kind)
     for kind in COMPENSATIONS
@@ -297,7 +297,7 @@ DRIFTING = Run(duration=180.0)
 
 
 def closed_loop(run: Run) -> Log:
-    """Make a run; what is compensated is the true friction."""
+    """Make a run; the controller compensates the true friction."""
     knowing = ROBOT.replace(friction=run.scenario.friction)
     controller = nominal_controller(knowing, compensation=run.compensation)
     twin = Twin(ROBOT, run.scenario)

@@ -34,8 +34,8 @@ def check_log(
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
-    For a file that is not in Ballbot's format, propose a mapping and test it against the robot's equations. What cannot
-    be determined is a line to fill in, and the exit code is 2.
+    For a file that is not in Ballbot's format, propose a mapping and test it against the robot's equations. If an
+    entry cannot be determined, the mapping leaves its line to fill in, and the exit code is 2.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
@@ -51,7 +51,7 @@ def check_log(
         A TOML file that describes the columns and units of a foreign log. If not given, one is proposed.
     columns
         The names of a foreign table's columns in its order, with commas between, for a file without a header:
-        t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. A name such as _ says nothing about its column.
+        t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
     out
         A folder for results.json and, for a foreign file, the mapping and the converted log.
     """
@@ -70,7 +70,7 @@ def check_log(
 
 
 def _column_names(columns: str | None) -> list[str] | None:
-    """Return the names of --columns; those that say nothing get a number, so that all differ."""
+    """Return the names of --columns; names of unknown columns get a number, so that all differ."""
     if columns is None:
         return None
     names = [name.strip() for name in columns.split(",")]
@@ -106,7 +106,7 @@ def _propose(
     Raises
     ------
     InputError
-        If something cannot be determined, after what is known was shown and written.
+        If an entry cannot be determined; everything that was determined is shown and written first.
     """
     console = standard_output()
     with console.status("comparing the columns with the robot"):

@@ -97,7 +97,7 @@ def argv() -> list[str]:
 
 
 def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
-    """Return the files among what a command line names, each once: a preset's name is none."""
+    """Return the files among what a command line names, each once: a preset's name is not a file."""
     paths: dict[Path, None] = {}
     for one in given:
         for name in [one] if isinstance(one, str | Path) else one or ():

@@ -77,7 +77,7 @@ def change_pose(
     Parameters
     ----------
     x, y, psi : float
-        Where to [m, m, rad].
+        The final pose [m, m, rad].
     at : float
         When the change begins [s].
     ramp : float
@@ -164,7 +164,7 @@ def named_reference(name: str) -> Reference:
     Raises
     ------
     InputError
-        If there is none; the sentence lists the names.
+        If no reference has that name; the sentence lists the names.
     """
     try:
         return REFERENCES[name.replace("-", "_")]()
@@ -183,9 +183,9 @@ def _check_positive(what: str, value: float) -> None:
         raise InputError(f"The reference's {what} is {value:g}; it must be positive.")
 
 
-#: the columns, and the states that they ask for
+#: the columns, and the places in the state of their values
 _FILE_COLUMNS, _POSE_PLACES = ("ref_x", "ref_y", "ref_psi"), [0, 1, 4]
-#: what rounding may put a time before the row that it means, in shares of the first interval
+#: a time that rounding puts before its row by no more than this share of the first interval belongs to the row
 _FILE_ROUNDING = 1e-6
 
 

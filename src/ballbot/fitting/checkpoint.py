@@ -1,4 +1,4 @@
-"""Checkpoints: a long run that is killed continues bit for bit from a journal of what it has computed.
+"""Checkpoints: a long run that is killed continues bit for bit from a journal of its computed values.
 
 A run is determined by its inputs and by the answers to its expensive questions: the costs of a population, the
 normal equations about a point, a batch of a bootstrap. Each answer is written, with its question, before it is used.
@@ -10,11 +10,11 @@ The file is text, a JSON object a line, floats with as many digits as give the s
     {"format": "ballbot checkpoint 4", "belongs_to": {"robot": "sha256 ...", ...}, "sha256": "..."}
     {"stage": "evolution", "question": {"shape": [24, 12], ...}, "answer": [...], "sha256": "..."}
 
-It is written anew, whole, at every answer (`ballbot.files`), so that it is never a part of one. A line ends with the
-SHA-256 of the line before's and of its own text, so that a line that was changed, added or taken out is noticed before
-any of it is used.
+It is written anew, whole, at every answer (`ballbot.files`), so that it never holds a part of an answer. A line ends
+with the SHA-256 of the line before's and of its own text, so that a line that was changed, added or taken out is
+noticed before any of it is used.
 
-What the last bits of a result depend on besides its inputs: versions, and the processor code is compiled for.
+The last bits of a result also depend on the versions of the packages and on the processor that code is compiled for.
 """
 
 from __future__ import annotations
@@ -121,11 +121,11 @@ def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: 
     Parameters
     ----------
     path : str or Path
-        Of the file.
+        The checkpoint's file.
     belongs_to : mapping of str to str
-        What the answers depend on, each by a plain name; see `identity`.
+        Hashes and values of all inputs that the answers depend on, by plain names; see `identity`.
     resume : bool
-        Continue with the file; begin if there is none.
+        Continue from the file; begin a new one if it does not exist.
 
     Raises
     ------
@@ -148,13 +148,13 @@ def open_checkpoint(path: str | Path, *, belongs_to: Mapping[str, str], resume: 
 
 
 def identity(robot: Robot, logs: Sequence[Log], options: Mapping[str, object]) -> dict[str, str]:
-    """Return what a run belongs to: its robot, logs and options, and the machine's kind and versions."""
+    """Return the identity of a run: hashes of its robot and logs, its options, the kind of machine and the versions."""
     columns = [(log.names, *(log[name] for name in log.names)) for log in logs]
     return identity_of({"robot": [robot], "logs": [part for log in columns for part in log]}, options)
 
 
 def identity_of(inputs: Mapping[str, Sequence[object]], options: Mapping[str, object]) -> dict[str, str]:
-    """Return what a run belongs to: inputs by name, each of parts for `digest`, its options, and the machine's kind."""
+    """Return the identity of a run from its inputs by name (each a list of parts for `digest`) and its options."""
     return {
         **{name: digest(*parts).hex() for name, parts in inputs.items()},
         **{name: str(value) for name, value in options.items()},
@@ -182,7 +182,7 @@ def _read(path: Path) -> list[bytes]:
 
 
 def _header(path: Path, lines: Sequence[bytes]) -> dict[str, str]:
-    """Return what the file's run belongs to, or raise InputError if the file is no checkpoint of this version."""
+    """Return the identity of the file's run; raise InputError if the file is no checkpoint of this version."""
     try:
         header = json.loads(lines[0])
         written, belongs_to = str(header["format"]), dict(header["belongs_to"])
@@ -246,5 +246,5 @@ def _array(plain: Mapping[str, list]) -> NDArray[np.float64]:
 
 
 def _text(plain: object) -> str:
-    """Return what the file holds; equal texts are equal bits, but for the many kinds of NaN."""
+    """Return a value as text of the file; equal texts are equal bits, except for the many kinds of NaN."""
     return json.dumps(plain)

@@ -36,7 +36,7 @@ from ballbot.fitting.uncertainty import (
 
 
 class Repeated(Protocol):
-    """Where a repeated fit ended."""
+    """Result of a repeated fit."""
 
     @property
     def point(self) -> NDArray[np.float64]:
@@ -60,7 +60,7 @@ class RepeatableFit(Repeated, Protocol):
 
     @property
     def coordinates(self) -> ParameterSpace:
-        """What its parameters are."""
+        """Its parameters."""
         ...
 
     @property
@@ -174,7 +174,7 @@ WIDEST = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """Where a parameter is with a confidence of 95 %, SI units; infinite on a side that the logs do not limit."""
+    """A 95 % confidence interval of a parameter, SI units; infinite on a side that the logs do not limit."""
 
     lower: float
     upper: float
@@ -185,7 +185,7 @@ class Interval:
         return self.lower <= value <= self.upper
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds; a side without limit is None."""
+        """Return the entry of results.json; a side without limit is None."""
         return {
             "lower": self.lower if math.isfinite(self.lower) else None,
             "upper": self.upper if math.isfinite(self.upper) else None,
@@ -195,7 +195,7 @@ class Interval:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Errors:
-    """Of parameters (p,), scaled; NaN if there is none."""
+    """Standard errors of parameters (p,), scaled; NaN if not estimated."""
 
     point: NDArray[np.float64]  #: the estimate
     clustered: NDArray[np.float64]
@@ -204,7 +204,7 @@ class Errors:
 
     @property
     def half_width(self) -> NDArray[np.float64]:
-        """What lies on either side of the estimate (p,), by the larger error."""
+        """Half width of the interval (p,), by the larger error."""
         return self.quantile * np.fmax(self.clustered, self.bootstrap)
 
     @property

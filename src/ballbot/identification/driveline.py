@@ -47,7 +47,7 @@ _BALL = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
 def check_wheels_free(log: Log) -> None:
     """Refuse the log of a robot that balances, or that has the ball on its wheels.
 
-    A log without lean and without the ball's angular velocity tells neither, and passes.
+    A log without lean and without the ball's angular velocity shows neither, and passes.
 
     Raises
     ------
@@ -144,7 +144,7 @@ class DrivelineFit:
     correlation: NDArray[np.float64]  #: (5, 5)
     unknown: NDArray[
         np.bool_
-    ]  #: (5,) what the sweep cannot tell; the value is where the search happened to end
+    ]  #: (5,) parameters that the sweep does not determine; their values are arbitrary
     cost: float  #: (3.5) over the samples compared [rad/s]
     samples: int
     rmse: float  #: [rad/s]

@@ -1,8 +1,8 @@
-"""What logs can show: whether they excite the parameters, and effects that the model does not have.
+"""Checks of logs before identification: do they excite the parameters, and do they show effects outside the model?
 
-Excitation is checked before anything is estimated. A log without motion or torque is refused as a whole. Short of that,
-what a log cannot give is refused by name: such parameters take part in the fit, since a wheel that friction holds
-throughout has friction, but get no number.
+Excitation is checked before anything is estimated. A log without motion or torque is refused as a whole. Otherwise
+the parameters that a log cannot determine are refused by name: they take part in the fit, since a wheel that friction
+holds throughout has friction, but get no number.
 
 Chatter. Wheels that swing to and fro within the gearbox's play are predicted wrongly by a model without play, and more
 so with friction. A stiff gain makes motors chatter: they cross the play, strike, and are turned back before ball and
@@ -50,9 +50,9 @@ LEAST_SHARE = 0.1
 WINDOWS_PER_PARAMETER = 2
 #: b and c are one number where a wheel's speed varies by less than this share of it
 LEAST_VARIATION = 0.1
-#: what a motor's torque and its changes from row to row must reach, root mean square [N m]
+#: least root mean square of a motor's torque, and of its changes from row to row [N m]
 LEAST_TORQUE = 5e-3
-#: what must move for the rigid body to show: root mean square over the windows, and the states that do
+#: least motion that excites a group of rigid-body parameters: root mean square over the windows of these states
 _MOTIONS = (
     (("rolling",), ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
     (("center_of_mass",), ("theta", "phi"), 3e-3, "rad", "the robot hardly leans"),
@@ -65,7 +65,7 @@ _MOTIONS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Excitation:
-    """What logs can give."""
+    """The parameters that logs can and cannot determine."""
 
     refused: NDArray[np.bool_]  #: (p,), free parameters that they cannot determine
     remarks: tuple[Finding, ...]  #: one for each reason
@@ -109,7 +109,7 @@ def check_torques(windows: Windows) -> None:
 
 
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
-    """Refuse logs without motion, and of those with it what they cannot give.
+    """Refuse logs without motion, and the parameters that the other logs cannot determine.
 
     Raises
     ------
@@ -282,7 +282,7 @@ HEADING = ("psi", "psi_dot")
 
 
 def share_shown(log: Log, robot: Robot) -> float | None:
-    """Return the share of the heading's turning that the wheels show; None if the log does not tell."""
+    """Return the share of the heading's turning that the wheels show; None if the log does not determine it."""
     if not {*wheel_speed_names(robot.wheel_count), *STATE_NAMES} <= set(log.names) or len(log) < 2:
         return None
     rate, spin = log["psi_dot"], ball_spin(log, robot)
@@ -297,7 +297,7 @@ def share_shown(log: Log, robot: Robot) -> float | None:
 def heading_findings(
     shares: Sequence[float | None], *, excluded_states: Sequence[str], estimated: Sequence[str]
 ) -> list[Finding]:
-    """Return a warning where wheels do not show the heading of logs, with what was done or what to do about it.
+    """Return a warning if the wheels do not show the heading of a log; it states the measure taken or the remedy.
 
     Parameters
     ----------

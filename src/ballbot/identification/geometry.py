@@ -1,16 +1,15 @@
-"""What a survey of the geometry means, in sentences: where a tape measure was wrong, and what a log could not tell.
-
-A robot's geometry from all its logs, against what its file says.
+"""A robot's geometry from all its logs, compared with its file.
 
 Upside down, the ball on the wheels gives r_b / r_w, tilt and azimuths; a balancing run that cameras watched gives
 r_w / cos(tilt) and the azimuths again; both together give each radius:
 
     r_w = (r_w / cos alpha) cos alpha        r_b = (r_b / r_w) r_w
 
-Standard errors are the delta method's, the two kinds of log being independent. They say what noise leaves open, and
-not the few tenths of a percent by which real rollers slip and a ball dents: `SLIP` and `SLIP_ANGLE` stand for those.
+Standard errors are the delta method's, the two kinds of log being independent. They include the
+noise, but not the few tenths of a percent by which real rollers slip and a ball dents; `SLIP` and `SLIP_ANGLE` are
+bounds on these.
 
-The robot with the geometry that its logs gave, and how well each value is known.
+The findings name the values of the file that the logs contradict, and those that the logs do not determine.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class Measured:
     name: str  #: as in robot files where it stands there: "wheels.tilt", "wheels.azimuths[0]"
     value: float  #: SI units
     standard_error: float
-    in_file: float  #: what the file says, or makes of it
+    in_file: float  #: the file's value, or the value that follows from the file
     unit: str  #: "m", "rad" or "1"
     kind: str  #: of logs that it is from: "upside down", "balancing" or "both"
 
@@ -62,13 +61,13 @@ class Measured:
 
     @property
     def slip(self) -> float:
-        """What slip may feign, in the quantity's unit."""
+        """Largest error that slip may cause, in the quantity's unit."""
         return SLIP_ANGLE if self.unit == "rad" else SLIP * abs(self.value)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Geometry:
-    """What logs tell of a robot's geometry."""
+    """A robot's geometry as its logs determine it."""
 
     measured: tuple[Measured, ...]
     wheel_ratios: tuple[Measured, ...]  #: r_b / r_w of each wheel by itself; empty without upside-down logs
@@ -115,7 +114,7 @@ def survey_geometry(
     Parameters
     ----------
     robot : Robot
-        Its values are where the search begins, and what the result is held against.
+        Its values start the search, and the result is compared with them.
     upside_down : sequence of Log
         With wheel1 .. wheeln and ball_omega_x, _y, _z in the robot's frame.
     balancing : sequence of (Log, Log)
@@ -318,18 +317,18 @@ _AGREES = (
 
 
 def geometry_findings(geometry: Geometry) -> list[Finding]:
-    """Return what is to be known of a geometry, the gravest first."""
+    """Return the findings about a geometry, the most severe first."""
     turns = {kind: _frame_turn(geometry, kind) for kind in ("upside down", "balancing")}
     remarks = [_turned(kind, turn) for kind, turn in turns.items() if turn]
     both_radii = any(one.kind == "both" for one in geometry.measured)
-    told: set[str] = set()
+    reported: set[str] = set()
     for one in geometry.measured:
-        # with both radii known, their ratio would only say the same again
-        said_by_radii = both_radii and "/" in one.name
+        # with both radii known, their ratio adds nothing
+        covered_by_radii = both_radii and "/" in one.name
         turn = turns.get(one.kind, 0.0) if "azimuths" in one.name else 0.0
-        if one.name not in told and not said_by_radii and _stands_out(one, turn):
+        if one.name not in reported and not covered_by_radii and _stands_out(one, turn):
             remarks.append(_sentence(one))
-            told.add(one.name)
+            reported.add(one.name)
     for number, one in enumerate(geometry.wheel_ratios, start=1):
         if _stands_out(one, 0.0):
             more = 100.0 * (one.value / one.in_file - 1.0)

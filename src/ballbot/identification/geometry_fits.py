@@ -5,7 +5,8 @@ Motion as increments over windows: encoder angles against integrals of rates and
 Increments need no derivative of an encoder, so that counts, sampling jitter and glitches of logged speeds do not
 matter, and the noise of a rate averages out over the window.
 
-What cameras tell of a balancing robot, in its body's own frame, so that the cameras' frame does not matter.
+The cameras measure a balancing robot. Their increments are taken in the body's own frame and so do not depend on the
+cameras' frame.
 
     body's turning        sum of log(R_k^T R_k+1)
     ball's rolling        sum of up x R_k^T (p_k+1 - p_k), in metres; divided by r_b it is the turning of a ball that
@@ -13,7 +14,7 @@ What cameras tell of a balancing robot, in its body's own frame, so that the cam
 
 `up` is the mean direction of the body's z axis while it is upright: an error of e in it changes the rolling by e^2/2.
 
-How the IMU sits on the body, from the gyro against the body's turning as cameras saw it.
+The IMU's orientation on the body follows from the gyro and the body's turning as seen by the cameras.
 
     integral of gyro dt = R_imu_body turning + bias T
 
@@ -24,8 +25,8 @@ The wheels' rolling radius and azimuths from a balancing robot that cameras watc
 
     wheel angle_i = a_i . ( rolling / r_w - share (r_b / r_w) turning ) + pivoting
 
-What the ball's pivoting on the floor adds is the same for every wheel, sin(alpha) r_b / r_w times an unknown, and so is
-what the body's heading adds; both are taken out of the windows. Left is r_w / cos(alpha), the radius of a wheel that
+The ball's pivoting on the floor adds the same angle to every wheel, sin(alpha) r_b / r_w times an unknown. So does the
+body's heading. Both are taken out of the windows. Left is r_w / cos(alpha), the radius of a wheel that
 would turn as fast if it stood upright on the ball's equator, and the azimuths. Turning is from the gyro: the lean is a
 degree or two, play and rollers are half as much, so that its `share` that the encoders show is found, not trusted.
 
@@ -64,7 +65,7 @@ LARGEST_GAP = 1.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cuts:
-    """Where a log's windows begin and end: w rows of it, and their clusters."""
+    """The first and last rows of a log's w windows, and their clusters."""
 
     first: NDArray[np.int64]  #: (w,)
     last: NDArray[np.int64]  #: (w,)
@@ -221,7 +222,7 @@ _GRID = 0.005
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mounting:
-    """Where the IMU points and what the cameras' clock says, both for one run."""
+    """The IMU's orientation and the cameras' clock in one run."""
 
     #: [rotation vector.. from the body's frame to the IMU's [rad], bias.. [rad/s], offset [s], rate [s/s]] (8,)
     fit: ClusteredFit
@@ -311,7 +312,7 @@ ROLLING_WINDOW = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MocapRun:
-    """A balancing run: its log, what the cameras saw and how the two go together."""
+    """A balancing run: its log, its motion capture, and the alignment of the two."""
 
     log: Log
     film: Mocap
@@ -324,8 +325,8 @@ def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) 
     Parameters
     ----------
     robot : Robot
-        Where the search begins.
-    runs : sequence of Run
+        Its values start the search.
+    runs : sequence of MocapRun
     leaning : float
         (r_b / r_w) cos(tilt), wheel angle for an angle of leaning, which the share is one of.
 
@@ -380,7 +381,7 @@ UPSIDE_DOWN_WINDOW = 0.25
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpsideDownGeometry:
-    """What the ball upon the wheels tells of n wheels; angles in rad."""
+    """Geometry of n wheels from the ball upon them; angles in rad."""
 
     #: [r_b / r_w, tilt, azimuths.., camera's tilt about x and y, camera's delay [s]] (n + 5,)
     fit: ClusteredFit

@@ -1,6 +1,6 @@
-"""The body's inertia from a free swing, what speaks against it, and how it is said.
+"""The body's inertia from a free swing: its value with uncertainty, checks of the recording, findings and results.
 
-From a swing's frequency to the body's inertia, with everything that is not known for sure carried through.
+The inertia follows from the swing's frequency:
 
     I_pivot = m g r / omega_n^2        I_com = I_pivot - m r^2        J_0 = I_com + m l^2
 
@@ -8,12 +8,10 @@ m the hanging mass, r from the pivot to its centre of mass, l from the ball's ce
 hung the body at the ball's centre, r = l). The causes (frequency, m, r, l) count as independent; with the derivative
 d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 
-What a swing's recording gets wrong: units of the angle and of time, clipped or frozen sensors, another body.
+The checks find a wrong unit of the angle or of time, a clipped or frozen sensor, and another body.
 
-A pendulum's period grows with its amplitude, so that the shape of large swings tells radians from degrees; its
-frequency and the lever to its pivot give a radius of gyration, which tells seconds from milliseconds.
-
-What a swing says, in sentences and as results.
+A pendulum's period grows with its amplitude, so that the shape of large swings distinguishes radians from degrees; its
+frequency and the lever to its pivot give a radius of gyration, which distinguishes seconds from milliseconds.
 """
 
 from __future__ import annotations
@@ -34,7 +32,7 @@ from ballbot.robot.derived import inertia_from_swing
 #: standard deviations to either side of a 95 % interval
 _NORMAL = 1.959964
 
-#: units that t is taken for seconds in, or what else makes a clock wrong, and the factor that mends it
+#: units of t that were mistaken for seconds, or another cause of a wrong clock, and the factor that corrects it
 _CLOCKS = (
     ("milliseconds", "", 1e-3),
     ("microseconds", "", 1e-6),
@@ -49,7 +47,7 @@ _USUAL_GYRATION = (0.15, 1.2)
 
 @dataclass(frozen=True, kw_only=True)
 class Pivot:
-    """Where the body hangs."""
+    """The pivot that the body hangs from."""
 
     distance: float  #: r, from the pivot to the centre of mass [m]
     deviation: float  #: its standard deviation [m]
@@ -105,7 +103,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class SwingInertia:
-    """What a swing says of the body's inertia about the axis that it swung about [kg m^2]."""
+    """The body's inertia about the axis of its swing [kg m^2]."""
 
     about_pivot: Estimate
     about_center_of_mass: Estimate
@@ -138,7 +136,7 @@ def inertia_of_swing(fit: SwingFit, robot: Robot, pivot: Pivot) -> SwingInertia:
             f"of {own:.3g} kg m^2 about the centre of mass, which no body has; the distance "
             f"must be below {g / fit.frequency**2:.4g} m.{(f' {cause}' if cause else '')}"
         )
-    # what each result changes by one standard deviation of each cause; where r is l they are one cause
+    # change of each result by one standard deviation of each cause; if r is l they are one cause
     omega = about_pivot / fit.frequency * -2.0 * fit.frequency_half_width / _NORMAL
     mass = _deviation(robot, "body.mass")
     lift = 0.0 if pivot.at_ball_center else _deviation(robot, "body.center_of_mass")
@@ -207,29 +205,29 @@ def _deviation(robot: Robot, name: str) -> float:
 
 #: the radius of gyration over the distance from pivot to centre of mass, of bodies hung at the ball's centre or nearby
 _USUAL, _POSSIBLE = (0.15, 1.3), (0.03, 3.0)
-#: swings of less do not tell radians from degrees by their shape [rad]
+#: the shape of smaller swings does not distinguish radians from degrees [rad]
 _LARGE = 0.25
 #: [rad]; smaller swings rub rather than swing, larger ones are rare
 _SMALLEST_SWING, _LARGEST_SWING = math.radians(0.4), math.radians(75.0)
-#: the file's inertia may be off by this factor before a finding says so
+#: a finding reports a file's inertia that is off by more than this factor
 _LIKE_FILE = 1.25
 #: a pendulum that leaves more of the motion than this is not the whole story
 _MUCH_LEFT = 0.05
 #: rows at the very largest value that make a sensor clipped, as a share; a sine with fine steps has next to none
 _CLIPPED = 0.04
-#: steps of the sensor's resolution in a swing, from which on rows at the top tell clipping from coarse steps
+#: least steps of the sensor's resolution in a swing for which rows at the top mean clipping, not coarse steps
 _FINE = 40
 #: of a swing's period: a longer stretch of one and the same value is a sensor that repeats itself
 _FROZEN = 0.2
 
 
 def recording_findings(swing: Swing) -> tuple[Finding, ...]:
-    """Return what is wrong with a swing before anything is fitted to it."""
+    """Return the faults of a recording, before a pendulum is fitted to it."""
     return tuple(_clipped(swing) or _frozen(swing))
 
 
 def swing_findings(fit: SwingFit, found: SwingInertia, robot: Robot, pivot: Pivot) -> tuple[Finding, ...]:
-    """Return what speaks against a swing's inertia, errors first."""
+    """Return the evidence against a swing's inertia, errors first."""
     return by_severity(
         [*_of_unit(fit), *_of_body(fit, robot, pivot), *_of_file(fit, found, robot), *_of_fit(fit)]
     )
@@ -350,7 +348,7 @@ _DIGITS = 6
 
 
 def inertia_findings(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[Finding]:
-    """Return what the swing shows, the answer first."""
+    """Return the results of a swing in sentences, the inertia first."""
     one = found.about_ball_center
     sentences = [
         f"The body's inertia about the ball's centre is {_known(one.value, one.half_width)} kg m^2 (95 %); "
@@ -372,7 +370,7 @@ def inertia_findings(fit: SwingFit, found: SwingInertia, robot: Robot) -> list[F
 
 
 def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str, object]:
-    """Return what results.json holds, SI units; half widths are of 95 %."""
+    """Return the entries of results.json, SI units; half widths are of 95 %."""
     half, inertia = fit.half_widths, found.about_pivot.value
     return {
         "source": fit.swing.source,
@@ -394,7 +392,7 @@ def swing_results(fit: SwingFit, found: SwingInertia, pivot: Pivot) -> dict[str,
 
 
 def swing_rows(fit: SwingFit, found: SwingInertia) -> list[list[str]]:
-    """Return the rows of what is printed: quantity, value with half width of 95 %, unit."""
+    """Return the rows of the printed table: quantity, value with half width of 95 %, unit."""
     half, inertia = fit.half_widths, found.about_pivot.value
     period_half = 2.0 * np.pi * fit.frequency_half_width / fit.frequency**2
     measured = [

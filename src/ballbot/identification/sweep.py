@@ -103,7 +103,7 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
 def with_sweep(coordinates: Coordinates, estimate: Estimate, sweep: SweepFriction) -> Estimate:
     """Return the estimate from logs and a sweep together, within bounds; bootstrap errors stay those of the logs.
 
-    Of two errors of the logs, clustered and by bootstrap, the larger counts. Where nothing of the sweep could be used,
+    Of two errors of the logs, clustered and by bootstrap, the larger counts. If no value of the sweep could be used,
     all is as it was.
     """
     uncertainty = estimate.uncertainty

@@ -7,7 +7,7 @@ A pendulum with viscous and dry friction, at any amplitude.
     angle'' = -omega_n^2 sin(angle) - beta angle' - kappa sgn(angle')
 
 beta = b / I and kappa = c / I with the pivot's viscous friction b [N m s/rad], its dry friction c [N m] and the inertia
-I about the pivot; omega_n^2 = m g r / I. Where gravity cannot overcome kappa the body rests. The period grows with the
+I about the pivot; omega_n^2 = m g r / I. If gravity cannot overcome kappa, the body rests. The period grows with the
 amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and E. Lifshitz, Mechanics,
 section 11).
 
@@ -42,13 +42,13 @@ Kind = Literal["angle", "rate"]
 
 #: a recording's smallest count of whole swings, and of samples in a swing
 _LEAST_SWINGS, _LEAST_SAMPLES = 4.0, 8.0
-#: swings smaller than this share of the largest are left out: what rubs at a pivot at rest is another matter
+#: swings smaller than this share of the largest are left out: friction of a pivot almost at rest differs
 _SMALLEST = 0.05
 #: the largest swing is the first that reaches this share of the largest
 _AS_LARGE = 0.97
-#: an angle beyond this is none of a pendulum, or in degrees [rad]
+#: a pendulum has no angle beyond this, or the angle is in degrees [rad]
 _LARGEST_ANGLE = 3.0
-#: a rate over 2 pi / period beyond this is none of a pendulum: let go at 2 rad, it has 2.3
+#: a pendulum has no rate over 2 pi / period beyond this: let go at 2 rad, it has 2.3
 _LARGEST_RATE = 2.5
 
 
@@ -66,7 +66,7 @@ class Swing:
     values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], about no particular zero
     kind: Kind
     period: float  #: of the swings as they are, roughly [s]
-    source: str  #: what it was measured by, in words
+    source: str  #: the sensor or file that it was measured with, in words
 
     def __post_init__(self) -> None:
         t = real_array(self.t, ("n",), "The time of a swing")
@@ -127,12 +127,12 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
         [rad] or [rad/s], about any zero.
     kind : "angle" or "rate"
     source : str
-        What it was measured by, in words.
+        The sensor or file that it was measured with, in words.
 
     Raises
     ------
     InputError
-        If nothing swings, in too few swings or samples, or the angle is none.
+        If nothing swings, swings or samples are too few, or no pendulum has such an angle.
     """
     values = np.unwrap(values) if kind == "angle" else values
     centred = values - np.median(values)
@@ -265,11 +265,11 @@ NAMES = ("omega_n^2", "beta", "kappa", "first angle", "first rate", "zero")
 _STEP = 0.05
 #: swings that the fit begins with
 _FIRST_SWINGS = 3.0
-#: derivatives are central differences over this share of what each value is of the order of
+#: derivatives are central differences over this share of each value's order of size
 _DIFFERENCE = 1e-5
-#: a fit that leaves more than this share of the swing is none
+#: a fit that leaves more than this share of the swing is refused
 _WORST = 0.3
-#: one unit fits better than another if it leaves less than this share of what the other leaves
+#: one unit fits better than another if it leaves less than this share of the other's residual
 _BETTER = 0.8
 
 
@@ -281,7 +281,7 @@ class SwingFit:
     values: NDArray[np.float64]  #: (6,) in the order of `NAMES`
     covariance: NDArray[np.float64]  #: (6, 6), clustered by swings
     quantile: float  #: Student's t for 95 %, with as many clusters
-    predicted: NDArray[np.float64]  #: (n,) what the sensor would show [rad] or [rad/s]
+    predicted: NDArray[np.float64]  #: (n,) the sensor's value by the fit [rad] or [rad/s]
     amplitudes: tuple[float, float]  #: largest angle in the first and in the last swing [rad]
 
     @property
@@ -301,7 +301,7 @@ class SwingFit:
 
     @property
     def residual(self) -> float:
-        """Root mean square of what the fit leaves, as a share of the recording's."""
+        """Root mean square of the fit's residual, as a share of the recording's."""
         values = self.swing.values - self.values[5]
         return float(np.sqrt(np.mean((self.swing.values - self.predicted) ** 2) / np.mean(values**2)))
 
@@ -312,7 +312,7 @@ def fit_swing(swing: Swing) -> SwingFit:
     Raises
     ------
     InputError
-        If the recording is not that of a free pendulum: what the fit leaves is a third of the motion.
+        If the recording is not that of a free pendulum: the residual of the fit is a third of the motion.
     """
     fit = _fitted(swing)
     if fit is not None and fit.residual < _WORST:
@@ -337,7 +337,7 @@ def fits_better_in_degrees(swing: Swing, fit: SwingFit | None) -> bool:
     ----------
     swing : Swing
     fit : SwingFit, optional
-        What fits it in radians; None if nothing does.
+        The fit in radians; None if no pendulum fits.
     """
     other = _fitted(replace(swing, values=np.radians(swing.values)))
     if other is None or other.residual >= _WORST:
@@ -409,7 +409,7 @@ def _jacobian(
 
 
 def _sizes(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return by what order of size each value matters (6,), also one that is zero."""
+    """Return each value's order of size (6,), also for a value of zero."""
     omega = float(np.sqrt(values[0]))
     amplitude = max(float(np.hypot(values[3], values[4] / omega)), 1e-9)
     size = [omega**2, omega, omega**2 * amplitude, amplitude, omega * amplitude, amplitude]
@@ -419,7 +419,7 @@ def _sizes(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _motion(
     p: NDArray[np.float64], swing: Swing, rows: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the angle [rad] and what the sensor would show, (rows,) both."""
+    """Return the angle [rad] and the sensor's value, both (rows,)."""
     stiffness, viscous, dry, angle, rate, zero = (float(one) for one in p)
     t = swing.t[:rows]
     angles, rates = np.empty_like(t), np.empty_like(t)

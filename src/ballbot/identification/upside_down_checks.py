@@ -4,7 +4,7 @@
 
 fitted to pieces of 0.1 s, each an integral over time. Gains of one say that torques, axes and units are right. If they
 are not, the torques are tried in other orders and with other signs, and so are the axes of Omega; what makes the gains
-right is named, and all that do so equally are, since such a log cannot tell them apart. Encoders, where they are
+right is named, and all that do so equally are, since such a log does not distinguish them. Encoders, where they are
 logged, show the ball's axes and unit by themselves.
 """
 

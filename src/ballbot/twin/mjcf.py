@@ -5,7 +5,7 @@
     |- ball                free joint
     `- body                free joint, its frame at the ball's centre
        |- payload
-       `- wheel i          hinges "wheel i" (rotor; what the encoder sees) and "play i", on one axis
+       `- wheel i          hinges "wheel i" (rotor; the encoder measures it) and "play i", on one axis
           `- roller i.k    hinge, turns freely
 
 The ball meets the floor through a contact pair of its own, with pivoting and rolling friction, and the rollers through

@@ -277,7 +277,7 @@ class Scenario:
 
     @staticmethod
     def named(name: str, robot: Robot) -> Scenario:
-        """Return the scenario of that name for a robot; InputError if there is none."""
+        """Return the scenario of that name for a robot; raise InputError if the name is unknown."""
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")
@@ -420,7 +420,7 @@ def scenario_of(
     default_name : str
         Name of the scenario if the tables have none.
     source : str
-        Where the tables come from, for the warning `OldFileFormat` if an earlier version wrote them.
+        Source of the tables, for the warning `OldFileFormat` if an earlier version wrote them.
 
     Raises
     ------

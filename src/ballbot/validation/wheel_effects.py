@@ -19,9 +19,9 @@ some rows earlier.
   pass the contact `per_row` times a turn in each ring, an eccentric wheel is felt once. Each order is fitted by itself,
   du = a cos(m angle) + b sin(m angle), and tested, the chance of any false one over all orders and wheels being 1 %
   (Bonferroni).
-- Dither: an omni-wheel's rollers pass the contact one by one and shake the wheel. Where that shaking is as fast as the
+- Dither: an omni-wheel's rollers pass the contact one by one and shake the wheel. If that shaking is as fast as the
   motion itself, dry friction changes sign with the shaking and is felt by the slow motion as a smaller, smoother
-  resistance than the law says. Heading is where this shows first, because turning on the spot moves the wheels least.
+  resistance than the law gives. Heading shows this first, because turning on the spot moves the wheels least.
 """
 
 from __future__ import annotations
@@ -56,14 +56,14 @@ class Dither:
     corner: float  #: [Hz] where the fast part begins
     motion: NDArray[np.float64]  #: (n,) [rad/s] below the corner
     dither: NDArray[np.float64]  #: (n,) [rad/s] above the corner
-    encoder: float  #: [rad/s] what the encoder's counting alone would put above the corner
+    encoder: float  #: [rad/s] share of the encoder's quantisation above the corner
     heading: NDArray[np.float64]  #: (n,) [rad/s] the part of the motion that turning about the vertical makes
     reversals: NDArray[np.float64]  #: (n,) changes of sign a second
     reversals_of_motion: NDArray[np.float64]  #: (n,) changes of sign a second of the slow part
 
 
 def find_dither(model: Model, log: Log) -> Dither | None:
-    """Return what the wheels' speeds in the log show, or None if the log lacks them or is short."""
+    """Return the dither of the wheels' speeds in the log, or None if the log lacks them or is short."""
     from scipy.signal import butter, sosfiltfilt
 
     names = wheel_speed_names(model.robot.wheel_count)
@@ -162,7 +162,7 @@ def speed_effect(
     )
 
 
-#: [rad] ends of the travels that are told apart; beyond the last is what they are compared with
+#: [rad] ends of the bins of travel; torques beyond the last end are the reference
 TRAVEL_EDGES = (0.003, 0.007, 0.013, 0.025, 0.05, 0.1)
 _SPEED_BINS = 8
 #: fewer show no play
@@ -199,7 +199,7 @@ def play_effect(
     Parameters
     ----------
     torques, speeds, angles : ndarray (n, wheels)
-        Residual torque, speed some rows earlier (NaN if there is none), encoders' angle.
+        Residual torque, speed some rows earlier (NaN if missing), encoders' angle.
     blocks : ndarray (n,)
     segments : sequence of int
     least_turn : float
@@ -252,7 +252,7 @@ def since_reversal(
 ORDER_LEVEL = 0.01
 #: a wheel that turned less than this shows no position twice [turns]
 LEAST_TURNS = 1.0
-#: so many orders of a wheel are told at most
+#: largest number of orders reported for a wheel
 _MOST_FOUND = 6
 #: an amplitude of noise is below this many standard errors of its parts in 95 % of cases (Rayleigh's)
 _QUANTILE = 2.45
@@ -264,7 +264,7 @@ class PositionEffect:
 
     orders: NDArray[np.int64]  #: (m,) times a turn
     amplitudes: NDArray[np.float64]  #: (m, wheels) [N m]
-    half_widths: NDArray[np.float64]  #: (m, wheels) of what noise alone makes, 95 %
+    half_widths: NDArray[np.float64]  #: (m, wheels) of the amplitude of noise alone, 95 %
     significant: NDArray[np.bool_]  #: (m, wheels)
     per_row: int  #: rollers in a ring
     turns: float  #: that the wheels covered, the one that turned least

@@ -218,7 +218,7 @@ parameters give {_own_first(robot):.4f}: the printed matrices were made with oth
 {markdown_table(["", "fastest pole [rad/s]"], poles)}
 
 LQR with the source's Q and R = 100 I, first wheel. The figure prints the last entry of B with the sign of the one
-before ({float(_PRINTED_B["phi_y"][1]):.2f}); the gain tells that it is a misprint. The source cuts the gain's digits
+before ({float(_PRINTED_B["phi_y"][1]):.2f}); the gain shows that it is a misprint. The source cuts the gain's digits
 off and does not round; what is left of a difference is the rounding of the printed A and B.
 
 {_gain_table(robot, source, right)}

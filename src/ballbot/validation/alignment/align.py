@@ -64,13 +64,13 @@ _SAME = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Alignment:
-    """How log and motion capture belong together, and what this says of the log's sensors."""
+    """The alignment of a log with motion capture, and the errors of the log's sensors."""
 
     log: Log  #: with the columns mocap_..., where it has angles
     motion: MotionFit
     flips: tuple[Flip, ...]
     rival_clock: Clock | None  #: another clock that fits nearly as well
-    clock_signal: str  #: what of the log the clock follows: "gyro" or "angles"
+    clock_signal: str  #: the log's signal that the clock is matched to: "gyro" or "angles"
     unseen: float  #: share of the log's time that the cameras did not see
     frame: Frame | None  #: None for a log without angles
     lever: Lever | None  #: None without positions
@@ -99,7 +99,7 @@ def align(log: Log, mocap: Log) -> Alignment:
     Raises
     ------
     InputError
-        If they lack what is needed or are not of the same run.
+        If they lack a needed column or are not of the same run.
     """
     turning, poses = log_turning(log), read_poses(mocap).seen_only()
     best, rival = _best(turning, poses)
@@ -198,9 +198,9 @@ LARGEST_LEAN = 0.35
 #: rates are slopes over this, to either side [s]
 _SLOPE = 0.04
 _LEAST_ROWS = 60
-#: scale and turn of the path are told by stretches so long, in which a robot's rocking averages out [s]
+#: scale and turn of the path are fitted to pieces this long, in which a robot's rocking averages out [s]
 _STRETCH = 5.0
-#: and of those, one in so many
+#: the fit uses one row in so many
 _EVERY = 10
 
 
@@ -214,7 +214,7 @@ class SensorError:
     drift: float  #: slope of the straight line through the error [1/s]
     drift_half_width: float  #: 95 %, by blocks of time
     wander: float  #: rms about that line
-    delay: float | None  #: of what is logged behind the clock's signal [s]; None for a coordinate
+    delay: float | None  #: of the logged value behind the clock's signal [s]; None for a coordinate
     delay_half_width: float | None
 
 
@@ -230,7 +230,7 @@ class PathScale:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PositionError:
-    """What explains the error of position."""
+    """Contributions to the error of position."""
 
     largest: float  #: its length [m]
     path: float  #: length of the path that the cameras saw [m], over half a second at a time
@@ -238,7 +238,7 @@ class PositionError:
         float  #: share of the error's square that the heading's error explains; below 0, it makes it worse
     )
     predicted: NDArray[np.float64]  #: (N, 2) [m] the error that the heading's makes; NaN if not seen
-    scale: PathScale | None  #: None if the path is too short to tell
+    scale: PathScale | None  #: None if the path is too short
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

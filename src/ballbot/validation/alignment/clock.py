@@ -34,7 +34,7 @@ ANGLE_NAMES = ("theta", "phi", "psi")
 _LONGEST_BRIDGE = 0.06
 #: faster than any gyro's range, 2000 degrees a second: a jump of the frame, not a turning [rad/s]
 _FASTEST = 40.0
-#: from noise to what is a jump over however long, for a quarter turn is one [rad]
+#: smaller turns may be noise; larger ones are a jump over any time, as a quarter turn is [rad]
 _LEAST_JUMP, _SURE_JUMP = 0.35, 1.0
 
 
@@ -63,7 +63,7 @@ class Turning:
 
 
 def log_turning(log: Log) -> Turning:
-    """Return the turning that a log tells: its gyro's, or, without one, that of its angles.
+    """Return the turning of a log: its gyro's, or, without one, that of its angles.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def whole_rows(values: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def longest_bridge(t: NDArray[np.float64]) -> float:
-    """Return the longest interval between times (N,) over which what lies between may be interpolated [s]."""
+    """Return the longest interval between times (N,) over which values may be interpolated [s]."""
     return max(_LONGEST_BRIDGE, 2.5 * float(np.median(np.diff(t))))
 
 
@@ -159,7 +159,7 @@ _STEP = 0.02
 _SPAN = 0.2
 #: largest rate searched [s/s]
 LARGEST_RATE = 0.01
-#: most of the log that is searched for [s]: more would need a finer grid of rates and tell no more
+#: most of the log that is searched for [s]: more would need a finer grid of rates and gain nothing
 _LONGEST_SEARCHED = 240.0
 #: and the least that must overlap [s]
 _LEAST_OVERLAP = 4.0
@@ -271,6 +271,6 @@ def _scores(
         spread_b = shifted(A1, B2) - sum_b**2 / n
         correlation = covariance / np.sqrt(spread_a * spread_b)
     useful = (n * _STEP >= _LEAST_OVERLAP) & (spread_a > 1e-9) & (spread_b > 1e-9) & np.isfinite(correlation)
-    # Fisher's z over its standard error: a long overlap counts for more than a short one that fits by chance
+    # Fisher's z over its standard error: a long overlap counts for more than a short accidental match
     z = np.arctanh(np.clip(np.where(useful, correlation, 0.0), -0.9999, 0.9999)) * np.sqrt(np.maximum(n, 1.0))
     return np.where(useful, z, -np.inf)

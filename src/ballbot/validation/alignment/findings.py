@@ -1,4 +1,4 @@
-"""What an alignment found: the sensors first, then how clocks and frames stand, then what is not determined."""
+"""Findings of an alignment: the sensors first, then clocks and frames, then the values that are not determined."""
 
 from __future__ import annotations
 

@@ -48,11 +48,11 @@ class Common:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Frame:
-    """How the log's world stands in the cameras' frame."""
+    """The pose of the log's world in the cameras' frame."""
 
     camera_world: Rotation
     tilt_half_width: float  #: 95 % [rad]
-    heading_half_width: float  #: 95 % [rad]; infinite if not told
+    heading_half_width: float  #: 95 % [rad]; infinite if not determined
     origin: (
         NDArray[np.float64] | None
     )  #: (3,) [m] the world's, at the ball centre's height; None without positions
@@ -138,7 +138,7 @@ class Lever:
 
     arm: NDArray[np.float64]  #: (3,) [m] as fitted
     half_width: NDArray[np.float64]  #: (3,) 95 % [m], of chance alone
-    used: NDArray[np.float64]  #: (3,) [m], what is taken off: the arm, or zero if it is not believed
+    used: NDArray[np.float64]  #: (3,) [m], the arm that is subtracted, or zero if it is not significant
 
 
 def fit_lever(

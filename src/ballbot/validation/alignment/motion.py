@@ -11,7 +11,7 @@ Symmetric markers make the marker body's frame jump by 90 or 180 degrees. The ju
 
     R_seen = R F,   F one of the 24 rotations of a cube, constant from break to break
 
-Across a break the log says how the body turned, M in the marker frame, so that F after it follows from F before:
+Across a break the log gives the body's turning, M in the marker frame, so that F after it follows from F before:
 F_b = the cube's rotation nearest to M^T F_a R_a^T R_b.
 """
 
@@ -64,7 +64,7 @@ _LEAST = 60
 _ITERATIONS = 25
 #: errors beyond so many standard deviations count less (Huber)
 _TUNING = 2.5
-#: standard error from which an angle counts as not told [rad]
+#: standard error from which an angle counts as not determined [rad]
 UNDETERMINED = 0.1
 
 
@@ -81,8 +81,8 @@ class MotionFit:
     bias: NDArray[np.float64]  #: (3,) of the log's gyro [rad/s], body frame
     offset_half_width: float  #: [s]
     rate_half_width: float  #: [s/s]
-    rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]; infinite if not told
-    untold_axis: NDArray[np.float64] | None  #: (3,) axis of the body about which the turning is not told
+    rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]; infinite if not determined
+    untold_axis: NDArray[np.float64] | None  #: (3,) axis of the body, turning about it unknown
     error: float  #: rms of an increment's error, a component [rad]
     motion: float  #: rms of an increment, a component [rad]
     increments: int
@@ -92,7 +92,7 @@ class MotionFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Increments:
-    """What the cameras saw turn, over `SPAN`, and when."""
+    """Rotations that the cameras saw over `SPAN`, and their times."""
 
     start: NDArray[np.float64]  #: (n,) [s], the cameras' clock
     end: NDArray[np.float64]  #: (n,)
@@ -100,7 +100,7 @@ class _Increments:
 
 
 def wahba(log: Turning, cameras: Turning, clock: Clock, *, rows: tuple[int, int] | None = None) -> Rotation:
-    """Return the rotation, marker frame to body frame, that the increments tell under a clock.
+    """Return the rotation, marker frame to body frame, that fits the increments best, given a clock.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def fit_motion(log: Turning, cameras: Turning, clock: Clock, body_marker: Rotati
         size = np.linalg.norm(residuals, axis=1)
         scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
         weights = np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
-        # from a start that is none the clock runs off the log, where nothing turns and steps have no bound
+        # from a wrong start the clock runs off the log, where nothing turns and steps have no bound
         with np.errstate(over="ignore", invalid="ignore"):
             step = _solved(J, residuals, weights)[0]
         if not np.abs(step).max() < _LARGEST_STEP:
@@ -221,7 +221,7 @@ def _solved(
     w = np.repeat(weights, 3)
     H = (flat * w[:, None]).T @ flat
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    # what the motion does not tell stays where it is
+    # a quantity that the motion does not determine keeps its value
     inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-9 * np.eye(len(H))) * np.outer(scale, scale)
     return -inverse @ (flat * w[:, None]).T @ residuals.ravel(), inverse
 
@@ -266,8 +266,8 @@ def _by_motion(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return axes (3, 3), in columns, and the variance (3,) of a rotation about each that the motion allows.
 
-    Where all turning is about one axis, a rotation about it changes hardly a residual and clustered errors see
-    nothing. What tells it is the motion about the other two that log and cameras have in common, without their noise:
+    If all turning is about one axis, a rotation about it changes the residuals hardly, and clustered errors do not show
+    this. The motion about the other two axes that log and cameras have in common, without their noise, determines it:
     the singular values of the covariance between the two. One independent increment is counted for each `SPAN`.
     """
     turned = _centred(body_marker.apply(increments.turned))
@@ -376,7 +376,7 @@ def _across(
 
 
 def _nearest_or(rotation: Rotation, otherwise: Rotation) -> Rotation:
-    """Return the cube's rotation that is near, or the other one where none is."""
+    """Return the cube's rotation nearest to a rotation, or `otherwise` if that is not near."""
     nearest, remainder = nearest_cube_rotation(rotation)
     return nearest if remainder < _LARGEST_REMAINDER else otherwise
 
