@@ -216,6 +216,25 @@ def check_file(path: str | Path) -> Path:
     return target
 
 
+def check_new_file(path: str | Path, *, force: bool) -> None:
+    """Check where a file is to be written that its user then edits; such a file is replaced only if asked for.
+
+    Parameters
+    ----------
+    path : str or Path
+        See `check_file`.
+    force : bool
+        Whether to replace an existing file.
+
+    Raises
+    ------
+    InputError
+        If the path cannot be written, or the file exists and `force` is not given.
+    """
+    if check_file(path).exists() and not force:
+        raise InputError(f"{path} already exists. Choose another name, or replace it with --force.")
+
+
 def write_bytes(path: str | Path, data: bytes) -> None:
     """Write a file so that a reader sees the old content or the new, never a part.
 

@@ -74,11 +74,30 @@ def test_bad_files_exit_with_two_and_one_line(tmp_path, capsys, log, mapping, se
         (tmp_path / "mapping.toml").write_text(mapping)
         arguments += ["--mapping", str(tmp_path / "mapping.toml")]
     assert main(arguments) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.startswith("ballbot: ")
-    assert told.err.count("\n") == 1
-    assert sentence in told.err
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("ballbot: ")
+    assert printed.err.count("\n") == 1
+    assert sentence in printed.err
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("time;roll;pitch\n0.0;0.1;0.2\n", "has one row of numbers (line 2); a log needs at least two."),
+        (
+            "time;roll;pitch\none;two;three\n",
+            "contains no table: none of its lines consists only of numbers.",
+        ),
+    ],
+)
+def test_a_foreign_file_without_two_rows_is_refused_with_the_number_of_its_rows(
+    tmp_path, capsys, text, sentence
+):
+    path = tmp_path / "foreign.txt"
+    path.write_text(text)
+    assert main(["check-log", str(path), "--robot", "alten"]) == 2
+    assert capsys.readouterr().err == f"ballbot: {path} {sentence}\n"
 
 
 def test_a_log_of_one_row_is_an_error(tmp_path, capsys):

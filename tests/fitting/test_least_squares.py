@@ -72,7 +72,11 @@ def test_jackknife_of_single_rows_is_the_plain_covariance_of_a_linear_model():
     design, truth = random.normal(size=(400, 2)), np.array([0.3, -0.8])
     values = design @ truth + 0.1 * random.normal(size=400)
     found = fit_clustered(
-        lambda p: (design @ p - values)[:, None], np.zeros(2), scales=np.ones(2), clusters=np.arange(400)
+        lambda p: (design @ p - values)[:, None],
+        np.zeros(2),
+        scales=np.ones(2),
+        clusters=np.arange(400),
+        undetermined="",
     )
     np.testing.assert_allclose(found.values, np.linalg.lstsq(design, values, rcond=None)[0], atol=1e-8)
     plain = np.linalg.inv(design.T @ design) * 0.1**2
@@ -81,4 +85,23 @@ def test_jackknife_of_single_rows_is_the_plain_covariance_of_a_linear_model():
 
 def test_too_few_clusters_are_refused():
     with pytest.raises(InputError, match="3 intervals of usable motion for 2 unknowns, which need 4"):
-        fit_clustered(lambda p: np.ones((3, 1)) * p[0], np.zeros(2), scales=np.ones(2), clusters=np.arange(3))
+        fit_clustered(
+            lambda p: np.ones((3, 1)) * p[0],
+            np.zeros(2),
+            scales=np.ones(2),
+            clusters=np.arange(3),
+            undetermined="",
+        )
+
+
+def test_undetermined_parameters_are_refused_with_the_caller_s_sentence():
+    # only the sum of the two parameters has an effect
+    x = np.linspace(-1.0, 1.0, 40)
+    with pytest.raises(InputError, match=r"^Drive faster\.$"):
+        fit_clustered(
+            lambda p: (x * (p[0] + p[1] - 1.0))[:, None],
+            np.zeros(2),
+            scales=np.ones(2),
+            clusters=np.arange(40),
+            undetermined="Drive faster.",
+        )

@@ -256,6 +256,20 @@ def test_export_writes_a_model_that_mujoco_reads(tmp_path: Path) -> None:
     assert "frequency = 40.0" in (tmp_path / "mine.toml").read_text()
 
 
+def test_scenario_replaces_an_existing_file_only_when_forced(tmp_path, capsys):
+    from ballbot.cli.main import main
+
+    path = tmp_path / "mine.toml"
+    path.write_text("edited by hand")
+    command = ["twin", "scenario", "resonant", "--out", str(path)]
+    assert main(command) == 2
+    refusal = capsys.readouterr().err
+    assert refusal == f"ballbot: {path} already exists. Choose another name, or replace it with --force.\n"
+    assert path.read_text() == "edited by hand"
+    assert main([*command, "--force"]) == 0
+    assert "frequency = 40.0" in path.read_text()
+
+
 def test_a_group_s_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     from ballbot.cli.main import main
 

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from ballbot.cli.output import standard_output
 from ballbot.errors import InputError
-from ballbot.files import check_file
+from ballbot.files import check_new_file
 from ballbot.printable import printable_line, shell_line
 from ballbot.robot import Robot
 from ballbot.robot.file import write_robot
@@ -44,9 +44,7 @@ def new(
     robot = Robot.load(from_).replace(name=name)
     if out is None and Path(name).name != name:
         raise InputError(f"{name!r} cannot be both a robot's name and a file name; give the file with --out.")
-    check_file(path)
-    if path.exists() and not force:
-        raise InputError(f"{path} already exists. Choose another name, or replace it with --force.")
+    check_new_file(path, force=force)
     write_robot(robot, path)
     hint = f"Wrote {path}. Change its values, then run: {shell_line(['ballbot', 'check', path])}"
     standard_output().print(hint, soft_wrap=True)

@@ -9,7 +9,7 @@ from cyclopts import App
 
 from ballbot.cli.context import input_files, open_result, parse_seeds
 from ballbot.cli.output import standard_output
-from ballbot.files import check_file, write_text
+from ballbot.files import check_file, check_new_file, write_text
 from ballbot.report.console import table
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
@@ -60,7 +60,7 @@ def export(
 
 
 @twin.command
-def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> None:
+def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, force: bool = False) -> None:
     """Write a scenario file to start from, with every active fault and an example of each inactive one.
 
     Example: ballbot twin scenario nominal --out mine.toml
@@ -73,9 +73,11 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path) -> 
         A preset's name or a robot file, which gives the rollers and the sensors.
     out
         The file to write.
+    force
+        Replace an existing file.
     """
     described = Robot.load(robot)
-    check_file(out)
+    check_new_file(out, force=force)
     write_scenario(load_scenario(source, described), out)
     standard_output().print(str(out), soft_wrap=True)
 

@@ -189,6 +189,7 @@ def fit_clustered(
     *,
     scales: NDArray[np.float64],
     clusters: NDArray[np.int64],
+    undetermined: str,
 ) -> ClusteredFit:
     """Minimise the squares of residuals.
 
@@ -201,6 +202,8 @@ def fit_clustered(
         Changes of the parameters that matter; differences are taken over a hundredth of them.
     clusters : ndarray (w,)
         Number of the cluster that each window belongs to.
+    undetermined : str
+        Sentence of the error if the windows do not determine the parameters.
 
     Raises
     ------
@@ -223,10 +226,7 @@ def fit_clustered(
     J = _jacobian(residuals_of, values, scales)
     H = np.einsum("wki,wkj->ij", J, J)
     if np.linalg.cond(H) > 1e10:
-        raise InputError(
-            "The motion in these logs does not determine the "
-            "geometry; move in both directions and turn all wheels."
-        )
+        raise InputError(undetermined)
     count, moves = len(names), []
     for cluster in range(count):
         inside = places == cluster

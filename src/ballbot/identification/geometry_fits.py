@@ -57,6 +57,19 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.robot import Robot
 
+_MOUNTING_UNDETERMINED = (
+    "The motion in this log does not determine the IMU's orientation and the cameras' clock; lean the robot "
+    "in both directions and turn it."
+)
+_ROLLING_UNDETERMINED = (
+    "The motion in these logs does not determine the wheels' radius and azimuths; move in both directions "
+    "and turn all wheels."
+)
+_UPSIDE_DOWN_UNDETERMINED = (
+    "The motion in these logs does not determine the ratio of the radii, the tilt and the azimuths; turn the "
+    "ball about all three axes."
+)
+
 #: windows on end that count as one cluster together last this long [s]: a roller takes about as long to pass
 CLUSTER = 2.0
 #: a sampling interval longer than this many usual ones is a gap
@@ -276,7 +289,10 @@ def imu_mounting(log: Log, film: Mocap) -> Mounting:
 
     p = np.concatenate([guess.as_rotvec(), np.zeros(3), [offset, 0.0]])
     scales = np.array([0.1, 0.1, 0.1, 0.01, 0.01, 0.01, 0.1, 1e-3])
-    return Mounting(fit=fit_clustered(residuals, p, scales=scales, clusters=cuts.clusters), middle=middle)
+    fit = fit_clustered(
+        residuals, p, scales=scales, clusters=cuts.clusters, undetermined=_MOUNTING_UNDETERMINED
+    )
+    return Mounting(fit=fit, middle=middle)
 
 
 def _offset(t: NDArray[np.float64], rates: NDArray[np.float64], film: Mocap) -> float:
@@ -349,7 +365,9 @@ def rolling_geometry(robot: Robot, runs: Sequence[MocapRun], *, leaning: float) 
 
     start = np.array([robot.wheels.radius / np.cos(robot.wheels.tilt), *robot.wheels.azimuths, 1.0, 0.0])
     scales = np.array([0.1 * start[0], *n * [0.1], 0.1, 0.01])
-    return fit_clustered(residuals, start, scales=scales, clusters=clusters)
+    return fit_clustered(
+        residuals, start, scales=scales, clusters=clusters, undetermined=_ROLLING_UNDETERMINED
+    )
 
 
 def _rolling_increments(
@@ -413,7 +431,9 @@ def upside_down_geometry(robot: Robot, logs: Sequence[Log]) -> UpsideDownGeometr
         [robot.ball.radius / robot.wheels.radius, robot.wheels.tilt, *robot.wheels.azimuths, 0.0, 0.0, 0.0]
     )
     scales = np.array([0.1, *(n + 3) * [0.1], 0.01])
-    fit = fit_clustered(residuals, start, scales=scales, clusters=clusters)
+    fit = fit_clustered(
+        residuals, start, scales=scales, clusters=clusters, undetermined=_UPSIDE_DOWN_UNDETERMINED
+    )
     ratios, errors = _each_wheel(wheels, turns - fit.values[-1] * rates, clusters)
     return UpsideDownGeometry(fit=fit, ratios=ratios, ratio_errors=errors)
 
@@ -444,7 +464,11 @@ def _each_wheel(
     ratios, errors = np.linalg.norm(G, axis=1), []
     for i, row in enumerate(G):
         fit = fit_clustered(
-            lambda p, i=i: (wheels[:, i] - turns @ p)[:, None], row, scales=np.full(3, 0.1), clusters=clusters
+            lambda p, i=i: (wheels[:, i] - turns @ p)[:, None],
+            row,
+            scales=np.full(3, 0.1),
+            clusters=clusters,
+            undetermined=_UPSIDE_DOWN_UNDETERMINED,
         )
         direction = row / ratios[i]
         errors.append(float(np.sqrt(direction @ fit.covariance @ direction)))

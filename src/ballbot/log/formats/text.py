@@ -253,8 +253,11 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
         ]
     cells = [_ragged_cells(line, mark) for line in lines]
     numeric = [bool(row) and all(_number_like(cell) for cell in row) for row in cells]
-    if sum(numeric) < 2:
-        raise InputError(f"{path} contains no table of numbers: no two of its lines are all numbers.")
+    if not any(numeric):
+        raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
+    if sum(numeric) == 1:
+        only = numeric.index(True) + 1
+        raise InputError(f"{path} has one row of numbers (line {only}); a log needs at least two.")
     first = _first_row(cells, numeric)
     widths = Counter(len(row) for row, good in zip(cells, numeric, strict=True) if good)
     width = max(widths, key=lambda count: widths[count])
