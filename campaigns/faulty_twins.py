@@ -323,7 +323,7 @@ def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
     log = simulate(
         plant,
         controller,
-        SQUARE.asked.reference(),
+        SQUARE.reference_spec.reference(),
         duration=SQUARE.duration,
         initial_state=initial_state_of(twin.seed),
         seed=twin.seed,

@@ -387,7 +387,7 @@ def _judge_courses(path: Path) -> None:
     for course in read_courses(path, ALTEN, "twin"):
         assert 0.0 < course.duration <= 86400.0
         assert math.isfinite(course.settle)
-        _assert_reference(course.asked.reference())
+        _assert_reference(course.reference_spec.reference())
         _assert_finite(course.scenario)
 
 

@@ -55,7 +55,7 @@ COURSE = NamedCourse(name="square", duration=24.0)
 
 def run(controller: Controller, *, scenario: Scenario = SCENARIO, duration: float = COURSE.duration) -> Log:
     plant = SensedPlant(Model(KNOWN), imperfections_of(scenario), known=KNOWN, estimator=controller.estimator)
-    log = simulate(plant, controller, COURSE.asked.reference(), duration=duration, seed=1)
+    log = simulate(plant, controller, COURSE.reference_spec.reference(), duration=duration, seed=1)
     return log.without_truth()
 
 
@@ -400,7 +400,7 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
 
     def verdict(scenario: Scenario) -> Verdict:
         state = named_estimator("kalman", KNOWN, sample_time=controller.sample_time)
-        reference = COURSE.asked.reference()
+        reference = COURSE.reference_spec.reference()
         log = simulate(
             Twin(ALTEN, scenario, estimator=state), controller, reference, duration=COURSE.duration, seed=7
         )

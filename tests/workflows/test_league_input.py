@@ -1,4 +1,4 @@
-"""What enters the league: courses, controllers of one's own, and what is told of wrong ones."""
+"""What enters the league: courses, controllers of one's own, and the refusals of wrong ones."""
 
 import re
 from itertools import product
@@ -47,10 +47,10 @@ def test_the_built_in_courses_are_all_of_the_league():
     )
 
 
-def test_a_robot_unlike_the_one_described(tmp_path):
+def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
     """Mass and height of a body whose inertia goes with them, on either plant; the controllers' robot stays."""
     robot = alten(FRICTION)
-    (tmp_path / "courses.toml").write_text(COURSE + "unlike = { mass = 1.2, height = 0.8, friction = 0.5 }")
+    (tmp_path / "courses.toml").write_text(COURSE + "mismatch = { mass = 1.2, height = 0.8, friction = 0.5 }")
     (course,) = choose_courses(str(tmp_path / "courses.toml"), robot, "model")
     true = course.plant(robot).robot
     assert true.body.mass == pytest.approx(1.2 * robot.body.mass)
@@ -69,13 +69,15 @@ def test_a_robot_unlike_the_one_described(tmp_path):
     assert twin.scenario.friction.rolling == pytest.approx(0.5 * 0.007)
 
 
-def test_the_robots_of_the_set_unlike_are_all_corners():
-    courses = choose_courses("unlike", alten(), "model")
-    corners = {(one.unlike.mass, one.unlike.height, one.unlike.friction) for one in courses}
+def test_the_robots_of_the_set_mismatch_are_all_corners():
+    courses = choose_courses("mismatch", alten(), "model")
+    corners = {(one.mismatch.mass, one.mismatch.height, one.mismatch.friction) for one in courses}
     assert corners == set(product((0.8, 1.2), repeat=3))
-    assert choose_courses("light_low_smooth", alten(), "model")[0].unlike == ModelMismatch(
+    assert choose_courses("light_low_smooth", alten(), "model")[0].mismatch == ModelMismatch(
         mass=0.8, height=0.8, friction=0.8
     )
+    with pytest.raises(InputError, match=r"^The set unlike is now called mismatch\.$"):
+        choose_courses("unlike", alten(), "model")
 
 
 @pytest.mark.parametrize(
@@ -98,10 +100,10 @@ def test_the_robots_of_the_set_unlike_are_all_corners():
 def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
     (folder / "bad.py").write_text("import numpy\nno_such_name\n")
     (folder / "worse.py").write_text("def (:\n")
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as refusal:
         parse_candidates([word.format(folder)])[0].controller(alten())
-    assert sentence in str(told.value)
-    assert "\n" not in str(told.value)
+    assert sentence in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
@@ -114,9 +116,9 @@ def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
 def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
     robot = alten()
     controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as refusal:
         run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], processes=1)
-    assert sentence in str(told.value)
+    assert sentence in str(refusal.value)
 
 
 @pytest.mark.parametrize(
@@ -146,27 +148,28 @@ def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
             COURSE + "lenght = 3.0",
             "lenght is not a key of a course; the keys there are about, reference, duration",
         ),
-        (COURSE + "unlike = { mass = 0.0 }", "unlike.mass is 0.0; it must be above 0"),
+        (COURSE + "mismatch = { mass = 0.0 }", "mismatch.mass is 0.0; it must be above 0"),
+        (COURSE + "unlike = { mass = 1.1 }", "The key unlike is now called mismatch; rename it."),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + '[mine.one.scenario]\npivoting = "much"', "pivoting is 'much'; it must be a number."),
         (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "There are two courses 'one'"),
         ("[mine", "is not valid TOML"),
     ],
 )
-def test_a_wrong_course_file_is_told_in_a_sentence(tmp_path, text, sentence):
+def test_a_wrong_course_file_is_refused_in_one_sentence(tmp_path, text, sentence):
     path = tmp_path / "courses.toml"
     path.write_text(text)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as refusal:
         choose_courses(str(path), alten(), "twin")
-    assert sentence in str(told.value)
-    assert "\n" not in str(told.value)
+    assert sentence in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_a_course_beside_its_reference(tmp_path):
     (tmp_path / "way.csv").write_text("t,ref_x,ref_y,ref_psi\n0,0,0,0\n1,0.25,0,0\n")
     (tmp_path / "courses.toml").write_text(COURSE.replace("hold", "way.csv"))
     (course,) = choose_courses(str(tmp_path / "courses.toml"), alten(), "model")
-    assert course.asked.reference()(2.0)[0] == 0.25
+    assert course.reference_spec.reference()(2.0)[0] == 0.25
 
 
 def test_the_examples_in_the_documents_are_ones(tmp_path):
@@ -204,10 +207,10 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
 )
 def test_wrong_input_ends_in_one_sentence_and_exit_code_2(tmp_path, capsys, arguments, sentence):
     assert main(["compare", *arguments, "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("ballbot: ")
-    assert sentence in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith("ballbot: ")
+    assert sentence in printed
+    assert printed.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 

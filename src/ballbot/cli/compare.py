@@ -55,8 +55,8 @@ def compare(
     plant
         model (perfect sensors), or twin: a MuJoCo robot with the faults of each course.
     scenarios
-        Separated by commas: sets (motions, disturbances, league: both, unlike: robots 20 % off), courses (hold, square,
-        circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
+        Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off), courses (hold,
+        square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
     processes
@@ -112,5 +112,5 @@ def _files(
 ) -> list[Path]:
     """Return the files that the result is made from, each once."""
     given = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
-    references = [one.asked.name for one in courses if is_reference_file(one.asked.name)]
+    references = [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
     return input_files(robot, [one.file for one in candidates if one.file], given, references)

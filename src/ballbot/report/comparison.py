@@ -346,7 +346,7 @@ def _plain_ticks(axes: Axes) -> None:
 
 def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return where the robot is asked to be (N, 2) at times (N,)."""
-    reference = course.asked.reference()
+    reference = course.reference_spec.reference()
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
 

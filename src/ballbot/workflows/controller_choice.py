@@ -192,8 +192,8 @@ class NamedCourse:
     duration: float  #: [s]
 
     @property
-    def asked(self) -> ReferenceSpec:
-        """The reference as what makes it."""
+    def reference_spec(self) -> ReferenceSpec:
+        """The specification of the reference."""
         return ReferenceSpec(name=self.name)
 
 
@@ -407,7 +407,7 @@ def _run(name: str, controller: Controller, plant: PlantDraw, course: NamedCours
         candidate=name,
         controller=controller,
         plant=plant.make,
-        reference=course.asked.reference,
+        reference=course.reference_spec.reference,
         duration=course.duration,
         seed=plant.seed,
         measure=partial(_performance, controller),

@@ -279,7 +279,7 @@ def _complete(log: Log, robot: Robot) -> Log:
 
 def _reference_poses(prediction: Prediction, sample_time: float) -> NDArray[np.float64]:
     """Return x, y and psi (N, 3) that the course asks for, a row for each sample."""
-    reference = prediction.course.asked.reference()
+    reference = prediction.course.reference_spec.reference()
     count = round(prediction.course.duration / sample_time)
     return np.array([reference(k * sample_time)[[0, 1, 4]] for k in range(count)])
 

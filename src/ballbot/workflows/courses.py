@@ -80,10 +80,10 @@ class Course:
 
     name: str
     about: str  #: in a sentence, for those who read the table
-    asked: ReferenceSpec
+    reference_spec: ReferenceSpec
     duration: float  #: [s]
     settle: float  #: errors count from so long after the start and each jump of the reference on [s]
-    unlike: ModelMismatch = ModelMismatch()
+    mismatch: ModelMismatch = ModelMismatch()
     scenario: Scenario | None  #: of the twin; None is the exact model with perfect sensors
 
     @property
@@ -101,7 +101,7 @@ class Course:
         InputError
             If the robot is not possible.
         """
-        other = self.unlike
+        other = self.mismatch
         true = robot
         if other != ModelMismatch():
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
@@ -130,7 +130,7 @@ class _Table(BaseModel):
 
 
 class ModelMismatchTable(_Table):
-    """[set.course.unlike]: factors."""
+    """[set.course.mismatch]: factors."""
 
     mass: PositiveFloat = 1.0
     height: PositiveFloat = 1.0
@@ -144,7 +144,7 @@ class CourseTable(_Table):
     reference: str | dict[str, FiniteFloat | str]
     duration: float = Field(gt=0.0, le=_MAX_DURATION)
     settle: NonNegativeFloat = SETTLE
-    unlike: ModelMismatchTable = ModelMismatchTable()
+    mismatch: ModelMismatchTable = ModelMismatchTable()
     scenario: dict[str, object] = {}
 
 
@@ -208,6 +208,8 @@ def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantN
     if Path(word).suffix == ".toml":
         return read_courses(word, robot, plant)
     known = {name: table for tables in sets.values() for name, table in tables.items()}
+    if word == "unlike":
+        raise InputError("The set unlike is now called mismatch.")
     if word not in sets and word not in known:
         raise InputError(
             f"There is no set or course {word!r}. The sets are {', '.join(sets)}; the courses are "
@@ -224,9 +226,11 @@ def _course(
     name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
 ) -> Course:
     try:
+        if "unlike" in table:
+            raise InputError("The key unlike is now called mismatch; rename it.")
         given = validate_table(CourseTable, table, of="a course")
-        asked = _reference_spec(given.reference, beside)
-        asked.reference()  # refused before anything is run
+        spec = _reference_spec(given.reference, beside)
+        spec.reference()  # refused before anything is run
         if plant == "model":
             if given.scenario:
                 raise InputError("It has a scenario, which only the twin can simulate; choose --plant twin.")
@@ -238,10 +242,10 @@ def _course(
     return Course(
         name=name,
         about=given.about,
-        asked=asked,
+        reference_spec=spec,
         duration=given.duration,
         settle=given.settle,
-        unlike=ModelMismatch(**given.unlike.model_dump()),
+        mismatch=ModelMismatch(**given.mismatch.model_dump()),
         scenario=scenario,
     )
 

@@ -111,7 +111,7 @@ def run_league(
             candidate=name,
             controller=controller,
             plant=partial(_plant, course, robot),
-            reference=course.asked.reference,
+            reference=course.reference_spec.reference,
             duration=course.duration,
             seed=seed,
             course=course.name,
@@ -294,7 +294,11 @@ def league_identity(
 ) -> dict[str, str]:
     """Return digests of all that the scores depend on, by plain names: files by their contents, not their paths."""
     files = [one.file.read_bytes() for one in candidates if one.file]
-    references = [Path(one.asked.name).read_bytes() for one in courses if is_reference_file(one.asked.name)]
+    references = [
+        Path(one.reference_spec.name).read_bytes()
+        for one in courses
+        if is_reference_file(one.reference_spec.name)
+    ]
     inputs = {
         "robot": [robot],
         "controllers": [candidates, *files],
