@@ -111,7 +111,7 @@ class NoisyPlant:
 
 
 def noisy_log(truth: Friction, *, seed: int) -> Log:
-    """Return a log of a robot with that friction, balanced around a square by what its sensors say."""
+    """Return a log of a robot with that friction, balanced around a square on its sensors' readings."""
     robot = Robot.load("alten")
     random = np.random.default_rng([seed, 1])
     start = np.zeros(10)

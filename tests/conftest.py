@@ -17,7 +17,7 @@ hypothesis.settings.load_profile(os.environ.get("BALLBOT_EXAMPLES", "same"))
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Return the folder of measured data beside the project, or skip the test where there is none."""
+    """Return the folder of measured data beside the project, or skip the test without it."""
     folder = Path(os.environ.get("BALLBOT_DATA") or Path(__file__).parents[2] / "shared" / "data")
     if not folder.is_dir():
         pytest.skip(f"no data at {folder}; set BALLBOT_DATA")

@@ -1,4 +1,4 @@
-"""The check of arrays before compiled code reads them: what it accepts, what it copies, what it says."""
+"""The check of arrays before compiled code reads them: accepted arrays, copies and messages."""
 
 import numpy as np
 import pytest

@@ -51,7 +51,7 @@ def suggest(
     choices : iterable of str
         What it could be.
     otherwise : str
-        What introduces the list of all choices if none is near, as "the names are".
+        Introduction of the list of all choices if none is near, such as "the names are".
     count, likeness : int, float
         As for `nearest`.
     """

@@ -42,7 +42,7 @@ def outputs() -> dict[str, bytes]:
 
 @pytest.fixture
 def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
-    """Interrupt a run in a fresh working folder after five steps, and return what it said."""
+    """Interrupt a run in a fresh working folder after five steps, and return its message."""
     monkeypatch.chdir(tmp_path)
     shown = 0
 

@@ -17,7 +17,7 @@ GOOD_LOG = "t,u1,u2,u3,theta\n" + "".join(f"{k * 0.005:g},0.1,0,0,{0.001 * k:g}\
 
 
 def sentence_of(capsys, *arguments: str) -> str:
-    """Run the command, check its exit code, and return what it said on standard error."""
+    """Run the command, check its exit code, and return its text on standard error."""
     assert main(list(arguments)) == 2
     said = capsys.readouterr().err.strip()
     assert said.startswith("ballbot: ")

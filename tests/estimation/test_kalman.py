@@ -1,4 +1,4 @@
-"""The Kalman filter: its parts against what they should be, its errors against what it says of them."""
+"""The Kalman filter: its parts against independent values, its errors against its covariance."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Intervals and what is said of them in words."""
+"""Intervals, and the findings about them."""
 
 import math
 from dataclasses import replace
@@ -144,7 +144,7 @@ def test_identifiable_pairs_are_not_named():
 
 
 def test_a_ridge_of_several_parameters_is_named():
-    # three numbers of which the logs tell the sum alone: every pair has a correlation of only -0.5
+    # three numbers of which the logs determine only the sum: every pair has a correlation of only -0.5
     random = np.random.default_rng(0)
     free = random.standard_normal((100_000, 3))
     known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))

@@ -1,4 +1,4 @@
-"""Wrong sweeps of free wheels are stopped with their cause; correct ones pass; what a sweep cannot tell is unknown."""
+"""Wrong sweeps of free wheels are stopped with their cause; correct ones pass; undetermined values are unknown."""
 
 from collections.abc import Callable
 

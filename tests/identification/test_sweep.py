@@ -41,7 +41,7 @@ def some_covariance(random: np.random.Generator, errors: np.ndarray) -> np.ndarr
 
 
 def of_logs(random: np.random.Generator) -> np.ndarray:
-    """Return a covariance (15, 15) of what logs tell, NaN for what they do not."""
+    """Return a covariance (15, 15) from logs, NaN for parameters that they do not determine."""
     full = np.full((15, 15), np.nan)
     errors = np.array([*[3e-3] * 3, *[1e-2] * 3, 2e-3, *[2e-2] * 3])
     full[np.ix_(KNOWN, KNOWN)] = some_covariance(random, errors)

@@ -1,4 +1,4 @@
-"""`causal_states`: what a file had told by a moment, of a simulated robot whose truth is known."""
+"""`causal_states`: states from the rows up to a moment, of a simulated robot whose truth is known."""
 
 import numpy as np
 import pytest

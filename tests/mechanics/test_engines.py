@@ -115,7 +115,7 @@ def test_mass_matrix_and_energy_equal_the_engine_s(engine: str, kind: str) -> No
 
 @each_engine
 def test_an_error_of_a_wheel_s_inertia_would_show(engine: str) -> None:
-    """The comparison tells robots apart whose wheels alone differ, by one part in a million."""
+    """The comparison distinguishes robots whose wheels alone differ, by one part in a million."""
     one = cases(engine, "alten", states=20)[0]
     wheels = one.robot.wheels
     heavier = replace(wheels, inertia=wheels.inertia * (1 + 1e-6))

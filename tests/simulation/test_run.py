@@ -16,7 +16,7 @@ from tests.support.control_examples import FRICTION, alten, four_wheeled, leanin
 
 @dataclass(frozen=True)
 class Answering:
-    """A controller that returns what it is told to."""
+    """A controller that returns given torques."""
 
     answer: Callable[[float], object]
     sample_time: float = 0.005

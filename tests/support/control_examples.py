@@ -16,7 +16,7 @@ FRICTION = Scenario.nominal(Robot.load("alten")).friction
 
 
 def alten(friction: Friction | None = None) -> Robot:
-    """Return the thesis's robot, without friction where none is given."""
+    """Return the thesis's robot, without friction if none is given."""
     return Robot.load("alten").replace(friction=friction or Friction.none(3))
 
 
@@ -43,7 +43,7 @@ def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
 
 
 def everything(robot: Robot) -> Controller:
-    """Return a controller with every part, at settings of which none is a default."""
+    """Return a controller with every part, at settings that all differ from the defaults."""
     precise, parts = precise_controller(robot, compensation="partial"), example_parts(robot.wheel_count)
     assert precise.parts.integral is not None
     assert parts.integral is not None

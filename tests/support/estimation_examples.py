@@ -23,7 +23,7 @@ H = 0.005
 
 @dataclass(frozen=True)
 class Run:
-    """True states (N, 10), true gyro bias (3,) and what the sensors said."""
+    """True states (N, 10), true gyro bias (3,) and the sensors' readings."""
 
     truth: NDArray[np.float64]
     bias: NDArray[np.float64]

@@ -46,7 +46,7 @@ def swaying_log(*, heading: float = 0.6, duration: float = 30.0) -> Log:
 
 
 class Dithered:
-    """A controller with noise on its torques, without which no log tells a command's delay from the lean's."""
+    """A controller with noise on its torques, without which no log separates a command's delay from the lean's."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller, self.sample_time = controller, controller.sample_time

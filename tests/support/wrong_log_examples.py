@@ -35,7 +35,7 @@ class CorrectLogs:
 
 @dataclass(frozen=True, kw_only=True)
 class WrongLog:
-    """A mistake, and what the check must say."""
+    """A mistake, and the text that the check must report."""
 
     spoil: Callable[[CorrectLogs], Log]
     code: str

@@ -1,4 +1,4 @@
-"""Intervals on the ratio of two models' errors: how often they hold a known truth, and what they lead to say."""
+"""Intervals on the ratio of two models' errors: how often they contain a known truth, and the verdicts from them."""
 
 from __future__ import annotations
 

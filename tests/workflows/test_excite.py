@@ -1,4 +1,4 @@
-"""`ballbot excite`: what is designed keeps its limits, tells more than a square, and refuses what cannot be."""
+"""`ballbot excite`: a design keeps its limits and is more informative than a square; impossible ones are refused."""
 
 import json
 import math

@@ -24,7 +24,7 @@ def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) ->
     Raises
     ------
     InputError
-        If there is none of that name, or the sample time is not positive.
+        If no estimator has that name, or the sample time is not positive.
     """
     if checked_name(name) == "onboard":
         return OnboardState(robot, sample_time=sample_time)

@@ -47,7 +47,7 @@ class Fix:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What all sensors say at one instant; n is the number of wheels. A value that is missing is NaN."""
+    """The readings of all sensors at one instant; n is the number of wheels. A value that is missing is NaN."""
 
     wheel_angles: NDArray[np.float64]  #: (n,) encoder angles, relative to the body [rad]
     wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]

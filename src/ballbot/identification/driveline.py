@@ -12,7 +12,7 @@ integrated runs on through the limit for as long as the torque pushes, and comes
 A motor driven by voltage brakes with its back-EMF (`ballbot.identification.windows`). The brake follows the predicted
 speed, or an error of the speed would not die out: the torque is that at standstill, and b acts beside the brake b_e.
 
-Whether the wheels of a sweep turned freely: what a log shows where the ball was on them.
+The checks find out whether the wheels of a sweep turned freely, without the ball on them.
 """
 
 from __future__ import annotations
@@ -205,15 +205,15 @@ def classical(values: NDArray[np.float64]) -> Classical:
 
 
 def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: float = 0.0) -> list[Sweep]:
-    """Return each wheel's sweep; the limit [rad/s] is the greatest speed in the log where none is given.
+    """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
 
-    `back_emf` is what motors driven by voltage brake with [N m s/rad], where the log's torques contain it.
+    `back_emf` is the braking constant of motors driven by voltage [N m s/rad], if the log's torques contain it.
 
     Raises
     ------
     InputError
         If the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
-        free of the ball, or the limit is none.
+        free of the ball, or the limit is not above zero.
     """
     check_wheels_free(log)
     torques, speeds = log.torques, log.wheel_speeds

@@ -47,7 +47,7 @@ _SLOWEST_SAMPLING = 0.1
 
 
 def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]:
-    """Return what is wrong with the sweeps of all wheels of a robot, errors first."""
+    """Return the faults of the sweeps of all wheels of a robot, errors first."""
     fits = [_fit(sweep.torque, sweep) for sweep in sweeps]
     dead = [one for sweep in sweeps for one in _dead(sweep, sweeps)]
     frozen = [one for sweep in sweeps for one in (*_frozen(sweep), *_frozen_torque(sweep))]

@@ -230,7 +230,7 @@ class Chatter:
     """How much a log's wheels swing within the play."""
 
     share: float  #: of the time, the wheels' mean
-    swing: float  #: median length of the swings within the play [rad]; NaN if there is none
+    swing: float  #: median length of the swings within the play [rad]; NaN without swings
 
     @property
     def matters(self) -> bool:

@@ -36,7 +36,7 @@ from ballbot.mechanics.model import Model
 #: [s]
 HORIZONS = (0.1, 0.25, 0.5)
 
-#: from times of rows (m,) [s] to states (m, 10), NaN if there is none
+#: from times of rows (m,) [s] to states (m, 10), NaN if unknown
 InitialStates = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: blocks of neighbouring starts of the jackknife
@@ -62,7 +62,7 @@ class FrictionErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionAtHorizon:
-    """What friction does to the errors at one horizon."""
+    """Effect of friction on the errors at one horizon."""
 
     horizon: float  #: of a whole number of rows [s]
     starts: int  #: how many predictions have a value there
@@ -135,7 +135,7 @@ def horizon_errors(
 
 
 def friction_by_horizon(errors: HorizonErrors | None) -> tuple[FrictionAtHorizon, ...]:
-    """Return what friction does to the errors at each horizon at which some prediction has a value."""
+    """Return the effect of friction on the errors at each horizon at which some prediction has a value."""
     if errors is None:
         return ()
     found = []
@@ -208,7 +208,7 @@ class HoldoutResult:
     name: str  #: of the log
     errors: WindowErrors
     horizons: tuple[FrictionAtHorizon, ...]  #: empty if no interval of the log is as long as the longest
-    causal: bool  #: whether their predictions start from what was known by then, and not from the log's rows
+    causal: bool  #: whether their predictions start from causal states, and not from the log's rows
     chatter: Chatter
     remarks: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
 
@@ -226,12 +226,12 @@ class HoldoutResult:
 def cross_validate(
     found: Identification, log: Log, *, name: str, starts: InitialStates | None = None
 ) -> HoldoutResult:
-    """Predict windows of a log with what was found, as long as those of the fit, and without friction.
+    """Predict windows of a log with the identified parameters, as long as those of the fit, and without friction.
 
     Parameters
     ----------
     name : str
-        What to call the log.
+        The log's name in the results.
     starts : callable, optional
         The states known at times of its rows, from which the predictions by horizon start, as
         `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.

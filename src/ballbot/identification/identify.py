@@ -83,7 +83,7 @@ def identify(
         With the ten state columns and the torques u1 .. un, of one sample time. Windows with missing values, gaps
         or a fallen robot are skipped. The logs are checked first, unless they come as `CheckedLogs`.
     free : sequence of str
-        What is estimated: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
+        Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups.
     law : str
         The friction law, of `ballbot.identification.laws.LAWS`, if "friction" is estimated.
     bounds : Bounds, optional

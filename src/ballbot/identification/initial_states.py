@@ -73,7 +73,7 @@ class Linearized:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descended:
-    """Where a descent ended."""
+    """Result of a descent."""
 
     problem: Problem
     point: NDArray[np.float64]  #: (p,), scaled
@@ -92,14 +92,14 @@ class Descended:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InitialStatesFit(Descended):
-    """Where the last stage ended."""
+    """Result of the last stage."""
 
     equations: WindowEquations  #: there
     history: tuple[float, ...]  #: the cost after each step
 
     @property
     def coordinates(self) -> Coordinates:
-        """What the parameters are."""
+        """The parameters."""
         return self.problem.coordinates
 
     @property
@@ -299,7 +299,7 @@ def _settled(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _About:
-    """What the equations of a piece are made with."""
+    """Inputs of the equations of a piece."""
 
     values: NDArray[np.float64]  #: (1 + 2 m, p): the point, m of them forward of it, m backward; SI units
     distance: NDArray[np.float64]  #: (m,), from backward to forward, scaled

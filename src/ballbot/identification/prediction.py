@@ -6,7 +6,7 @@ The pieces that a cost and its derivatives are computed in, over threads or a cl
 
 A piece is some sets of parameters on some windows; the problem fixes which, and sums are taken in the pieces' order.
 
-What a search makes small: windows, a predictor of them, and the parameters as the search sees them.
+The cost of a search: windows, a predictor of them, and the parameters as the search sees them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ CHUNK = 256
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lanes:
-    """What is simulated side by side; see `simulate_lanes`."""
+    """Lanes that are simulated side by side; see `simulate_lanes`."""
 
     set_of: NDArray[np.int64]  #: (lanes,), which row of parameters each takes
     initial: NDArray[np.float64]
@@ -64,7 +64,7 @@ class Predictor:
     Parameters
     ----------
     robot : Robot
-        Its friction is not used, nor what else the layout holds.
+        Its friction is not used, nor any other parameter of the layout.
     formulation : {"exact", "thesis"}
     step : float
         Longest inner step [s].
@@ -227,7 +227,7 @@ def chunks(windows: Windows) -> Iterator[Windows]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cost:
-    """What identification makes small: the mean over states of ln(error / error without friction).
+    """The cost that identification minimises: the mean over states of ln(error / error without friction).
 
     With squares summed over windows and time, its gradient is that of least squares in which each state weighs
     one over its residual's variance, so that no weights have to be chosen; exp(cost) is the geometric mean
@@ -246,7 +246,7 @@ class Cost:
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def weights(self, square_sums: NDArray[np.float64], compared: int) -> NDArray[np.float64]:
-        """Return what residuals of each state (10,) are multiplied by: one over their deviation; zero if not counted.
+        """Return the weight of each state's residuals (10,): one over their deviation; zero if excluded.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ WINDOWS, SETS = 64, 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Work:
-    """What all pieces need."""
+    """Inputs that all pieces share."""
 
     predictor: Predictor
     windows: Windows

@@ -232,7 +232,7 @@ LARGEST_ERROR = 0.25
 LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
 
 _WHOLE = ("v_s", "C_rr", "T_p", "j_b", "j_w", "j_r", "late_imu", "late_v")
-#: symbols, and what would separate any two of them
+#: symbols, and the experiment that separates any two of them
 _EXPERIMENTS: tuple[tuple[frozenset[str], str], ...] = (
     (
         frozenset({"c", "s", "v_s", "delta"}),
@@ -334,7 +334,7 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
 
 
 def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
-    """Return findings that name the pairs of parameters that the logs cannot separate, and what would."""
+    """Return findings that name the pairs of parameters that the logs cannot separate, and an experiment that would."""
     rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
     strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
     named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
@@ -376,7 +376,7 @@ def ridge_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) ->
 
 
 def _experiment(one: str, other: str) -> str:
-    """Return what would separate two parameters, by their labels; empty if nothing is known."""
+    """Return the experiment that separates two parameters, by their labels; empty if none is known."""
     symbols = {_symbol(one), _symbol(other)}
     return next((text for pair, text in _EXPERIMENTS if symbols <= pair), "")
 

@@ -32,7 +32,7 @@ from ballbot.progress import Stage
 
 #: inner step of the evolution's simulations [s], which find the basin only; the cost differs by 1e-4
 EVOLUTION_STEP = 2.5e-3
-#: what the cost may rise by when a parameter without influence goes back to its value before
+#: largest rise of the cost when a parameter without influence returns to its nominal value
 LARGEST_LOSS = 1e-3
 #: quantities that act through another one only: v_s and delta shape how s fades
 DEPENDENCES = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
@@ -121,7 +121,7 @@ class Prepared:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointEstimate:
-    """Where the search ended, and which parameters the logs determine there."""
+    """Result of the search, and the parameters that the logs determine there."""
 
     gauss_newton: GaussNewtonFit  #: windows predicted from their measured starts
     finished: InitialStatesFit  #: their starts estimated too: the estimate
@@ -296,9 +296,9 @@ def refine(
 def better_start(
     problem: Problem, evolved: NDArray[np.float64], start: Identification
 ) -> NDArray[np.float64]:
-    """Return whichever predicts better: what the evolution found (p,), or an earlier identification's numbers.
+    """Return the parameters that predict better: the evolution's (p,), or an earlier identification's.
 
-    What the earlier one does not have is as it was before.
+    Parameters that the earlier one lacks keep their nominal values.
     """
     coordinates = problem.coordinates
     values = coordinates.nominal.copy()

@@ -34,7 +34,7 @@ from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import Layout
 
-#: what the sweep and the logs may differ by, in standard errors of their difference
+#: largest difference between sweep and logs, in standard errors of that difference
 CONTRADICTS = 3.0
 _SYMBOLS = ("b", "c")
 _QUANTITIES = ("viscous", "coulomb")
@@ -49,7 +49,7 @@ class SweepFriction:
 
     @property
     def digest(self) -> str:
-        """What a checkpoint knows it by."""
+        """Its identity in a checkpoint."""
         return digest(self.values, self.covariances).hex()
 
 

@@ -5,7 +5,7 @@ Logs of a ball on clamped wheels, cut into windows that lie end to end.
 The plant is stable, so that windows may be long. A window starts from the camera's mean over the samples about its
 first row, whose noise is then a third of a single sample's.
 
-What the upside-down stage gives.
+The result of the upside-down stage.
 
 Friction of drivelines and ball-wheel contacts from a robot upside down, the ball on its wheels (thesis 3.2).
 
@@ -144,7 +144,7 @@ class UpsideDown:
 
     robot: Robot  #: with the friction found; rolling friction as it was, which has no part here
     parameters: ParameterTable  #: {b: [..], c: [..], s: [..], v_s, delta}, SI units; NaN without influence
-    standard_errors: ParameterTable  #: alike, clustered by window; NaN if there is none
+    standard_errors: ParameterTable  #: alike, clustered by window; NaN if not estimated
     labels: tuple[str, ...]  #: (p,)
     correlation: NDArray[np.float64]  #: (p, p)
     #: root mean square error (3,) [rad/s] of Omega on the windows held out: with the friction "found", that of the
@@ -321,7 +321,7 @@ class BallProblem:
 
     @property
     def rolling(self) -> slice:
-        """Where C_rr stands, which a ball on clamped wheels does not have."""
+        """Place of C_rr, which a ball on clamped wheels does not have."""
         columns = self.coordinates.layout.columns("rolling")
         assert columns is not None
         return columns

@@ -30,7 +30,7 @@ _LEAST_PIECES = 50
 _USUAL, _POSSIBLE = (0.6, 1.6), (0.4, 2.5)
 #: share of the ball's changes of speed that the equation must explain
 _EXPLAINED = 0.4
-#: what explains a wrong log must leave this share of what the columns as they are leave
+#: an explanation of a wrong log must leave less than this share of the residual of the columns as they are
 _BETTER = 0.6
 #: and others that leave not much more are as likely
 _AS_LIKELY = 1.3
@@ -42,7 +42,7 @@ _FROZEN = 0.5  # [s], of one and the same angular velocity
 
 
 def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
-    """Return what is wrong with a log of the ball on the clamped robot, errors first.
+    """Return the faults of a log of the ball on the clamped robot, errors first.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class _Fit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pieces:
-    """A log cut into pieces: what the ball's speed did, and the torques' integrals."""
+    """A log cut into pieces: the changes of the ball's speed, and the integrals of the torques."""
 
     ball: ClampedBall
     omega: NDArray[np.float64]  #: (k, m, 3)

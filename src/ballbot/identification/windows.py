@@ -1,4 +1,4 @@
-"""Short windows of logs, and what acts between a log's numbers and the robot: motors, sensors and their delays.
+"""Short windows of logs, and the motors, sensors and delays between a log's numbers and the robot.
 
 Back-EMF. The back-EMF of a motor driven by voltage brakes with the wheel's speed. A motor on a duty d gives u = n k_t
 (d V - k_e n w) / R = u_0 - b_e w, with the torque at standstill u_0 = n k_t V d / R and b_e = n^2 k_t k_e / R. A log of
@@ -6,7 +6,7 @@ duties becomes torques u with the speed w that was measured. What was commanded 
 brake must follow the predicted speed: a model that turns too fast would else not be braked for it. So identification
 predicts with u_0 = u + b_e w and with the viscous friction b + b_e, and gives b.
 
-Where b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous friction found is b + b_e.
+If b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous friction found is b + b_e.
 
 Windows. Each is predicted from the state measured at its start. An unstable plant's open-loop prediction means
 something for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
@@ -165,7 +165,7 @@ _HEADING = STATE_NAMES.index("psi")
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """Where a window lies."""
+    """Log, start and end of a window."""
 
     log: int  #: which of the logs, from 0
     start: float  #: its `t` at the window's start [s]
@@ -376,13 +376,13 @@ def acting_torques(
 def sensor_offsets(
     layout: Layout, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return what sensors add to measured states, None if they are without fault.
+    """Return the errors that sensors add to measured states; None if they have none.
 
     Parameters
     ----------
     values : ndarray (sets, p)
     states : ndarray (w, k, 10)
-        As measured; their heading says how the body stands.
+        As measured; their heading gives the body's orientation.
     times : ndarray (k,)
         Since each window's start [s].
 
@@ -456,7 +456,7 @@ def state_delays(layout: Layout, values: NDArray[np.float64]) -> NDArray[np.floa
 def seen_late(
     states: NDArray[np.float64], delays: NDArray[np.float64], sample_time: float
 ) -> NDArray[np.float64]:
-    """Return what late sensors show of states (sets, w, m + 1, 10), the start first: (sets, w, m, 10), of rows 1 to m.
+    """Return delayed sensors' readings (sets, w, m, 10) of rows 1 to m, for states (sets, w, m + 1, 10), start first.
 
     Parameters
     ----------

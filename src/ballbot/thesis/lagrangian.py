@@ -59,7 +59,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Derivation:
-    """Where Appendix II ends: M(q) q_ddot + bias(q, q_dot) = Q(q, q_dot, u); energies and wheel speeds."""
+    """Result of Appendix II: M(q) q_ddot + bias(q, q_dot) = Q(q, q_dot, u); energies and wheel speeds."""
 
     symbols: Symbols
     kinetic_energy: sp.Expr  #: T [J]

@@ -411,7 +411,7 @@ class ErrorPair:
         return ratio_interval(self.second.by_run, self.first.by_run, overlap=self.overlap, seed=seed)
 
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Return what the interval on each state's ratio says of the first model."""
+        """Return the verdict on the first model from the interval on each state's ratio."""
         return verdicts(self.ratio_interval())
 
 

@@ -24,7 +24,7 @@ from ballbot.validation.models import ErrorPair, ModelPair, forecast, rows_after
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """One-step residuals of both models, and what each step started from."""
+    """One-step residuals of both models, and the states that the steps started from."""
 
     residuals: NDArray[np.float64]  #: (steps, 10) of the first model
     residuals_second: NDArray[np.float64]  #: (steps, 10) of the second
@@ -115,7 +115,7 @@ _SPACING = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonComparison:
-    """Errors of both models at each horizon, and what to compare them with."""
+    """Errors of both models at each horizon, and the scales to compare them with."""
 
     errors: HorizonErrors  #: of the first model and the second, state by state
     #: (h, 10), RMSE that the noise of start and measurement alone would cause

@@ -47,7 +47,7 @@ from ballbot.validation.wheel_effects import (
 
 #: errors are clustered over this [s]
 _BLOCK = 0.25
-#: fewer blocks say nothing about the wheels
+#: fewer blocks give no result for the wheels
 LEAST_BLOCKS = 80
 #: a speed so many rows earlier shares no noise with the residual
 _EARLIER = 3
@@ -57,7 +57,7 @@ _STEPS, _LEAST_TURN = 3.0, 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualAnalysis:
-    """What a model's residuals show; None if the log is too short or lacks a column."""
+    """Analyses of a model's residuals; None if the log is too short or lacks a column."""
 
     correlations: Correlations
     whiteness: Whiteness | None
@@ -194,7 +194,7 @@ _COLOURS: dict[Colour, str] = {
 
 
 def residual_findings(analysis: ResidualAnalysis) -> list[Finding]:
-    """Return what a model's one-step residuals show, a sentence or two for each question."""
+    """Return the findings from a model's one-step residuals, a sentence or two for each question."""
     sentences = [
         *_pair_findings(analysis.correlations),
         named_pairs(analysis.correlations),

@@ -2,8 +2,8 @@
 
 A series is made of segments, none of which may be joined to the next.
 
-Correlation (the matrix of Figure 4.3). Two series that remember their past agree by chance more than white ones do. For
-independent ones (M. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536-543),
+Correlation (the matrix of Figure 4.3). Two series that remember their past have larger accidental correlations than
+white ones. For independent ones (M. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536-543),
 
     var r = (1 + 2 sum_k rho_1(k) rho_2(k)) / n
 
@@ -30,7 +30,7 @@ does once in a hundred logs, over all bins and states. Its surroundings are the 
 a slope, one of them is above any bin between.
 
 A column that is updated every 1/f s makes lines at multiples of f, and those above half the sampling rate are folded
-down. Rollers pass at a rate that follows the wheel's speed. Where the wheels turn evenly that names a peak; over uneven
+down. Rollers pass at a rate that follows the wheel's speed. If the wheels turn evenly, that names a peak; over uneven
 speeds `ballbot.validation.wheel_effects` finds what recurs with their position, and a peak at a frequency at which that
 recurs may be it. A peak of neither kind is a resonance, of the robot or of the loop; one above half the sampling rate
 shows folded down as well.
@@ -250,14 +250,14 @@ _LEAST_RENEWALS = 20
 
 @dataclass(frozen=True, kw_only=True)
 class Updates:
-    """Rates [Hz] of what is renewed less often than the log has rows."""
+    """Rates [Hz] of the columns that are renewed less often than the log has rows."""
 
     torques: float | None  #: the control rate
     states: dict[str, float]  #: by the state's name
 
 
 def find_updates(log: Log) -> Updates:
-    """Return what in a log is renewed less often than once a row, at even intervals."""
+    """Return the columns of a log that are renewed less often than once a row, at even intervals."""
     count = log.torques.shape[1]
     torques = [rate for name in torque_names(count) if (rate := _update_rate(log, name)) is not None]
     states = {name: rate for name in STATE_NAMES if (rate := _update_rate(log, name)) is not None}
@@ -274,10 +274,10 @@ def _update_rate(log: Log, name: str) -> float | None:
     return 1.0 / (average * log.sample_time) if average > _SLOWER and even > _EVEN_SHARE else None
 
 
-#: length of a window [s] where the log allows it: what it tells apart is 1.5 over it
+#: length of a window [s] if the log allows it; its resolution is 1.5 over its length
 _WINDOW = 2.56
 _LEAST_WINDOWS = 8
-#: a window of fewer rows tells nothing apart
+#: a window of fewer rows resolves no frequencies
 _LEAST_ROWS = 64
 #: chance of any false peak in a log
 PEAK_LEVEL = 0.01
@@ -291,12 +291,12 @@ _LEAST_RATIO = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class Peak:
-    """Where a state's residual has more than around it."""
+    """A frequency at which a state's residual has more power than around it."""
 
     state: int
     frequency: float  #: [Hz]
     ratio: float  #: density over that of its surroundings
-    rms: float  #: what it adds, in the state's unit
+    rms: float  #: its contribution, in the state's unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -398,7 +398,7 @@ _EVEN_SPEEDS = 0.2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Clues:
-    """What else a log tells about its frequencies."""
+    """Known frequencies of a log that can cause a peak."""
 
     updates: Updates
     turning: NDArray[np.float64] | None  #: (3,) [turns/s] 10 %, 50 % and 90 % of the wheels' speeds

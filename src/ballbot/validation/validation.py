@@ -262,7 +262,7 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
 def _closed_loop(
     models: ModelPair, log: Log, parts: Sequence[range], controller: Feedback | None, restart_every: float
 ) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
-    """Return the recovered gain, the closed-loop validation and why there is none, each where there is one."""
+    """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
     if controller is not None:
         delay = delay_of(controller, log)
         return (
@@ -357,7 +357,7 @@ def better_in(errors: ErrorPair, models: ModelPair) -> str:
 
 
 def describe_dither(validation: Validation) -> str | None:
-    """Return what the wheels' speeds show of the rollers' dither, or None if the log has no wheel speeds."""
+    """Return the finding about the rollers' dither in the wheels' speeds, or None if the log has no wheel speeds."""
     dither = validation.dither
     if dither is None:
         return None

@@ -351,7 +351,7 @@ def write_video(
     Raises
     ------
     InputError
-        Where OpenCV cannot write such a file.
+        If OpenCV cannot write such a file.
     """
     path = Path(path)
     partial = path.with_name(f".{path.stem}.part{path.suffix}")

@@ -220,7 +220,7 @@ class SeamPoints:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A rotation and what the points say of it."""
+    """A rotation, and how well the points fit it."""
 
     R: NDArray[np.float64]  #: (3, 3) ball frame to camera frame
     information: NDArray[

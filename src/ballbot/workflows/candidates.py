@@ -258,7 +258,7 @@ def _error_text(error: BaseException, file: Path) -> str:
 
 
 def _text(error: BaseException) -> str:
-    """Return an error's own words, which it may fail to say."""
+    """Return an error's text; converting it to text may itself fail."""
     try:
         return str(error)
     except Exception:

@@ -73,7 +73,7 @@ def mean_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Estimat
     """Return the mean of the values that are numbers, with Student's interval.
 
     m +- t s / sqrt(n), with t of n - 1 degrees of freedom: exact for normal values, and good for the skewed ones of
-    peaks from some ten seeds on. Where all are equal the interval has no width.
+    peaks from some ten seeds on. If all are equal, the interval has no width.
     """
     known = np.asarray(values, dtype=np.float64)
     known = known[~np.isnan(known)]

@@ -412,7 +412,7 @@ SYMPTOMS = (
 def ranked_causes(
     seen: Signature | None, expected: Mapping[str, float], *, codes: Sequence[str] = ()
 ) -> tuple[Cause, ...]:
-    """Return the causes with evidence in a log, the strongest first; empty if there is none.
+    """Return the causes with evidence in a log, the strongest first; empty without evidence.
 
     Parameters
     ----------

@@ -197,7 +197,7 @@ def _seed_folders(folder: Path) -> dict[int, Path]:
 
 
 def settings(job: RecordJob, seed: int) -> dict[str, str]:
-    """Return the texts of the files that say how a run is made, by name; record.toml comes last."""
+    """Return the texts of the files that describe a run, by name; record.toml comes last."""
     texts = {"robot.toml": robot_text(job.robot), "scenario.toml": scenario_text(job.scenario)}
     run: dict[str, object] = {
         "seed": seed,

@@ -126,7 +126,7 @@ def read_columns(path: str | Path, layout: TextLayout | None = None) -> Columns:
     Raises
     ------
     InputError
-        If the suffix is none of these, a package that reads the format is missing, or the file is not such a table.
+        If the suffix is unknown, a package that reads the format is missing, or the file is not such a table.
     """
     one = _known_format(path)
     if one.is_text:

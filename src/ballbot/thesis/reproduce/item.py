@@ -156,7 +156,7 @@ class Item:
 
     @property
     def verdict(self) -> Verdict:
-        """What the checks say together."""
+        """The verdict of all checks together."""
         if not self.checks:
             return "drawn"
         if all(check.agrees for check in self.checks):
