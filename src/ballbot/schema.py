@@ -196,14 +196,14 @@ def _choice(place: str, given: object, allowed: Sequence[str]) -> str:
 
 def _wanted(mistake: _Mistake) -> list[str]:
     """Return what the value must be, in one or several alternatives."""
-    kind, said = mistake.error["type"], mistake.error["msg"]
+    kind, message = mistake.error["type"], mistake.error["msg"]
     if kind == "literal_error":
         return _allowed(mistake)
     if kind in _RANGES:
         key, words = _RANGES[kind]
         return [f"{words} {mistake.context[key]:g}"]
-    said = said.removeprefix("Input should be ").removeprefix("Value error, ")
-    return [_WANTED.get(kind, f"{said[0].lower()}{said[1:]}")]
+    message = message.removeprefix("Input should be ").removeprefix("Value error, ")
+    return [_WANTED.get(kind, f"{message[0].lower()}{message[1:]}")]
 
 
 def _allowed(mistake: _Mistake) -> list[str]:

@@ -52,10 +52,10 @@ def test_what_cannot_be_determined_exits_with_two_and_a_line_to_fill_in(folder, 
         str(out),
     ]
     assert main(arguments) == 2
-    told = capsys.readouterr()
-    assert "cannot determine: " in told.err
-    assert str(out / "mapping.toml") in told.err
-    assert "Next:" not in told.out
+    printed = capsys.readouterr()
+    assert "cannot determine: " in printed.err
+    assert str(out / "mapping.toml") in printed.err
+    assert "Next:" not in printed.out
     text = (out / "mapping.toml").read_text()
     assert "# cannot determine: " in text
     assert "complete = false" in text

@@ -61,8 +61,8 @@ def interrupted(inputs, tmp_path, monkeypatch, capsys) -> str:
 @pytest.mark.slow
 def test_printed_resume_command_ends_in_the_same_bytes(inputs, interrupted, tmp_path, monkeypatch, capsys):
     assert interrupted.count("\n") == 1
-    told, command = interrupted.rstrip().split(": ballbot identify ")
-    assert told == "ballbot: interrupted; continue with"
+    printed, command = interrupted.rstrip().split(": ballbot identify ")
+    assert printed == "ballbot: interrupted; continue with"
     assert main(["identify", *shlex.split(command)]) == 0
     resumed = outputs()
     assert set(resumed) == {"results.json", "robot.toml"}  # and no checkpoint any more
@@ -84,9 +84,9 @@ def test_interrupted_run_is_neither_overwritten_nor_mixed(inputs, interrupted, c
     assert interrupted
     kept = outputs()
     assert main(words(inputs, *more)) == 2
-    told = capsys.readouterr().err
-    assert sentence in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert sentence in printed
+    assert printed.count("\n") == 1
     assert outputs() == kept
 
 

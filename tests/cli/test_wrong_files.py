@@ -19,11 +19,11 @@ GOOD_LOG = "t,u1,u2,u3,theta\n" + "".join(f"{k * 0.005:g},0.1,0,0,{0.001 * k:g}\
 def sentence_of(capsys, *arguments: str) -> str:
     """Run the command, check its exit code, and return its text on standard error."""
     assert main(list(arguments)) == 2
-    said = capsys.readouterr().err.strip()
-    assert said.startswith("ballbot: ")
-    assert len(said.splitlines()) == 1
-    assert "Traceback" not in said
-    return said
+    printed = capsys.readouterr().err.strip()
+    assert printed.startswith("ballbot: ")
+    assert len(printed.splitlines()) == 1
+    assert "Traceback" not in printed
+    return printed
 
 
 @pytest.fixture
@@ -52,9 +52,9 @@ def replaced(path: Path, old: str, new: str) -> Path:
 def test_file_that_is_not_a_robot_is_refused(tmp_path, capsys, content, words):
     path = tmp_path / "robot.toml"
     path.write_text(content)
-    said = sentence_of(capsys, "check", str(path))
-    assert "robot.toml" in said
-    assert words in said
+    printed = sentence_of(capsys, "check", str(path))
+    assert "robot.toml" in printed
+    assert words in printed
 
 
 @pytest.mark.parametrize(
@@ -97,9 +97,9 @@ def test_file_that_is_not_a_log_is_refused(tmp_path, capsys, command, content, w
     path.write_text(content)
     before = {"check-log": [], "validate": ["rezero"]}.get(command, ["alten"])
     after = [] if command == "check-log" else ["--out", str(tmp_path / "out")]
-    said = sentence_of(capsys, command, *before, str(path), *after)
-    assert "log.csv" in said
-    assert words in said
+    printed = sentence_of(capsys, command, *before, str(path), *after)
+    assert "log.csv" in printed
+    assert words in printed
     assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
 
 
@@ -123,8 +123,8 @@ def test_file_that_is_not_a_controller_is_refused(tmp_path, capsys, content):
     path.write_text(content)
     out = ["--out", str(tmp_path / "out")]
     for command in (["simulate", "alten"], ["record", "nominal"]):
-        said = sentence_of(capsys, *command, "--controller", str(path), *out)
-        assert "controller.toml" in said
+        printed = sentence_of(capsys, *command, "--controller", str(path), *out)
+        assert "controller.toml" in printed
     assert "controller.toml" in sentence_of(capsys, "compare", "alten", str(path), *out)
 
 
@@ -166,17 +166,17 @@ def test_any_bytes_are_read_or_refused(tmp_path, capsys, content):
         path = tmp_path / name
         path.write_bytes(content)
         code = main([*arguments, str(path)])
-        said = capsys.readouterr().err.strip()
+        printed = capsys.readouterr().err.strip()
         assert code in (0, 2)
-        assert (code == 0) == (not said)
+        assert (code == 0) == (not printed)
 
 
 def test_nothing_is_left_half_written(tmp_path, robot_file, capsys):
     """A refused command leaves no file behind, and an existing one as it was."""
     assert shutil.copy(robot_file, tmp_path / "kept.toml")
     before = (tmp_path / "kept.toml").read_bytes()
-    said = sentence_of(capsys, "new", "kept", "--from", "alten", "--out", str(tmp_path / "kept.toml"))
-    assert "kept.toml" in said
+    printed = sentence_of(capsys, "new", "kept", "--from", "alten", "--out", str(tmp_path / "kept.toml"))
+    assert "kept.toml" in printed
     assert (tmp_path / "kept.toml").read_bytes() == before
     assert np.all([not p.name.startswith(".") for p in tmp_path.iterdir()])
 

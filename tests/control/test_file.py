@@ -140,7 +140,7 @@ def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sente
 OLD = Path(__file__).parent / "old_files" / "controller_every_part.toml"
 
 
-def test_file_of_an_earlier_version_gives_the_same_controller_and_says_what_changed():
+def test_file_of_an_earlier_version_gives_the_same_controller_and_names_the_changes():
     robot = alten(FRICTION)
     precise = precise_controller(robot, compensation="partial")
     same = precise.with_parts(  # the parts that there were, at their settings in the file

@@ -112,12 +112,12 @@ def test_open_intervals_are_reported():
             "c1": replace(two, lower=0.0, upper=math.inf),
         }
     )
-    told = texts(found)
-    assert [sentence.split()[0] for sentence in told] == ["v_s", "delta", "s1", "c1"]
-    assert "limited from below only: 0.1 or more" in told[0]
-    assert "limited from above only: 0.2 or less" in told[1]
-    assert "its value means nothing" in told[2]
-    assert "any value fits, zero included" in told[3]
+    sentences = texts(found)
+    assert [sentence.split()[0] for sentence in sentences] == ["v_s", "delta", "s1", "c1"]
+    assert "limited from below only: 0.1 or more" in sentences[0]
+    assert "limited from above only: 0.2 or less" in sentences[1]
+    assert "its value means nothing" in sentences[2]
+    assert "any value fits, zero included" in sentences[3]
 
 
 @pytest.mark.parametrize(
@@ -134,9 +134,9 @@ def test_open_intervals_are_reported():
     ],
 )
 def test_unidentifiable_pairs_are_named_with_an_experiment(pair, experiment):
-    told = texts(correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]])))
-    assert f"{pair[0]} and {pair[1]} (-0.97)" in told[0]
-    assert experiment in told[1]
+    sentences = texts(correlation_findings(pair, np.array([[1.0, -0.97], [-0.97, 1.0]])))
+    assert f"{pair[0]} and {pair[1]} (-0.97)" in sentences[0]
+    assert experiment in sentences[1]
 
 
 def test_identifiable_pairs_are_not_named():
@@ -150,10 +150,10 @@ def test_a_ridge_of_several_parameters_is_named():
     known_sum = free - free.mean(axis=1, keepdims=True) + 1e-3 * random.standard_normal((100_000, 1))
     values = np.column_stack([known_sum, random.standard_normal(100_000)])
     correlation = np.asarray(np.corrcoef(values, rowvar=False))
-    told, *advice = texts(ridge_findings(("b1", "c1", "s1", "C_rr"), correlation))
+    sentence, *advice = texts(ridge_findings(("b1", "c1", "s1", "C_rr"), correlation))
     assert [words.split(", log")[0] for words in advice] == [
         "To separate viscous from dry friction",
         "To separate dry friction at rest from that at speed",
     ]
-    assert told.startswith("b1, c1 and s1 are nearly collinear")
+    assert sentence.startswith("b1, c1 and s1 are nearly collinear")
     assert ridge_findings(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []

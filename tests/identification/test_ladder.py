@@ -42,7 +42,7 @@ def test_a_gain_is_the_share_by_which_errors_fall():
     assert gain.significant
 
 
-def test_the_interval_holds_the_truth_as_often_as_it_says():
+def test_the_interval_contains_the_truth_at_its_stated_rate():
     # errors of both laws share what is hard in a window (neighbours in common), and differ by noise without mean
     random, held = np.random.default_rng(1), 0
     repeats = 200

@@ -150,7 +150,9 @@ def _robust_step(selected, work):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pivoting", [None, 0.0, 0.05, 1.0])
-def test_the_engine_s_vector_step_is_the_minimiser_wherever_it_says_so(pivoting: float | None) -> None:
+def test_the_engine_s_vector_step_is_the_minimiser_wherever_it_reports_convergence(
+    pivoting: float | None,
+) -> None:
     """`convex` against `stick_slip` from random states, slow to fast: both of a lane's convex steps."""
     rng = np.random.default_rng(43)
     model = Model(alten(FRICTION), pivoting=pivoting)

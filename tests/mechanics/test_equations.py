@@ -95,7 +95,7 @@ def test_energy_is_kept_in_a_fall(axis):
     assert model.energy(state[:5], state[5:]) == pytest.approx(start, rel=1e-8)
 
 
-def test_a_simulation_past_the_largest_lean_ends_and_says_so():
+def test_a_simulation_past_the_largest_lean_ends_and_reports_the_sample():
     model = Model(alten())
     state = np.zeros(10)
     state[2] = 0.3

@@ -56,7 +56,7 @@ def test_alten_holds_appendix_i(alten: Robot) -> None:
     assert math.degrees(alten.sensors.heading_drift * 180.0) == pytest.approx(16.0)
 
 
-def test_alten_starts_without_friction_and_says_so(alten: Robot) -> None:
+def test_alten_starts_without_friction_and_states_it(alten: Robot) -> None:
     assert alten.friction == Friction.none(3)
     assert alten.sources["friction.coulomb"].startswith("assumed")
 

@@ -100,7 +100,7 @@ def test_ball_rolls_down_a_tilted_floor() -> None:
     np.testing.assert_allclose(engine.qvel[:2], expected, rtol=0.01, atol=1e-4)
 
 
-def test_wheels_with_one_point_turn_as_kinematics_says() -> None:
+def test_wheels_with_one_point_turn_by_the_kinematics() -> None:
     twin = Twin(ALTEN, replace(Scenario.ideal(ALTEN), wheel_contact="point", timestep=0.00025))
     state = np.array([0, 0, 0.0, 0, 0.4, 0.3, -0.2, 0.0, 0.0, 0.8])
     twin.reset(state, seed=2)

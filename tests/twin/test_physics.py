@@ -213,7 +213,7 @@ def test_pivoting_ball_slows_by_its_pivoting_friction(alten: Robot) -> None:
     assert engine.qvel[5] == pytest.approx(expected, rel=0.02)
 
 
-def test_ball_turns_the_wheels_as_kinematics_says(alten: Robot) -> None:
+def test_ball_turns_the_wheels_by_the_kinematics(alten: Robot) -> None:
     """Encoders see A (z - w), signs and all, while ball and body roll freely; slip and softness remain.
 
     The rows are 0.1 mm apart here. At the nominal 6 mm a row meets the ball 1.4 degrees off the plane,

@@ -304,7 +304,7 @@ def test_dithering_rollers_are_given_as_the_reason_for_the_heading():
 # --- refusals ---
 
 
-def test_a_log_without_a_reference_has_no_closed_loop_and_says_why():
+def test_a_log_without_a_reference_has_no_closed_loop_and_gives_the_reason():
     log = perfect_log()
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("ref_")})
     validation = validate(true_robot(), bare)

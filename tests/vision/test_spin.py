@@ -228,6 +228,6 @@ def test_invalid_videos_end_in_one_sentence(tmp_path, capsys, name, sentence):
     elif name == "empty.avi":
         write_video(tmp_path / name, grey, frame_rate=30.0)
     assert main(["spin", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert sentence in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert sentence in printed
+    assert printed.count("\n") == 1

@@ -97,7 +97,7 @@ def test_the_robots_of_the_set_mismatch_are_all_corners():
         ("none@camera", "There is no estimator 'camera'; the estimators are onboard, kalman"),
     ],
 )
-def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
+def test_a_wrong_controller_is_refused_in_one_sentence(folder, word, sentence):
     (folder / "bad.py").write_text("import numpy\nno_such_name\n")
     (folder / "worse.py").write_text("def (:\n")
     with pytest.raises(InputError) as refusal:
@@ -113,7 +113,7 @@ def test_a_wrong_controller_is_told_in_a_sentence(folder, word, sentence):
         ("Odd", "returned str at t = 0 s, but it must return an array of torques"),
     ],
 )
-def test_a_controller_that_fails_on_its_way_is_told(folder, own, sentence):
+def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence):
     robot = alten()
     controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
     with pytest.raises(InputError) as refusal:

@@ -88,7 +88,7 @@ def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path
     assert not (tmp_path / "checkpoint.jsonl").exists()
 
 
-def test_the_controller_file_says_how_it_was_found(robot_file, written):
+def test_the_controller_file_states_its_design_method(robot_file, written):
     text = (written / "controller.toml").read_text()
     results = json.loads((written / "results.json").read_text())
     assert text.startswith("# Found by: ballbot design")
