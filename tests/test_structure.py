@@ -25,9 +25,6 @@ STILL_MANY_PARAMETERS = {
     "ballbot.mechanics.engine.smooth.acceleration",
     "ballbot.mechanics.engine.smooth.loaded",
     "ballbot.mechanics.friction_laws.interface.linear_motion",
-    "ballbot.simulation.batch._end_where_slipping",
-    "ballbot.simulation.batch.decide",
-    "ballbot.simulation.batch.run_closed_loop_block",
     "ballbot.simulation.batch.simulate_batch",
 }
 

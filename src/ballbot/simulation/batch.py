@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,14 +73,54 @@ class Verdict:
                 raise InputError(f"{name} of the verdict is {getattr(self, name)!r}; it must be above zero.")
 
 
+class _Inputs(NamedTuple):
+    """What each lane is and begins with; one row may hold for every lane."""
+
+    parameters: NDArray[np.float64]  #: rows of `pack`
+    lift_offs: NDArray[np.float64]
+    laws: NDArray[np.float64]
+    conditions: NDArray[np.float64]  #: rows of `pack_conditions`
+    contacts: NDArray[np.float64]  #: rows of `pack_contacts`
+    initial: NDArray[np.float64]
+
+
+class _Limits(NamedTuple):
+    """The verdict, as compiled code reads it; see `Verdict`."""
+
+    settled: NDArray[np.float64]  #: no rows without a verdict
+    lost: float
+    grip: float
+
+
+class _Sampling(NamedTuple):
+    """The reference at each sample, and the steps between."""
+
+    references: NDArray[np.float64]  #: (samples, 10)
+    h: float  #: [s]
+    steps: int  #: in a sample
+    every: int  #: so many samples between records
+
+
+class _Outcome(NamedTuple):
+    """What the compiled call writes, for each lane."""
+
+    states: NDArray[np.float64]  #: (lanes, records, 10)
+    torques: NDArray[np.float64]  #: (lanes, records, n)
+    ended: NDArray[np.int64]  #: sample in which it fell, lifted off or slipped; all samples if it did not
+    settled: NDArray[np.int64]
+    lifted: NDArray[np.bool_]
+    slipped: NDArray[np.bool_]
+    changes: NDArray[np.float64]  #: sum of the squared changes of its torques
+
+
 @called
-def decide(work, lane, bounds, lost, state, reference, sample, ended, settled, robot):
+def _decide(work, lane, limits, state, reference, sample, out, robot):
     """Stop a lane whose outcome is known; see `Verdict`."""
     lean = state[2] * state[2] + state[3] * state[3]
-    if lean > lost * lost and state[2] * state[7] + state[3] * state[8] > 0.0:
-        ended[robot] = sample
-    elif _within(bounds, state, reference):
-        settled[robot] = sample
+    if lean > limits.lost * limits.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
+        out.ended[robot] = sample
+    elif _within(limits.settled, state, reference):
+        out.settled[robot] = sample
     else:
         return
     work[STEP * LANES + lane] = 0.0
@@ -188,83 +229,67 @@ def simulate_batch(
     every = whole_number(every, "every", least=0) or samples
     references = _sampled(reference, samples, sample_time)
     records = samples // every
-    states, torques = np.empty((lanes, records, 10)), np.empty((lanes, records, n))
-    ended, settled = np.full((2, lanes), samples, np.int64)
-    lifted, slipped = np.zeros((2, lanes), np.bool_)
-    changes = np.zeros(lanes)
+    out = _Outcome(
+        states=np.empty((lanes, records, 10)),
+        torques=np.empty((lanes, records, n)),
+        ended=np.full(lanes, samples, np.int64),
+        settled=np.full(lanes, samples, np.int64),
+        lifted=np.zeros(lanes, np.bool_),
+        slipped=np.zeros(lanes, np.bool_),
+        changes=np.zeros(lanes),
+    )
     law = wheel_law(*(robot.friction for robot in bodies))
     selected = selector(model.formulation, n, pivoting=model.pivots, law=law)
-    inputs = (
-        _rows(lambda robot: pack(robot, model.formulation, pivoting=model.pivoting or 0.0, law=law), bodies),
-        _rows(lift_off, bodies),
-        np.stack([one.packed for one in controllers]),
-        pack_conditions(borne, bodies),
-        np.zeros((0, 10)) if verdict is None else verdict.settled,
-        _rows(pack_contacts, bodies),
-        LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
-        math.inf if verdict is None else verdict.grip,
-        initial,
-        references,
+    inputs = _Inputs(
+        parameters=_rows(
+            lambda robot: pack(robot, model.formulation, pivoting=model.pivoting or 0.0, law=law), bodies
+        ),
+        lift_offs=_rows(lift_off, bodies),
+        laws=np.stack([one.packed for one in controllers]),
+        conditions=pack_conditions(borne, bodies),
+        contacts=_rows(pack_contacts, bodies),
+        initial=initial,
+    )
+    limits = _Limits(
+        settled=np.zeros((0, 10)) if verdict is None else verdict.settled,
+        lost=LARGEST_LEAN if verdict is None else min(verdict.lost, LARGEST_LEAN),
+        grip=math.inf if verdict is None else verdict.grip,
     )
     steps = model.steps_in(sample_time)
+    sampling = _Sampling(references=references, h=sample_time / steps, steps=steps, every=every)
 
     def run(first: int) -> None:
-        width = min(LANES, lanes - first)
-        out = (states, torques, ended, settled, lifted, slipped, changes)
-        run_closed_loop_block(selected, *inputs, first, width, sample_time / steps, steps, every, *out)
+        _run_closed_loop_block(selected, inputs, limits, sampling, first, min(LANES, lanes - first), out)
 
     over_threads(run, lanes, threads)
-    decided = np.minimum(ended, settled)
+    decided = np.minimum(out.ended, out.settled)
     return ClosedLoopBatch(
         t=np.arange(1.0, records + 1.0) * (every * sample_time),
-        states=states,
-        torques=torques,
-        ended=np.where(ended < samples, ended * sample_time, np.inf),
-        settled=np.where(settled < samples, settled * sample_time, np.inf),
-        lifted=lifted,
-        slipped=slipped,
-        torque_change=np.sqrt(changes / (n * np.maximum(decided - 1, 1))),
+        states=out.states,
+        torques=out.torques,
+        ended=np.where(out.ended < samples, out.ended * sample_time, np.inf),
+        settled=np.where(out.settled < samples, out.settled * sample_time, np.inf),
+        lifted=out.lifted,
+        slipped=out.slipped,
+        torque_change=np.sqrt(out.changes / (n * np.maximum(decided - 1, 1))),
     )
 
 
 @compiled
-def run_closed_loop_block(
-    selected,
-    parameters,
-    lift_offs,
-    laws,
-    conditions,
-    bounds,
-    contacts,
-    lost,
-    grip,
-    initial,
-    references,
-    first,
-    width,
-    h,
-    steps,
-    every,
-    states,
-    torques,
-    ended,
-    settled,
-    lifted,
-    slipped,
-    changes,
-):
-    """Simulate lanes first .. first + width - 1 of `simulate_batch`; inputs of one row hold for every lane."""
+def _run_closed_loop_block(selected, inputs, limits, sampling, first, width, out):
+    """Simulate lanes first .. first + width - 1 of `simulate_batch`."""
     work = new_work()
-    state, held = np.empty(10), np.empty(torques.shape[2])
+    conditions, references, ended, settled = inputs.conditions, sampling.references, out.ended, out.settled
+    state, held = np.empty(10), np.empty(out.torques.shape[2])
     memories = np.zeros((width, MEMORY_SIZE))
     samples, moving = len(references), width
     late = np.zeros((1 + int(conditions[:, 0].max()), width, len(held)))  # torques on their way
     acting, room = np.zeros((width, len(held))), np.zeros(len(held))
     for lane in range(width):
-        _load_robot(work, lane, parameters[_row_of(parameters, first + lane)])
-        fill(state, initial[_row_of(initial, first + lane)])
+        _load_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + lane)])
+        fill(state, inputs.initial[_row_of(inputs.initial, first + lane)])
         _shift_lean(state, conditions[_row_of(conditions, first + lane)], -1.0)
-        start_lane(selected, work, lane, state, h)
+        start_lane(selected, work, lane, state, sampling.h)
     for sample in range(samples):
         for lane in range(width if moving > 0 else 0):
             robot = first + robot_in(work, lane)
@@ -273,37 +298,35 @@ def run_closed_loop_block(
                 _measure(selected, work, lane, row, state)
                 if row[len(row) - 2] <= sample < row[len(row) - 1]:
                     state[0] = np.nan
-                law, memory = laws[_row_of(laws, robot)], memories[robot - first]
+                law, memory = inputs.laws[_row_of(inputs.laws, robot)], memories[robot - first]
                 control_law(law, memory, state, references[sample], held)
                 fill(late[sample % len(late), robot - first], held)
                 due = late[(sample - int(row[0])) % len(late), robot - first]
                 if sample > int(row[0]):
-                    changes[robot] += _squared_distance(due, acting[robot - first])
+                    out.changes[robot] += _squared_distance(due, acting[robot - first])
                 fill(acting[robot - first], due)
                 _put_torques(selected, work, lane, row, state[4], acting[robot - first])
         if moving > 0:
-            take_steps(selected, work, width, steps)
+            take_steps(selected, work, width, sampling.steps)
         for lane in range(width):
             robot = first + robot_in(work, lane)
             row = conditions[_row_of(conditions, robot)]
             if ended[robot] == samples and settled[robot] == samples:
-                limit = lift_offs[_row_of(lift_offs, robot)]
-                _end_where_due(selected, work, lane, limit, sample + 1, ended, lifted, robot)
-                if grip < math.inf and ended[robot] == samples:
-                    touching = contacts[_row_of(contacts, robot)]
-                    _end_where_slipping(
-                        selected, work, lane, touching, grip, room, sample + 1, ended, slipped, robot
-                    )
-                if len(bounds) > 0 and ended[robot] == samples:
+                limit = inputs.lift_offs[_row_of(inputs.lift_offs, robot)]
+                _end_where_due(selected, work, lane, limit, sample + 1, out, robot)
+                if limits.grip < math.inf and ended[robot] == samples:
+                    touching = inputs.contacts[_row_of(inputs.contacts, robot)]
+                    if not _grips(selected, work, lane, touching, room, limits.grip):
+                        ended[robot], out.slipped[robot] = sample + 1, True
+                        work[STEP * LANES + lane] = 0.0  # the lane stays where it is
+                if len(limits.settled) > 0 and ended[robot] == samples:
                     _measure(selected, work, lane, row, state)
-                    decide(
-                        work, lane, bounds, lost, state, references[sample], sample + 1, ended, settled, robot
-                    )
+                    _decide(work, lane, limits, state, references[sample], sample + 1, out, robot)
                 moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
-            if (sample + 1) % every == 0:
-                record = (sample + 1) // every - 1
-                _measure(selected, work, lane, row, states[robot, record])
-                fill(torques[robot, record], acting[robot - first])
+            if (sample + 1) % sampling.every == 0:
+                record = (sample + 1) // sampling.every - 1
+                _measure(selected, work, lane, row, out.states[robot, record])
+                fill(out.torques[robot, record], acting[robot - first])
 
 
 @inlined
@@ -361,7 +384,7 @@ def _within_supply(torque, speed, top, most):
 
 
 @inlined
-def _end_where_due(selected, work, lane, limit, sample, ended, lifted, robot):
+def _end_where_due(selected, work, lane, limit, sample, out, robot):
     """Stop a lane that has fallen within the sample or would lift off at its end."""
     state = load_state(selected, work, lane)
     fallen = work[STEP * LANES + lane] == 0.0 or not max(abs(state[2]), abs(state[3])) <= LARGEST_LEAN
@@ -370,23 +393,20 @@ def _end_where_due(selected, work, lane, limit, sample, ended, lifted, robot):
         P, u = load(selected, work, lane), load_torques(selected, work, lane)
         lifts = not sinking(selected, P, state, u) < limit
     if fallen or lifts:
-        ended[robot] = sample
-        lifted[robot] = lifts
+        out.ended[robot] = sample
+        out.lifted[robot] = lifts
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
 
 
 @inlined
-def _end_where_slipping(selected, work, lane, touching, grip, room, sample, ended, slipped, robot):
-    """Stop a lane whose wheels would slip at the end of the sample."""
+def _grips(selected, work, lane, touching, room, grip):
+    """Return whether a lane's wheels need no more than this friction coefficient not to slip."""
     P, state, u = (
         load(selected, work, lane),
         load_state(selected, work, lane),
         load_torques(selected, work, lane),
     )
-    if not friction_needed(selected, P, state, u, touching, room) <= grip:
-        ended[robot] = sample
-        slipped[robot] = True
-        work[STEP * LANES + lane] = 0.0
+    return friction_needed(selected, P, state, u, touching, room) <= grip
 
 
 def _lanes(*counts: int) -> int:
