@@ -234,8 +234,8 @@ def test_turning_about_one_axis_leaves_the_marker_frame_undetermined():
     gyro[:, 2] += np.interp(log.t + 3.0, film.t, rate)
     found = align(Log({"t": log.t} | {f"gyro_{a}": gyro[:, i] for i, a in enumerate("xyz")}), film)
     assert abs(found.motion.clock.offset - 3.0) < ONE_MILLISECOND
-    assert found.motion.untold_axis is not None
-    np.testing.assert_allclose(found.motion.untold_axis, [0.0, 0.0, 1.0], rtol=0.0, atol=0.02)
+    assert found.motion.unobservable_axis is not None
+    np.testing.assert_allclose(found.motion.unobservable_axis, [0.0, 0.0, 1.0], rtol=0.0, atol=0.02)
     assert any(
         "about z of the body is not determined" in sentence for sentence in texts(alignment_findings(found))
     )

@@ -177,7 +177,7 @@ def alignment_results(alignment: Alignment, *, log_findings: Sequence[Finding] =
         "body_marker": {
             "wxyz": _wxyz(motion.body_marker),
             "half_width": motion.rotation_half_width,
-            "untold_axis": motion.untold_axis,
+            "unobservable_axis": motion.unobservable_axis,
         },
         "flips": alignment.flips,
         "unseen": alignment.unseen,

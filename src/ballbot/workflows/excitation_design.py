@@ -325,11 +325,11 @@ def _check_within(task: ExcitationTask, best: _Fitted) -> None:
 
 
 def _check_identifiable(task: ExcitationTask, errors: NDArray[np.float64]) -> None:
-    untold = [label for label, error in zip(task.question.labels, errors, strict=True) if np.isinf(error)]
-    if untold:
+    unobservable = [label for label, error in zip(task.question.labels, errors, strict=True) if np.isinf(error)]
+    if unobservable:
         limits = task.limits
         raise InputError(
             f"Within {limits.lean:.3g} rad of lean, {limits.floor:.3g} m of floor and {limits.torque:.3g} N "
-            f"m the robot hardly moves, and no reference makes {', '.join(untold)} identifiable. Raise the "
+            f"m the robot hardly moves, and no reference makes {', '.join(unobservable)} identifiable. Raise the "
             "limits or the duration."
         )

@@ -203,7 +203,7 @@ def _frame(alignment: Alignment) -> list[str]:
 
 def _undetermined(alignment: Alignment) -> list[str]:
     words = []
-    axis = alignment.motion.untold_axis
+    axis = alignment.motion.unobservable_axis
     if axis is not None:
         words.append(
             f"The rotation of the markers' frame about {_axis(axis)} of the body "

@@ -82,7 +82,7 @@ class MotionFit:
     offset_half_width: float  #: [s]
     rate_half_width: float  #: [s/s]
     rotation_half_width: NDArray[np.float64]  #: (3,) about the body's axes [rad]; infinite if not determined
-    untold_axis: NDArray[np.float64] | None  #: (3,) axis of the body, turning about it unknown
+    unobservable_axis: NDArray[np.float64] | None  #: (3,) axis of the body, turning about which is unknown
     error: float  #: rms of an increment's error, a component [rad]
     motion: float  #: rms of an increment, a component [rad]
     increments: int
@@ -240,11 +240,11 @@ def _with_half_widths(
     to_zero = np.array([1.0, -middle])  # offset at the log's zero from offset at `middle` and rate
     axes, variances = _by_motion(increments, residuals, body_marker)
     half = quantile * np.sqrt(np.diag(covariance)[2:5])
-    untold = None
+    unobservable = None
     if variances.max() > UNDETERMINED**2:
-        untold = axes[:, int(np.argmax(variances))]
-        untold = untold * np.sign(untold[np.argmax(np.abs(untold))])
-        half = np.where(np.abs(untold) > 0.3, np.inf, half)
+        unobservable = axes[:, int(np.argmax(variances))]
+        unobservable = unobservable * np.sign(unobservable[np.argmax(np.abs(unobservable))])
+        half = np.where(np.abs(unobservable) > 0.3, np.inf, half)
     return MotionFit(
         clock=clock,
         body_marker=body_marker,
@@ -252,7 +252,7 @@ def _with_half_widths(
         offset_half_width=float(quantile * np.sqrt(to_zero @ covariance[:2, :2] @ to_zero)),
         rate_half_width=float(quantile * np.sqrt(covariance[1, 1])),
         rotation_half_width=half,
-        untold_axis=untold,
+        unobservable_axis=unobservable,
         error=_rms(residuals),
         motion=_rms(_centred(increments.turned)),
         increments=len(residuals),
@@ -368,7 +368,7 @@ def undo_flips(
 def _across(
     poses: Poses, left: tuple[int, int], right: tuple[int, int], log: Turning, clock: Clock, body_marker: Rotation
 ) -> tuple[Rotation | None, Rotation]:  # fmt: skip
-    """Return how the body turned between two stretches, in the marker frame, by the log (None: untold) and as seen."""
+    """Return how the body turned between two stretches, in the marker frame, by the log (None: unknown) and as seen."""
     a, b = left[1], right[0]
     M = _turned_between(log, clock, poses.t[a], poses.t[b])
     seen = poses.rotations[a].inv() * poses.rotations[b]
