@@ -110,7 +110,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "torque-clipped": "the torques were clipped in the recording",
         "torque-delay": "the torques are too late or too early relative to the states",
         "torque-limit": "torques exceed the robot's limit",
-        "torque-order": "the torques drive other wheels than their columns say",
+        "torque-order": "the torques drive other wheels than their columns name",
         "torque-scale": "the torques are larger or smaller than the motion needs",
         "torque-sign": "torques have the opposite sign of what the motion needs",
         "torque-unrelated": "the torques are unrelated to the motion",

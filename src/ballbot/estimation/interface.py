@@ -68,7 +68,7 @@ class Reading:
 
 
 def known(values: ArrayLike) -> NDArray[np.bool_]:
-    """Return which of a sensor's values (...) are there: finite, and of a size that a sensor can say."""
+    """Return which of a sensor's values (...) are valid: finite, and within a sensor's range."""
     return np.abs(values) <= _LARGEST
 
 

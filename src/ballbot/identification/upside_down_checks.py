@@ -2,10 +2,9 @@
 
     J dOmega/dt = A^T (g u - b w - c sgn w),   w = A Omega,   one gain g, b and c a wheel
 
-fitted to pieces of 0.1 s, each an integral over time. Gains of one say that torques, axes and units are right. If they
-are not, the torques are tried in other orders and with other signs, and so are the axes of Omega; what makes the gains
-right is named, and all that do so equally are, since such a log does not distinguish them. Encoders, where they are
-logged, show the ball's axes and unit by themselves.
+fitted to pieces of 0.1 s, each an integral over time. Gains of one show that torques, axes and units are right. If they
+are not, the torques are tried in other orders and with other signs, and so are the axes of Omega. The finding names
+every change that makes the gains right, because such a log does not distinguish them. Encoders, where they are logged, show the ball's axes and unit by themselves.
 """
 
 from __future__ import annotations
@@ -197,7 +196,7 @@ class _Fit:
 
     @property
     def right(self) -> bool:
-        """Whether every gain is that of a motor that does what the log says."""
+        """Whether every gain is that of a motor that gives the logged torque."""
         return bool(((self.gains > _POSSIBLE[0]) & (self.gains < _POSSIBLE[1])).all())
 
     @property
@@ -241,7 +240,7 @@ def _pieces(log: Log, omega: NDArray[np.float64], ball: ClampedBall) -> _Pieces 
     within = starts[:, None] + np.arange(rows + 1)
     whole = np.isfinite(np.concatenate([omega[within], torques[within]], axis=2)).all(axis=(1, 2))
     if whole.sum() < _LEAST_PIECES or not np.any(torques) or not np.any(omega):
-        return None  # the identification itself says so
+        return None  # the identification itself reports it
     within = within[whole]
     return _Pieces(ball=ball, omega=omega[within], torques=torques[within], sample_time=log.sample_time)
 

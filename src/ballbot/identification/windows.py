@@ -10,7 +10,7 @@ If b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous
 
 Windows. Each is predicted from the state measured at its start. An unstable plant's open-loop prediction means
 something for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
-held as a log says, and states k + 1 .. k + m are compared. Windows with a missing value or a spoilt one
+each held until the next, and states k + 1 .. k + m are compared. Windows with a missing value or a spoilt one
 (`ballbot.log.checks.values`), an uneven sampling interval or a lean past recovery are left out.
 
 The start is the measured state as it is. Smoothing it over 35 to 75 ms, which looks ahead, was tried on logs

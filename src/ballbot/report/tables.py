@@ -187,7 +187,7 @@ def _reading(falls_more: bool, ratio: MedianEstimate) -> str:
     if falls_more:
         return "needed: it falls without"
     if not has_confidence(ratio):
-        return "too few draws to say"
+        return "too few draws for a verdict"
     if ratio.low > 1.0:
         return "lowers the error"
     return "raises the error" if ratio.high < 1.0 else "no clear difference"

@@ -40,8 +40,8 @@ _MEASURE = "#b3372f"
 def robot_figure(robot: Robot) -> Figure:
     """Return a figure of the robot seen from its right and from above, both to one scale.
 
-    The body appears as its two discs of equal mass (see `ballbot.robot.drawing`), for a robot file does not
-    say what it looks like. The figure belongs to no window; save it with `figure.savefig`.
+    The body appears as its two discs of equal mass (see `ballbot.robot.drawing`), because a robot file does not
+    hold its shape. The figure belongs to no window; save it with `figure.savefig`.
     """
     side, top = _window(robot, "side"), _window(robot, "top")
     widths = [side[1] - side[0], top[1] - top[0]]

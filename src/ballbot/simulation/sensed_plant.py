@@ -1,8 +1,8 @@
 """The model as a robot has it: through its own sensors, late, noisy, with play, on a floor that is not level.
 
-It stands between `ModelPlant`, whose sensors are perfect, and the MuJoCo twin: the equations of motion with what a
-scenario of the twin says of sensors and drive, in a fraction of the twin's time. Controllers can so be compared on
-robots whose masses, geometry or friction differ from those that the controller knows.
+It stands between `ModelPlant`, whose sensors are perfect, and the MuJoCo twin: the equations of motion with the sensors
+and the drive of a twin's scenario, in a fraction of the twin's time. Controllers can so be compared on robots whose
+masses, geometry or friction differ from those that the controller knows.
 
 What each imperfection is:
 

@@ -6,7 +6,7 @@ and the run over the whole log stands beside it.
 
 The controller is given, or its gain is recovered from the log. A robot that balances by u = K S(psi) (r - x) shows its
 K: states, references and torques are all in the log, and the law is linear in K. Least squares over the samples that
-no limit clipped gives it, and the share of the torques' variance that it explains says whether the controller was of
+no limit clipped gives it, and the share of the torques' variance that it explains shows whether the controller was of
 this kind at all.
 """
 

@@ -51,7 +51,7 @@ class Prediction:
 
     @property
     def start_covariance(self) -> NDArray[np.float64]:
-        """Covariance (10, 10) of the noise of one measured state, as far as the residuals tell.
+        """Covariance (10, 10) of the noise of one measured state, estimated from the residuals.
 
         A residual holds the noise of two states, the one started from and the one compared with, so half of the
         residuals' covariance is what one of them can have at most.

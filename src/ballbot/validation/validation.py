@@ -310,7 +310,7 @@ def weak_states(validation: Validation) -> tuple[Finding, ...]:
     """Return a finding for each state that the first model does not surely predict better in open loop, and why.
 
     "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. Without an open loop, or with
-    too few runs for an interval, there is nothing to say of single states.
+    too few runs for an interval, single states get no verdict.
     """
     if validation.open_loop is None:
         return ()

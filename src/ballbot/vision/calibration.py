@@ -168,7 +168,7 @@ def _within(view: View) -> View:
 
 #: so much of the video [s], by so many frames of it, or not with fewer than the least
 _TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
-#: where less than this share of it is tracked, the distance may be other than assumed: the seam says which of these
+#: where less than this share of it is tracked, the distance may be other than assumed: the seam decides which of these
 #: closenesses is the best, in so many frames
 _DOUBTFUL_SHARE = 0.9
 _CLOSENESSES = (0.04, 0.12, 0.22, 0.34)

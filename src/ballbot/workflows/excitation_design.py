@@ -325,7 +325,9 @@ def _check_within(task: ExcitationTask, best: _Fitted) -> None:
 
 
 def _check_identifiable(task: ExcitationTask, errors: NDArray[np.float64]) -> None:
-    unobservable = [label for label, error in zip(task.question.labels, errors, strict=True) if np.isinf(error)]
+    unobservable = [
+        label for label, error in zip(task.question.labels, errors, strict=True) if np.isinf(error)
+    ]
     if unobservable:
         limits = task.limits
         raise InputError(

@@ -240,7 +240,7 @@ def _has_high_frequencies(log: Log) -> bool:
     return len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
 
 
-#: share of the samples whose torques the margin leaves out: single samples at the limit say little
+#: share of the samples whose torques the margin leaves out: single samples at the limit mean little
 _RARE = 0.001
 
 

@@ -166,7 +166,7 @@ PRINTED_T_OWB = ((-1.2346, 0.0, 1.2346), (0.6173, -1.0692, 1.2346), (0.6173, 1.0
 PRINTED_T_OBW = ((-0.5400, 0.2700, 0.2700), (0.0, -0.4676, 0.4676), (0.2700, 0.2700, 0.2700))
 
 _FORMULATIONS: tuple[Formulation, ...] = ("thesis", "exact")
-#: entries of A and B that say all of the linear model of a symmetric robot with three wheels
+#: entries of A and B that determine the linear model of a symmetric robot with three wheels
 _ENTRIES = (
     ("theta_dd/theta [1/s^2]", "A", 7, 2),
     ("y_dd/theta [m/s^2/rad]", "A", 6, 2),

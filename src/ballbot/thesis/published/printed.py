@@ -128,7 +128,7 @@ class Track:
 
 
 def track(model: Model, controllers: Sequence[Controller]) -> list[Track]:
-    """Run each controller twice around the square on the model and say how it did.
+    """Run each controller twice around the square on the model and return its errors.
 
     Parameters
     ----------

@@ -198,7 +198,7 @@ class _OpenLoop:
     @staticmethod
     def of(models: dict[str, Model], log: Log) -> _OpenLoop:
         samples = round(AHEAD / log.sample_time)
-        # the exact equations say from where the motors no longer bring the body back up
+        # the exact equations give the lean beyond which the motors no longer bring the body back up
         limit = recoverable_lean(models["exact"])
         starts = np.arange(0, len(log) - samples, round(EVERY / log.sample_time), dtype=np.int64)
         starts = starts[np.abs(log.states[starts, 2:4]).max(axis=1) < limit]

@@ -115,8 +115,7 @@ def _clock(alignment: Alignment) -> str:
         milliseconds = f"{_rounded(1e3 * abs(offset), 1e3 * half)} ± {_two(1e3 * half)} ms"
         way = "later" if offset < 0 else "earlier"
         return (
-            f"The log's {signal} comes {milliseconds} {way} than "
-            f"the cameras say; their clock runs {rate} fast."
+            f"The log's {signal} comes {milliseconds} {way} than the cameras'; their clock runs {rate} fast."
         )
     return (
         f"The cameras' clock was at {_rounded(offset, half)} ± {_two(half)} s at the log's zero, and runs "
