@@ -4,7 +4,8 @@
 
 fitted to pieces of 0.1 s, each an integral over time. Gains of one show that torques, axes and units are right. If they
 are not, the torques are tried in other orders and with other signs, and so are the axes of Omega. The finding names
-every change that makes the gains right, because such a log does not distinguish them. Encoders, where they are logged, show the ball's axes and unit by themselves.
+every change that makes the gains right, because such a log does not distinguish them. Encoders, where they are logged,
+show the ball's axes and unit by themselves.
 """
 
 from __future__ import annotations
