@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -311,6 +312,7 @@ def _linear(colour: Colour) -> NDArray[np.float32]:
     return ((np.array(colour[::-1]) / 255.0) ** _GAMMA).astype(np.float32)
 
 
+@lru_cache(maxsize=4)  # two seconds each
 def _distances(seam: Seam) -> NDArray[np.float32]:
     chord = KDTree(seam.points).query(cell_directions(_SIDE))[0]
     return (2.0 * np.arcsin(0.5 * chord)).astype(np.float32).reshape(_SIDE, _SIDE)

@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -63,6 +64,7 @@ class Seam:
         return np.vstack([slope / np.linalg.norm(slope, axis=1, keepdims=True) for slope in slopes])
 
 
+@cache
 def thesis_seam(a: float = 0.65) -> Seam:
     """Return (V.4) with its two misprints mended.
 
@@ -85,11 +87,13 @@ def thesis_seam(a: float = 0.65) -> Seam:
     return Seam(name="thesis", curves=(np.column_stack([x, y, z]),))
 
 
+@cache
 def tennis_seam() -> Seam:
     """Return a tennis ball's seam: (V.4) with a = 0.75, whose neck is 60 degrees wide where the thesis's is 35."""
     return Seam(name="tennis", curves=thesis_seam(0.75).curves)
 
 
+@cache
 def basketball_seam() -> Seam:
     """Return a basketball's seam of eight panels: two great circles, and an oval about each end of the x axis.
 
@@ -149,6 +153,7 @@ class SeamTable:
         return self.normals.take(row * np.int32(self.side) + column, axis=0)
 
 
+@lru_cache(maxsize=4)
 def seam_table(seam: Seam) -> SeamTable:
     """Return the table of a seam."""
     points, tangents = seam.points, seam.tangents
