@@ -235,9 +235,9 @@ class TooLongError(BaseException):
 
 def target_names() -> tuple[str, ...]:
     """Return the names of all targets."""
-    from campaigns.fuzz_targets import targets
+    from campaigns.fuzz_targets import loader_names
 
-    return (*targets(), "command line")
+    return (*loader_names(), "command line")
 
 
 def attempt(name: str, seed: int, folder: Path) -> Try:
@@ -246,9 +246,9 @@ def attempt(name: str, seed: int, folder: Path) -> Try:
         from campaigns.fuzz_commands import Commands
 
         return Commands(seed, folder).attempt
-    from campaigns.fuzz_targets import targets
+    from campaigns.fuzz_targets import make_target
 
-    target = targets()[name]
+    target = make_target(name)
     for content in (
         target.samples
     ):  # what is compiled once counts for no input, and every sample is one that is accepted

@@ -21,7 +21,7 @@ from ballbot.errors import InputError
 from ballbot.robot.file import robot_text
 from ballbot.simulation.run import sample_count
 from campaigns.fuzz_mutations import mutated, mutated_arguments
-from campaigns.fuzz_targets import ALTEN, MAPPING, Target, targets
+from campaigns.fuzz_targets import ALTEN, MAPPING, Target, loader_names, make_target
 
 #: command lines that are accepted, or refused by what their log lacks
 LINES = (
@@ -151,7 +151,7 @@ class Commands:
     def __init__(self, seed: int, folder: Path) -> None:
         """Write the files, and let work end where it begins."""
         self._seed, self._folder = seed, folder
-        known = targets()
+        known = {name: make_target(name) for name in loader_names()}
         contents = {name: known[loader].samples[0] for name, loader in FILES.items()}
         contents |= {
             "robot.toml": robot_text(ALTEN).encode(),

@@ -8,6 +8,7 @@ import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -59,35 +60,14 @@ class Target:
     judge: Callable[[Path], None]  #: reads a file and asserts what must hold; InputError where it is refused
 
 
-def targets() -> dict[str, Target]:
-    """Return the loaders by name."""
-    log, film = _log(), _film()
-    raw = _raw()
-    return {
-        "log, CSV": Target(suffix=".csv", samples=(_csv(log), _csv(log, quoted=True)), judge=_judge_log),
-        "log, Parquet": Target(suffix=".parquet", samples=_parquet(log), judge=_judge_log),
-        "foreign table": Target(suffix=".txt", samples=(raw, raw.replace(b"\t", b";")), judge=_judge_foreign),
-        "mapped table": Target(suffix=".txt", samples=(raw,), judge=_judge_mapped),
-        "mapping": Target(
-            suffix=".toml", samples=(MAPPING.encode(), _MAPPING_2.encode()), judge=_judge_mapping
-        ),
-        "robot": Target(
-            suffix=".toml",
-            samples=tuple(robot_text(Robot.load(name)).encode() for name in ("alten", "kugle")),
-            judge=_judge_robot,
-        ),
-        "scenario": Target(suffix=".toml", samples=_scenarios(), judge=_judge_scenario),
-        "courses": Target(suffix=".toml", samples=(_courses(),), judge=_judge_courses),
-        "controller": Target(suffix=".toml", samples=_controllers(), judge=_judge_controller),
-        "bounds": Target(suffix=".toml", samples=(_BOUNDS.encode(),), judge=_judge_bounds),
-        "reference": Target(suffix=".csv", samples=(_csv(_reference()),), judge=_judge_reference),
-        "sweep's results": Target(suffix=".json", samples=(_sweep(),), judge=_judge_sweep),
-        "identified errors": Target(suffix=".json", samples=(_errors(),), judge=_judge_deviations),
-        "axis record, CSV": Target(suffix=".csv", samples=(_csv(_axis()),), judge=_judge_axis),
-        "axis record, MATLAB": Target(suffix=".mat", samples=_mat(_axis()), judge=_judge_axis),
-        "motion capture": Target(suffix=".csv", samples=(_csv(film),), judge=_judge_film),
-        "video": Target(suffix=".avi", samples=(_video(),), judge=_judge_video),
-    }
+def make_target(name: str) -> Target:
+    """Return the loader of that name."""
+    return _MAKERS[name]()
+
+
+def loader_names() -> tuple[str, ...]:
+    """Return the names of the loaders, without making their inputs."""
+    return tuple(_MAKERS)
 
 
 MAPPING = """\
@@ -159,6 +139,7 @@ lean_bias = [-0.1, 0.1]
 """
 
 
+@cache
 def _log(rows: int = 60) -> Log:
     lean = np.zeros(10)
     lean[2] = 0.03
@@ -456,3 +437,35 @@ def _judge_video(path: Path) -> None:
 def _judge_film(path: Path) -> None:
     poses = read_poses(Log.read(path))
     assert np.isfinite(poses.t).all()
+
+
+#: what makes each loader, by its name
+_MAKERS: dict[str, Callable[[], Target]] = {
+    "log, CSV": lambda: Target(
+        suffix=".csv", samples=(_csv(_log()), _csv(_log(), quoted=True)), judge=_judge_log
+    ),
+    "log, Parquet": lambda: Target(suffix=".parquet", samples=_parquet(_log()), judge=_judge_log),
+    "foreign table": lambda: Target(
+        suffix=".txt", samples=(_raw(), _raw().replace(b"\t", b";")), judge=_judge_foreign
+    ),
+    "mapped table": lambda: Target(suffix=".txt", samples=(_raw(),), judge=_judge_mapped),
+    "mapping": lambda: Target(
+        suffix=".toml", samples=(MAPPING.encode(), _MAPPING_2.encode()), judge=_judge_mapping
+    ),
+    "robot": lambda: Target(
+        suffix=".toml",
+        samples=tuple(robot_text(Robot.load(name)).encode() for name in ("alten", "kugle")),
+        judge=_judge_robot,
+    ),
+    "scenario": lambda: Target(suffix=".toml", samples=_scenarios(), judge=_judge_scenario),
+    "courses": lambda: Target(suffix=".toml", samples=(_courses(),), judge=_judge_courses),
+    "controller": lambda: Target(suffix=".toml", samples=_controllers(), judge=_judge_controller),
+    "bounds": lambda: Target(suffix=".toml", samples=(_BOUNDS.encode(),), judge=_judge_bounds),
+    "reference": lambda: Target(suffix=".csv", samples=(_csv(_reference()),), judge=_judge_reference),
+    "sweep's results": lambda: Target(suffix=".json", samples=(_sweep(),), judge=_judge_sweep),
+    "identified errors": lambda: Target(suffix=".json", samples=(_errors(),), judge=_judge_deviations),
+    "axis record, CSV": lambda: Target(suffix=".csv", samples=(_csv(_axis()),), judge=_judge_axis),
+    "axis record, MATLAB": lambda: Target(suffix=".mat", samples=_mat(_axis()), judge=_judge_axis),
+    "motion capture": lambda: Target(suffix=".csv", samples=(_csv(_film()),), judge=_judge_film),
+    "video": lambda: Target(suffix=".avi", samples=(_video(),), judge=_judge_video),
+}
