@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.errors import InputError
 from ballbot.mechanics.contacts import free_torque
-from ballbot.mechanics.engine.compiled import by_types_of, compiled, inlined
+from ballbot.mechanics.engine.compiled import by_types_of, called, compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.friction import (
@@ -148,7 +148,7 @@ def _convex(ball, u, omega, h, end):
     end[:] = minimiser(mass, free, rows, limits, 0.0, h, start)[2:]
 
 
-@compiled
+@called
 def _in_parts(ball, u, omega, signs, h, end, rates, middle):
     """Advance `omega` (3,) by `PARTS` steps of h."""
     for _ in range(PARTS):
