@@ -1,6 +1,7 @@
 """The command line: `new`, `check`, and what becomes of bad input in any command."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -253,7 +254,7 @@ def test_a_narrow_terminal_gets_question_marks_instead_of_an_error() -> None:
     done = subprocess.run(
         [sys.executable, "-c", script],
         capture_output=True,
-        env={"PYTHONIOENCODING": "ascii", "PATH": "/usr/bin:/bin"},
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
         check=False,
     )
     assert done.returncode == 0
