@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_gain
 from ballbot.control.references import figure_eight, square
-from ballbot.identification import Identification, identify
+from ballbot.identification import Bounds, Identification, identify
+from ballbot.identification.stages import DEFAULT_OPTIONS, IdentificationOptions
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
@@ -24,19 +25,31 @@ RUN = 32.0  # seconds of each run compared
 SEEDS = tuple(range(100, 110))
 
 
-def identified_robot(robot: Robot, *, recorded: float = RECORDED) -> Robot:
+def identified_robot(
+    robot: Robot,
+    *,
+    recorded: float = RECORDED,
+    bounds: Bounds | None = None,
+    options: IdentificationOptions = DEFAULT_OPTIONS,
+) -> Robot:
     """Return the robot with the friction identified from two logs of its nominal twin."""
-    return identified(robot, recorded=recorded).robot
+    return identified(robot, recorded=recorded, bounds=bounds, options=options).robot
 
 
-def identified(robot: Robot, *, recorded: float = RECORDED) -> Identification:
+def identified(
+    robot: Robot,
+    *,
+    recorded: float = RECORDED,
+    bounds: Bounds | None = None,
+    options: IdentificationOptions = DEFAULT_OPTIONS,
+) -> Identification:
     """Return the identification from two logs of the robot's nominal twin, each `recorded` seconds long."""
     controller = Controller(robot, design_gain(robot).gain)
     logs = [
         simulate(Twin(robot), controller, reference, duration=recorded, seed=seed).without_truth()
         for seed, reference in ((1, square(side=0.5, period=32.0)), (2, figure_eight()))
     ]
-    return identify(robot, logs, seed=0)
+    return identify(robot, logs, bounds=bounds, seed=0, options=options)
 
 
 def compare_compensations(

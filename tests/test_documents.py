@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from ballbot.cli.main import COMMANDS, main
+from ballbot.log import Log
 from ballbot.log.mapping_file import read_mapping
 from ballbot.robot import Robot
 from tests.support.paths import ROOT
@@ -104,14 +105,17 @@ def test_the_readme_lists_every_command_and_preset():
 
 
 @pytest.mark.slow
-def test_the_readmes_python_runs(tmp_path):
+def test_the_readmes_python_runs(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     (example,) = fenced("README.md", "python")
     for name, reference, seed in (("square", "square", "1"), ("figure_eight", "figure_eight", "2")):
         # 5 s each hold more than the windows that the example's twelve parameters take
         run = ["record", "nominal", "--reference", reference, "--seed", seed, "--duration", "5"]
         assert main([*run, "--out", str(tmp_path / "demo" / name)]) == 0
-    subprocess.run([sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True)
+    monkeypatch.chdir(tmp_path)
+    made: dict[str, object] = {}
+    exec(example, made)
+    assert isinstance(made["log"], Log)
 
 
 @pytest.mark.slow

@@ -1,14 +1,24 @@
 """`ballbot identify`: files, tables and exit codes."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 
 from ballbot import Log, Robot
+from ballbot.cli import identify as identify_command
 from ballbot.cli.main import main
 from ballbot.identification.laws import LAWS
+from ballbot.identification.stages import IdentificationOptions
 from tests.support.identification_examples import balancing_log, noisy
+
+
+@pytest.fixture(autouse=True)
+def small_effort(monkeypatch):
+    """Search less; how well parameters are found is tested in tests/identification."""
+    brief = partial(IdentificationOptions, generations=15, population=12, gauss_newton_steps=6, step=2.5e-3)
+    monkeypatch.setattr(identify_command, "IdentificationOptions", brief)
 
 
 @pytest.fixture

@@ -274,7 +274,11 @@ def findings_of(plant) -> list[Finding]:
     return list(evaluate_self_test(robot, log).findings)
 
 
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
+@pytest.mark.parametrize(
+    "robot",
+    [alten(FRICTION), pytest.param(four_wheeled(friction=True), marks=pytest.mark.slow)],
+    ids=["three", "four"],
+)
 def test_correctly_wired_robot_passes_the_self_test(robot):
     n = robot.wheel_count
     assert findings_of(Miswired(robot, order=tuple(range(n)), signs=(1,) * n)) == []

@@ -97,7 +97,6 @@ CASES: tuple[Case, ...] = (
     _command(
         "simulate_full",
         f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_full.toml",
-        sampled=True,
         alone=True,
     ),
     _command(
@@ -194,7 +193,6 @@ CASES: tuple[Case, ...] = (
     _command(
         "compare",
         f"compare {_ROBOT} none full precise --scenarios files/courses.toml --seeds 4,5 --processes 1",
-        sampled=True,
         alone=True,
     ),
     _command(

@@ -5,13 +5,16 @@ predicted) and a sweep of the motors with the wheels free.
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ballbot import Log, Robot
+from ballbot.cli import identify as identify_command
 from ballbot.cli.main import main
+from ballbot.identification.stages import IdentificationOptions
 
 FITTED, PREDICTED, SWEEP = "main_control_1", "main_control_autotune_1", "Test-Results_test_motors_1"
 
@@ -32,7 +35,10 @@ def folder(shared_data, tmp_path_factory) -> Path:
     # what moves the lean beside gravity is twice as strong here, and the check takes that for a scale
     words += ["--accept", "lean-scale"]
     words += ["--law", "coulomb", "--exclude-states", "psi,psi_dot", "--out", str(out / "found")]
-    assert main(words) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        # an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5
+        patch.setattr(identify_command, "IdentificationOptions", partial(IdentificationOptions, step=2.5e-3))
+        assert main(words) == 0
     return out
 
 

@@ -115,6 +115,7 @@ def test_contradicting_sweep_is_excluded_and_reported():
     np.testing.assert_allclose(combined.values, TRUE[:12], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_log_and_a_sweep_of_the_same_robot_together():
     log = noisy(balancing_log(friction=DRY), seed=4).between(4.0, 16.0)
     random = np.random.default_rng(6)

@@ -201,6 +201,14 @@ def log() -> Log:
     return camera_log(duration=12.0, seed=5)
 
 
+@pytest.fixture(scope="module")
+def smooth() -> Log:
+    """Return torques and a motion that do not belong together, for what is decided before anything is simulated."""
+    torques, omega = multisine(2400, seed=5), multisine(2400, seed=6, size=2.0)
+    columns = {"t": 0.005 * np.arange(2400)} | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    return Log(columns | {f"ball_omega_{axis}": omega[:, i] for i, axis in enumerate("xyz")})
+
+
 class TestIdentification:
     @pytest.mark.slow
     def test_known_friction_is_found(self):
@@ -268,22 +276,22 @@ class TestIdentification:
             ({}, {"bounds": Bounds({"delay": (0.0, 0.01)})}, "delay cannot be identified"),
         ],
     )
-    def test_refusals(self, log: Log, change, options, sentence):
-        columns = {name: log[name] for name in log.names if change.get(name, 0.0) is not None}
-        columns |= {name: np.full(len(log), value) for name, value in change.items() if value is not None}
+    def test_refusals(self, smooth: Log, change, options, sentence):
+        columns = {name: smooth[name] for name in smooth.names if change.get(name, 0.0) is not None}
+        columns |= {name: np.full(len(smooth), value) for name, value in change.items() if value is not None}
         with pytest.raises(InputError, match=sentence):
             identify_upside_down(ALTEN, Log(columns), **options)
 
-    def test_a_gap_costs_the_windows_it_touches(self, log: Log):
-        broken = log["u1"].copy()
+    def test_a_gap_costs_the_windows_it_touches(self, smooth: Log):
+        broken = smooth["u1"].copy()
         broken[1040:1050] = np.nan
-        logs = (log, log.with_columns({"u1": broken}))
+        logs = (smooth, smooth.with_columns({"u1": broken}))
         whole, holed = (cut_ball_windows([one], wheel_count=3, duration=0.5) for one in logs)
         assert len(whole) - len(holed) == 1
         np.testing.assert_array_equal(
-            whole.torques[0], [[log[f"u{i}"][k] for i in (1, 2, 3)] for k in range(4, 104)]
+            whole.torques[0], [[smooth[f"u{i}"][k] for i in (1, 2, 3)] for k in range(4, 104)]
         )
-        np.testing.assert_array_equal(whole.measured[0, :, 0], log["ball_omega_x"][5:105])
+        np.testing.assert_array_equal(whole.measured[0, :, 0], smooth["ball_omega_x"][5:105])
 
 
 def test_friction_leaves_the_ball_short_and_moves_it_about_other_axes():

@@ -1,6 +1,8 @@
 """The course robots' own logs: what `check-log` must find in them."""
 
 import json
+from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from ballbot.cli.check_log import check_log
 from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.log.mapping_inference.proposal import propose
+from ballbot.log.mapping_inference.proposal import Proposal, propose
 from ballbot.log.mapping_inference.report import findings_of
 from ballbot.robot import Robot
 
@@ -22,9 +24,15 @@ def robot() -> Robot:
     return Robot.load("rob311")
 
 
+@pytest.fixture(scope="module")
+def proposal_of(shared_data, robot) -> Callable[[str], Proposal]:
+    """Return what proposes the mapping of a log by its name, each once."""
+    return cache(lambda name: propose(shared_data / "rob311" / f"{name}.txt", robot))
+
+
 @pytest.mark.parametrize("name", FIRST_WHEEL)
-def test_handedness_phase_and_timing(shared_data, robot, name):
-    proposal = propose(shared_data / "rob311" / f"{name}.txt", robot)
+def test_handedness_phase_and_timing(proposal_of, robot, name):
+    proposal = proposal_of(name)
     tested = proposal.lean_test
     assert tested is not None
     assert not tested.placements[0].mirrored
@@ -48,13 +56,13 @@ def test_handedness_phase_and_timing(shared_data, robot, name):
 
 
 @pytest.mark.parametrize("name", FIRST_WHEEL)
-def test_the_controllers_own_mixing_agrees(shared_data, robot, name):
+def test_the_controllers_own_mixing_agrees(proposal_of, robot, name):
     """A robot that balances pushes its ball after the lean; so its own commands show where its wheels are.
 
     Positive lean Theta asks for a ball torque along Theta. A wheel at azimuth beta gives a torque -(cos beta, sin beta)
     for a positive command that turns it forward.
     """
-    proposal = propose(shared_data / "rob311" / f"{name}.txt", robot)
+    proposal = proposal_of(name)
     signals, tested, commands = proposal.signals, proposal.lean_test, proposal.commands
     assert tested is not None
     assert commands is not None
@@ -83,8 +91,8 @@ def test_free_wheel_sweep_is_recognised(shared_data, robot):
     assert "Commands are logged 5 ms after the response of the motors; torque constant" in told
 
 
-def test_glitches_in_logged_speeds_are_found(shared_data, robot):
-    found = findings_of(propose(shared_data / "rob311" / "main_control_autotune_1.txt", robot))
+def test_glitches_in_logged_speeds_are_found(proposal_of):
+    found = findings_of(proposal_of("main_control_autotune_1"))
     assert [f for f in found if isinstance(f, Finding) and f.code == "glitch"]
 
 

@@ -262,7 +262,7 @@ def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
     [
         Model(alten(FRICTION), pivoting=0.02),
         Model(four_wheeled(friction=True)),
-        Model(alten(FRICTION), "thesis"),
+        pytest.param(Model(alten(FRICTION), "thesis"), marks=pytest.mark.slow),
     ],
     ids=["pivoting", "four wheels", "thesis"],
 )

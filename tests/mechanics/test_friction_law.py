@@ -121,6 +121,7 @@ def test_coulomb_asymmetry_is_a_constant_torque_against_the_motor():
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_load_is_added_to_the_coulomb_friction():
     loaded = Model(robot_with(replace(PLAIN, load=LOAD)))
     coulomb = tuple((np.array(PLAIN.coulomb) + np.array(LOAD) * np.abs(TORQUES)).tolist())

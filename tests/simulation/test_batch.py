@@ -17,7 +17,6 @@ from tests.support.control_examples import FRICTION, alten, four_wheeled, leanin
     [
         pytest.param(alten(FRICTION), "exact", id="three-exact"),
         pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.slow),
-        pytest.param(alten(FRICTION), "thesis", id="three-thesis", marks=pytest.mark.slow),
     ],
 )
 def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):

@@ -89,3 +89,14 @@ def linearized_about_upright(equations: Equations) -> NDArray[np.float64]:
         ahead, behind = equations.acceleration(x[:5], x[5:], u), equations.acceleration(-x[:5], -x[5:], u)
         A[5:, i] = (ahead - behind) / (2 * h)
     return A
+
+
+def force_along_speeds(model: Equations, q: NDArray, u: NDArray) -> NDArray:
+    """Return the transposed Jacobian of the wheel speed, times the torques."""
+    jacobian = np.stack([model.wheel_speed(q, rate) for rate in np.eye(5)], axis=1)
+    return jacobian.T @ u
+
+
+def relative_difference(actual: NDArray, expected: NDArray) -> float:
+    """Return the largest difference, divided by the largest expected number."""
+    return float(np.abs(actual - expected).max() / np.abs(expected).max())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +16,14 @@ from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 from ballbot.thesis.lagrangian import Equations, equations
-from ballbot.thesis.symbols import Corrections, corrections_of
 from tests.support.symbolic_oracle import (
     cloud_body,
+    force_along_speeds,
     linearized_about_upright,
     random_cloud,
     random_robot,
     random_state,
+    relative_difference,
 )
 
 # Some thousand operations in double precision and a solve whose condition number is below 1e3; 6e-15 was seen
@@ -40,11 +41,6 @@ unhurried = settings(deadline=None, max_examples=50)
 def drawn(seed: int, wheel_count: int) -> tuple[Robot, NDArray, NDArray, NDArray]:
     rng = np.random.default_rng(seed)
     return random_robot(rng, wheel_count), *random_state(rng, wheel_count)
-
-
-def relative_difference(actual: NDArray, expected: NDArray) -> float:
-    """Return the largest difference, divided by the largest expected number."""
-    return float(np.abs(actual - expected).max() / np.abs(expected).max())
 
 
 # --- the closed form of docs/mechanics.md, written plainly --------------------------------------
@@ -240,12 +236,6 @@ def test_forces_act_where_speeds_are_measured(seed: int, wheel_count: int, formu
     assert relative_difference(force, force_along_speeds(model, q, u)) <= TOLERANCE
 
 
-def force_along_speeds(model: Equations, q: NDArray, u: NDArray) -> NDArray:
-    """Return the transposed Jacobian of the wheel speed, times the torques."""
-    jacobian = np.stack([model.wheel_speed(q, rate) for rate in np.eye(5)], axis=1)
-    return jacobian.T @ u
-
-
 @settings(deadline=None, max_examples=10)
 @given(seeds, wheel_counts, formulations)
 def test_float64_is_as_good_as_forty_digits(seed: int, wheel_count: int, formulation: Formulation):
@@ -255,29 +245,6 @@ def test_float64_is_as_good_as_forty_digits(seed: int, wheel_count: int, formula
         relative_difference(model.acceleration(q, q_dot, u), model.precise_acceleration(q, q_dot, u))
         <= TOLERANCE
     )
-
-
-# --- the corrections one at a time ----------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [field.name for field in fields(Corrections)])
-def test_each_correction_alone_is_consistent_and_matters(name: str):
-    alten, (q, q_dot, u) = Robot.load("alten"), random_state(np.random.default_rng(3), 3)
-    corrections = replace(corrections_of("thesis"), **{name: True})
-    thesis, one = equations(alten, "thesis"), equations(alten, corrections)
-    force = one.generalized_force(q, np.zeros(5), u)
-    assert relative_difference(force, force_along_speeds(one, q, u)) <= TOLERANCE
-    before, after = thesis.acceleration(q, q_dot, u), one.acceleration(q, q_dot, u)
-    assert np.abs(after - before).max() > 1e-4 * np.abs(before).max()
-
-
-@pytest.mark.slow
-def test_the_inertia_counted_twice_is_what_slows_the_thesis_robots_fall():
-    alten = Robot.load("alten")
-    mended = replace(corrections_of("thesis"), inertia_about_center_of_mass=True)
-    pole = np.linalg.eigvals(linearized_about_upright(equations(alten, mended))).real.max()
-    assert pole == pytest.approx(5.27, abs=5e-3)
 
 
 # --- the rest -------------------------------------------------------------------------------------

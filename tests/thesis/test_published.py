@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,11 +14,13 @@ from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
+from ballbot.thesis.lagrangian import equations
 from ballbot.thesis.published import alten, page
 from ballbot.thesis.published.page import main, published_page
 from ballbot.thesis.published.printed import Entry, entry_table, mixture_model, track, unstable_poles
 from ballbot.thesis.symbols import Corrections, corrections_of
 from tests.support.paths import ROOT
+from tests.support.symbolic_oracle import force_along_speeds, random_state, relative_difference
 
 ALTEN = Robot.load("alten")
 PUBLISHED = ("rezero", "kugle", "rob311", "cmu")
@@ -66,6 +68,7 @@ def test_an_entry_comes_out_within_half_of_its_last_digit() -> None:
 # --- the thesis -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["thesis", "exact"])
 def test_mixtures_end_in_the_two_formulations(formulation: Formulation) -> None:
     mixture = mixture_model(ALTEN, corrections_of(formulation))
@@ -79,6 +82,7 @@ def test_mixtures_know_every_correction() -> None:
     assert len(alten.mixtures()) == 2 ** len(alten.AT_REST)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("corrected", "pole"),
     [
@@ -103,6 +107,7 @@ def test_some_corrections_change_nothing_at_rest_but_something_in_motion(name: s
     assert alten.change_while_moving(ALTEN, name, states=20) > 1e-3
 
 
+@pytest.mark.slow
 def test_missing_counter_torque_is_the_ratio_of_radii() -> None:
     """Mistake 6 of the thesis: 1.573 times too large a torque about the vertical, where the ball does not turn."""
     thesis_model, counter = (
@@ -143,6 +148,19 @@ def test_the_exact_models_gain_tracks_the_exact_model_better() -> None:
     assert not by_thesis.fell
     assert by_exact.settled_error < 0.5 * by_thesis.settled_error
     assert 0.0 < by_exact.settled_error < by_exact.rms_error < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [field.name for field in fields(Corrections)])
+def test_each_correction_alone_is_consistent_and_matters(name: str) -> None:
+    q, q_dot, u = random_state(np.random.default_rng(3), 3)
+    corrections = replace(corrections_of("thesis"), **{name: True})
+    thesis, one = equations(ALTEN, "thesis"), equations(ALTEN, corrections)
+    force = one.generalized_force(q, np.zeros(5), u)
+    # a few hundred operations in double precision
+    assert relative_difference(force, force_along_speeds(one, q, u)) <= 1e-12
+    before, after = thesis.acceleration(q, q_dot, u), one.acceleration(q, q_dot, u)
+    assert np.abs(after - before).max() > 1e-4 * np.abs(before).max()
 
 
 # --- the page -------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ def test_heading_column_matches_to_the_last_digit_with_absolute_wheel_rotation(
     assert entry.right == pytest.approx(-12.47, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_heading_column_needs_the_whole_convention() -> None:
     printed = -10.76
     right = Model(REZERO).linearize()

@@ -210,6 +210,7 @@ def test_mistakes_are_shown_by_their_numbers(
     assert mistake.shown_by[place].value == pytest.approx(value, rel=1e-4, abs=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)  # the first derives both by SymPy
 @given(st.integers(0, 2**32 - 1))
 def test_force_of_mistake_16_is_that_of_the_symbolic_lagrangian(seed: int) -> None:
@@ -349,6 +350,7 @@ def counted(robot: Robot, seed: int) -> Logs:
     return {"log": Log({"t": t, "theta": np.sin(seed + t)}), "film": Log({"t": t, "qw": t / 3.0})}
 
 
+@pytest.mark.slow
 def test_recordings_are_made_once_and_read_back_bit_for_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

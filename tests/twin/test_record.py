@@ -137,6 +137,7 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
     assert np.std(seen - omega) == pytest.approx(0.03, rel=0.05)  # 6000 draws: 1 %
 
 
+@pytest.mark.slow
 def test_interrupted_recording_of_many_seeds_resumes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

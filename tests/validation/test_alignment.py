@@ -54,6 +54,7 @@ def test_any_clock_and_any_frames_are_found(seed, offset, rate, world, marker):
     assert not found.flips
 
 
+@pytest.mark.slow
 def test_alignment_intervals_cover_the_truth_in_95_percent():
     inside = []
     for seed in range(12):

@@ -103,6 +103,7 @@ def test_a_short_log_gets_no_verdict():
     assert "is better than" not in said
 
 
+@pytest.mark.slow
 def test_the_command_compares_any_two_models(tmp_path: Path, capsys):
     noisy_log().select(slice(0, 2400)).write(tmp_path / "walk.csv")
     write_robot(true_robot(), tmp_path / "true.toml")

@@ -278,6 +278,7 @@ def test_fault_free_robot_gets_no_residual_finding():
         assert nothing in said
 
 
+@pytest.mark.slow
 def test_false_play_and_friction_findings_keep_to_the_level():
     log, model, random = wheel_log("none"), Model(true_robot()), np.random.default_rng(11)
     prediction = _predicted(true_robot(), log)

@@ -64,7 +64,7 @@ def off_view(spin: Spin, scene: Scene) -> float:
 def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
     """Its outline is no circle, and what it says of the ball's place and size depends on the camera's distance."""
     camera = replace(SMALL, size=(300, 240), centre=(70.0, 70.0), distance=4.0)
-    made = ball_video(tmp_path / "aside.avi", Scene(camera=camera), duration=2.0)
+    made = ball_video(tmp_path / "aside.avi", Scene(camera=camera), duration=1.3)
     spin = measure_spin(open_video(made.path))
     assert spin.track.tracked.all()
     assert made.error(spin) < PLAIN
@@ -78,7 +78,7 @@ def test_off_centre_ball_of_a_near_camera_is_accurate(tmp_path):
     ids=["worst", "basketball"],
 )
 def test_difficult_videos_are_accurate(tmp_path, scene, suffix, codec):
-    made = ball_video(tmp_path / f"hard.{suffix}", scene, duration=2.0, codec=codec)
+    made = ball_video(tmp_path / f"hard.{suffix}", scene, duration=1.3, codec=codec)
     spin = measure_spin(open_video(made.path), Setup(seam=scene.seam))
     assert spin.track.tracked.all()
     assert made.error(spin) < HARD
@@ -89,7 +89,7 @@ def test_a_covered_ball_is_lost_and_found_again(tmp_path):
     scene = Scene(camera=SMALL)
     motion = ball_video(tmp_path / "whole.avi", scene, duration=0.1, peak=6.0).motion
     motion = motion_of(np.linspace(-0.1, 2.1, 2201), np.tile(motion.omega_at(np.zeros(1)), (2201, 1)))
-    frames = list(render(scene, motion, duration=1.5))
+    frames = list(render(scene, motion, duration=1.3))
     for frame in frames[40:60]:
         frame[30:130, 40:170] = (90, 120, 170)  # a hand
     write_video(tmp_path / "covered.avi", frames, frame_rate=60.0)

@@ -262,6 +262,7 @@ def test_check_reports_whether_a_reference_is_feasible(tmp_path, capsys):
     assert "--reference" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_limits_are_found_and_drawn(tmp_path, capsys):
     assert main(["limits", "alten", "none", "--refinements", "0", "--out", str(tmp_path)]) == 0
     assert "no wheel slips" in capsys.readouterr().out

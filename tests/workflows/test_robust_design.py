@@ -57,6 +57,7 @@ def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_and_plain_w
     assert np.all(np.diff(results["history"]) <= 0.0)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_bit_for_bit(robot_file, written, tmp_path, monkeypatch):
     command = [
         "design",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +20,13 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run
+from ballbot.identification.stages import IdentificationOptions
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.page import provenance
 from ballbot.report.study import controller_sentence, study_report
 from ballbot.report.study_files import study_results, write_study
 from ballbot.robot import Robot
+from ballbot.workflows import study as study_workflow
 from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, draw_plants, parameter_covariance
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
@@ -53,6 +57,14 @@ def run(checkpoint: Path, *, resume: bool) -> Study:
 
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_step() -> Iterator[None]:
+    """Identify with an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study_workflow, "IdentificationOptions", partial(IdentificationOptions, step=2.5e-3))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -264,8 +276,8 @@ def test_measured_logs_are_predicted_better_with_friction(
     # for time's sake v_s and delta are held: no interval of them is sought by profiles
     bounds.write_text("stribeck_speed = [0.6, 0.6]\nstribeck_exponent = [1.0, 1.0]\n")
     log = tmp_path / "square_soft.csv"
-    # twice around the square: 96 windows for ten parameters, and a quarter held out
-    Log.read(shared_data / "bbr" / "square_soft.csv").between(0.0, 32.0).write(log)
+    # once and a half around the square: 72 windows for ten parameters, and a quarter held out
+    Log.read(shared_data / "bbr" / "square_soft.csv").between(0.0, 24.0).write(log)
     options = ["--plant", "model", "--draws", "2", "--bounds", str(bounds), "--out", str(tmp_path / "out")]
     assert main(["study", "alten", str(log), *options]) == 0
     assert capsys.readouterr().out.rstrip().endswith(str(tmp_path / "out" / "report.html"))
