@@ -46,6 +46,10 @@ from ballbot.workflows.controller_prediction import (
 from ballbot.workflows.controller_verdict import Verdict, course_of, evaluate_log, foreign_torque
 from ballbot.workflows.metrics import Performance, performance_of
 
+pytestmark = (
+    pytest.mark.slow
+)  # most need a run around the square with every part, whose forms are compiled first
+
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)
 KNOWN = ALTEN.replace(friction=SCENARIO.friction)
@@ -380,7 +384,6 @@ def test_delay_shows_in_the_signature(prediction: Prediction, controller: Contro
 # --- a sample of the campaign ---
 
 
-@pytest.mark.slow
 def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controller):
     controllers = {"none": nominal_controller(KNOWN), "precise": controller}
     plants = [
