@@ -32,8 +32,6 @@ def folder(shared_data, tmp_path_factory) -> Path:
     words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--holdout", str(logs / f"{PREDICTED}.txt")]
     for name in (FITTED, PREDICTED):
         words += ["--mapping", str(out / name / "mapping.toml")]
-    # what moves the lean beside gravity is twice as strong here, and the check takes that for a scale
-    words += ["--accept", "lean-scale"]
     words += ["--law", "coulomb", "--exclude-states", "psi,psi_dot", "--out", str(out / "found")]
     with pytest.MonkeyPatch.context() as patch:
         # an inner step of 2.5 ms: a cost differs by 1e-4, and the work by 2.5

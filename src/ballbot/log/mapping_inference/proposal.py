@@ -51,6 +51,8 @@ from ballbot.robot.derived import wheel_speed_limit
 
 #: the repair is applied if it leaves less than this fraction of the speed's noise
 WORTH_REPAIRING = 0.7
+#: rows that this is judged by, a minute at 100 Hz: every wheel is repaired by the others, which takes most of the time
+REPAIR_ROWS = 6000
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
 #: filters that the test of the lean tries [s]: the quick robots move at 1 to 3 Hz, and noise of the angles asks for
@@ -367,8 +369,9 @@ def _speed_limit(robot: Robot) -> float:
 
 
 def _timing(t: NDArray[np.float64], angles: NDArray[np.float64]) -> tuple[TimingRepair, NDArray[np.float64]]:
-    before = speed_noise(t, angles)
-    after = repaired_noise(t, angles) if before is not None else None
+    judged = slice(0, REPAIR_ROWS)
+    before = speed_noise(t[judged], angles[judged])
+    after = repaired_noise(t[judged], angles[judged]) if before is not None else None
     worth_it = before is not None and after is not None and after < WORTH_REPAIRING * before
     repair = TimingRepair(before=before, after=after, worth_it=worth_it)
     return repair, sampling_times(t, angles) if worth_it else t
