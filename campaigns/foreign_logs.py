@@ -200,13 +200,9 @@ def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> C
     """Return the file's columns of the stretch of a log."""
     part = log.between(habits.start, habits.start + habits.duration)
     random = np.random.default_rng([17, habits.seed])
-    t = part.t
-    if habits.interval:
-        t = np.arange(t[0] + 0.03, t[-1] - 0.03, habits.interval)
-        # a host that polls
-        t = t + (2e-4 * random.standard_normal(len(t)) if habits.interval == 0.0115 else 0.0)
-    else:
-        t = t[8:-8]
+    t = row_times(part, habits)
+    if habits.interval == 0.0115:
+        t = t + 2e-4 * random.standard_normal(len(t))  # a host that polls
     table: Columns = {_name(habits.names.time, habits.time_unit, habits): _time(t, habits)}
     table |= _inertial(part, t, habits, random)
     table |= _wheels(part, t, habits, robot)
@@ -219,6 +215,13 @@ def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> C
     if habits.seed % 3 == 0:
         names = [names[0], *random.permutation(names[1:]).tolist()]
     return {name: table[name] for name in names}
+
+
+def row_times(part: Log, habits: Habits) -> NDArray[np.float64]:
+    """Return when the file's rows are written of a stretch of a log, without the jitter of a host [s]."""
+    if not habits.interval:
+        return part.t[8:-8]
+    return np.arange(part.t[0] + 0.03, part.t[-1] - 0.03, habits.interval)
 
 
 def _time(t: NDArray[np.float64], habits: Habits) -> NDArray[np.float64]:

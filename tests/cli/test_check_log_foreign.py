@@ -27,10 +27,8 @@ def folder(tmp_path_factory):
 
 def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys):
     out = folder / "checked"
-    assert (
-        main(["check-log", str(folder / "run.txt"), "--robot", str(folder / "robot.toml"), "--out", str(out)])
-        == 0
-    )
+    words = ["check-log", str(folder / "run.txt"), "--robot", str(folder / "robot.toml"), "--out", str(out)]
+    assert main([*words, "--dead-band", "0"]) == 0
     shown = capsys.readouterr().out
     assert "Next: ballbot identify" in shown
     results = json.loads((out / "results.json").read_text())
@@ -67,7 +65,23 @@ def test_what_cannot_be_determined_exits_with_two_and_a_line_to_fill_in(folder, 
 def test_columns_names_those_of_a_file_without_a_header(folder, capsys):
     names = "_,t,u1,u2,u3,roll_deg,pitch_deg,yaw_deg,psi_1,psi_2,psi_3"
     arguments = ["check-log", str(folder / "bare.txt"), "--robot", str(folder / "robot.toml"), "--columns"]
-    assert main([*arguments, names]) == 0
+    assert main([*arguments, names, "--dead-band", "0"]) == 0
     assert "by their names" in " ".join(capsys.readouterr().out.split())
     assert main([*arguments, "t,roll"]) == 2
     assert "has 11 columns, but 2 names were given" in capsys.readouterr().err
+
+
+def test_dead_band_is_for_a_foreign_file_and_a_duty(folder, capsys):
+    arguments = ["check-log", str(folder / "run.txt"), "--dead-band"]
+    assert main([*arguments, "0.03"]) == 2
+    assert "--dead-band is for a foreign table" in capsys.readouterr().err
+    assert main([*arguments, "3", "--robot", str(folder / "robot.toml")]) == 2
+    assert "must be a duty from 0 to below 1" in capsys.readouterr().err
+
+
+def test_a_given_dead_band_stands_in_the_mapping(folder):
+    out = folder / "given"
+    words = ["check-log", str(folder / "run.txt"), "--robot", str(folder / "robot.toml"), "--out", str(out)]
+    assert main([*words, "--dead-band", "0.02"]) == 0
+    assert "dead_band = 0.02 " in (out / "mapping.toml").read_text()
+    assert json.loads((out / "results.json").read_text())["dead_band"] == 0.02

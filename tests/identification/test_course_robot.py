@@ -26,9 +26,9 @@ def folder(shared_data, tmp_path_factory) -> Path:
     """Return a folder with a mapping of each log and what was identified."""
     logs, out = shared_data / "rob311", tmp_path_factory.mktemp("rob311")
     for name in (FITTED, PREDICTED, SWEEP):
-        assert (
-            main(["check-log", str(logs / f"{name}.txt"), "--robot", "rob311", "--out", str(out / name)]) == 0
-        )
+        words = ["check-log", str(logs / f"{name}.txt"), "--robot", "rob311", "--out", str(out / name)]
+        # as the logs of balancing show it: 0.061 and 0.066, standard errors 0.018 and 0.012
+        assert main([*words, "--dead-band", "0.06"]) == 0
     words = ["identify", "rob311", str(logs / f"{FITTED}.txt"), "--holdout", str(logs / f"{PREDICTED}.txt")]
     for name in (FITTED, PREDICTED):
         words += ["--mapping", str(out / name / "mapping.toml")]

@@ -30,7 +30,7 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def mapping(file) -> LogMapping:
-    text = mapping_text(propose(file, small_robot()), small_robot(), file=file)
+    text = mapping_text(propose(file, small_robot(), dead_band=0.0), small_robot(), file=file)
     return parse_mapping(text, source="proposed")
 
 

@@ -36,9 +36,8 @@ CASES = {
 
 
 def proposed(folder, habits: Habits, *, tail: str = "") -> Proposal:
-    return propose(
-        write_foreign(folder / "run.txt", columns_of(swaying_log(), habits), habits, tail=tail), small_robot()
-    )
+    path = write_foreign(folder / "run.txt", columns_of(swaying_log(), habits), habits, tail=tail)
+    return propose(path, small_robot(), dead_band=0.0)
 
 
 def mapped(folder, proposal: Proposal) -> Log:
@@ -123,7 +122,7 @@ def test_mirrored_frame_is_found_by_the_imu_and_reported(tmp_path):
 def test_without_heading_a_heading_pulse_is_requested(tmp_path):
     habits = Habits(yaw=False)
     columns = columns_of(swaying_log(heading=0.0), habits)
-    proposal = propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot())
+    proposal = propose(write_foreign(tmp_path / "run.txt", columns, habits), small_robot(), dead_band=0.0)
     assert any(finding.code == "heading" for finding in findings_of(proposal))
 
 
@@ -134,7 +133,7 @@ def test_resets_restarts_and_garbage_are_seen(tmp_path):
     columns["psi_2"] = columns["psi_2"] - 50.0 * later
     twice = {name: np.concatenate([values[:300], values]) for name, values in columns.items()}
     path = write_foreign(tmp_path / "run.txt", twice, habits, tail="1 2 3\nthe end\n")
-    proposal = propose(path, small_robot())
+    proposal = propose(path, small_robot(), dead_band=0.0)
     kinds = [finding.code for finding in findings_of(proposal)]
     assert {"reset", "time", "file"} <= set(kinds)
     assert proposal.rows == (301, 300 + len(columns["t_now"]))
@@ -145,11 +144,11 @@ def test_resets_restarts_and_garbage_are_seen(tmp_path):
 def test_invalid_files_end_in_one_sentence(tmp_path):
     (tmp_path / "words.txt").write_text("this is\nnot a table\n")
     with pytest.raises(InputError, match="no table of numbers"):
-        propose(tmp_path / "words.txt", small_robot())
+        propose(tmp_path / "words.txt", small_robot(), dead_band=0.0)
     rows = "\n".join(f"{k} {0.01 * k} {np.sin(k)}" for k in range(200))
     (tmp_path / "other.txt").write_text("a b c\n" + rows)
     with pytest.raises(InputError, match="write a mapping file"):
-        propose(tmp_path / "other.txt", small_robot())
+        propose(tmp_path / "other.txt", small_robot(), dead_band=0.0)
 
 
 def test_the_torque_free_gains_are_those_of_the_linear_model():

@@ -30,6 +30,7 @@ def check_log(
     robot: str | None = None,
     mapping: Path | None = None,
     columns: str | None = None,
+    dead_band: float | None = None,
     out: Path | None = None,
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
@@ -52,19 +53,26 @@ def check_log(
     columns
         The names of a foreign table's columns in its order, with commas between, for a file without a header:
         t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
+    dead_band
+        The duty, 0 to 1, that the firmware of a foreign log adds to overcome friction: 0 if it adds none. If not given,
+        it is measured, which few logs allow.
     out
         A folder for results.json and, for a foreign file, the mapping and the converted log.
     """
     described = Robot.load(robot) if robot else None
     proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))
-    if columns is not None and not proposes:
-        raise InputError("--columns is for a foreign table and needs --robot, without --mapping.")
+    for option, given in (("--columns", columns), ("--dead-band", dead_band)):
+        if given is not None and not proposes:
+            raise InputError(f"{option} is for a foreign table and needs --robot, without --mapping.")
+    if dead_band is not None and not 0.0 <= dead_band < 1.0:
+        raise InputError(f"--dead-band is {dead_band:g}; it must be a duty from 0 to below 1.")
     names = _PROPOSED if proposes else _WRITTEN
     inputs = input_files(file, mapping, robot)
     held = open_result(out, command="check-log", writes=names, inputs=inputs) if out else nullcontext()
     with held as result:
         if robot and described and proposes:
-            _propose(file, described, source=robot, result=result, names=_column_names(columns))
+            proposal = _proposed(file, described, names=_column_names(columns), dead_band=dead_band)
+            _show(file, described, proposal, source=robot, result=result)
         else:
             _check(file, described, mapping, result)
 
@@ -98,9 +106,13 @@ def _check(file: Path, robot: Robot | None, mapping: Path | None, result: Comman
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
-def _propose(
-    file: Path, robot: Robot, *, source: str, result: CommandResult | None, names: list[str] | None
-) -> None:
+def _proposed(file: Path, robot: Robot, *, names: list[str] | None, dead_band: float | None) -> Proposal:
+    """Return the mapping proposed for a foreign file."""
+    with standard_output().status("comparing the columns with the robot"):
+        return propose(file, robot, columns=names, dead_band=dead_band)
+
+
+def _show(file: Path, robot: Robot, proposal: Proposal, *, source: str, result: CommandResult | None) -> None:
     """Show the mapping proposed for a foreign file; with a folder, write it, its log and results.json.
 
     Raises
@@ -109,8 +121,7 @@ def _propose(
         If an entry cannot be determined; everything that was determined is shown and written first.
     """
     console = standard_output()
-    with console.status("comparing the columns with the robot"):
-        proposal = propose(file, robot, columns=names)
+    with console.status("checking the log that the mapping makes"):
         found = evaluate(proposal, robot, file=file, out=result.folder.path if result else None)
     print_parts(proposal_parts(file, found, framed=console.is_terminal), console)
     if result is None:

@@ -221,7 +221,7 @@ EXPLAINED = 0.5
 GAIN_RANGE = (0.87, 1.15)
 LARGEST_TURN = np.radians(12.0)
 SURE = 3.0
-#: correlation with the lean that a disturbance reaches through the controller's answer to it: 0.47 on the logs of a robot
+#: correlation with the lean that a disturbance reaches through the controller: 0.47 on the logs of a robot
 #: whose gain of gravity is 2.3 to 3.8 in 12 of 13 spans of 4 s, where correct logs of the twin have 0.9 to 1.1
 CONFOUNDED = 0.5
 #: relative standard error of gravity's gain above which nothing is concluded

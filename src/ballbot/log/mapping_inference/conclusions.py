@@ -5,20 +5,16 @@ from __future__ import annotations
 import math
 
 from ballbot.log.mapping_inference.commands import FULL_DUTIES, Unit
-from ballbot.log.mapping_inference.evidence import MOST, Conclusion
+from ballbot.log.mapping_inference.evidence import MOST, Conclusion, advantage_confidence
+from ballbot.log.mapping_inference.placement import LeanTest
 from ballbot.log.mapping_inference.proposal import Proposal
+from ballbot.log.mapping_inference.tolerances import TURN, command_delay_confidence, turn_confidence
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
-#: standard errors of the IMU's turn up to which it is certain, and up to which it is usable [deg]
-CERTAIN_TURN, USABLE_TURN = 6.0, 10.0
+#: probability that columns theta and phi are about the world's axes, and that others are about the IMU's
+WORLD_LEAN, IMU_LEAN = 0.5, 0.97
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
-#: probability that a firmware adds no duty, if the log shows none
-NO_DEAD_BAND = 0.8
-#: standard errors of delays up to which they are usable [s]
-USABLE_DELAY = 0.02
-#: a longer delay of the lean is as likely an effect of play in the gears, and is asked for [s]
-LONGEST_DELAY = 0.025
 
 
 def conclusions_of(proposal: Proposal) -> tuple[Conclusion, ...]:
@@ -110,6 +106,8 @@ def _frame(proposal: Proposal) -> list[Conclusion]:
     )
     if frame.handedness < 0.999 and yaw:
         found.append(_handedness(proposal))
+    if tested.headings > TURN:
+        found.append(_axes_of_lean(proposal, tested))
     return [*found, *_turn_and_delay(proposal)]
 
 
@@ -135,16 +133,33 @@ def _handedness(proposal: Proposal) -> Conclusion:
     )
 
 
+def _axes_of_lean(proposal: Proposal, tested: LeanTest) -> Conclusion:
+    """Return whether the lean is about the IMU's axes, which turn with the robot, or about the world's."""
+    named = proposal.roles.reading(proposal.roles.attitude)
+    prior = WORLD_LEAN if named is not None and named.stem in ("theta", "phi") else 1.0 - IMU_LEAN
+    seen = min(max(advantage_confidence(tested.body_frame), 1.0 - MOST), MOST)
+    odds = (1.0 - prior) / prior * seen / (1.0 - seen)
+    return Conclusion(
+        name="axes of the lean",
+        value="about the IMU's axes",
+        confidence=min(odds / (1.0 + odds), MOST),
+        evidence="with a lean about axes that turn with the robot, the wheels explain it "
+        f"{tested.body_frame:.1f} standard errors better than with one about the world's",
+        alternatives=("about the world's: name its columns theta and phi in [columns]",),
+        key="[attitude] from",
+    )
+
+
 def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
-    tested, frame, gyro = proposal.lean_test, proposal.frame, proposal.gyro
-    if tested is None:
+    tested, late, frame, gyro = proposal.lean_test, proposal.lean_delay, proposal.frame, proposal.gyro
+    if tested is None or late is None:
         return []
     error = math.degrees(tested.phase_error) if tested.phase_error is not None else math.inf
     found = [
         Conclusion(
             name="turn of the IMU",
             value=f"{math.degrees(frame.turn):.1f} deg",
-            confidence=0.98 if error < CERTAIN_TURN else 0.92 if error < USABLE_TURN else 0.7,
+            confidence=turn_confidence(tested),
             evidence=f"measured {math.degrees(frame.measured_turn):.1f} deg",
             error=math.radians(error) if math.isfinite(error) else None,
             key="[attitude] turn",
@@ -152,13 +167,9 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="delay of the lean",
             value=f"{1e3 * proposal.sensor_delay:.1f} ms",
-            confidence=0.7
-            if proposal.sensor_delay > LONGEST_DELAY
-            else 0.95
-            if tested.lag_error < USABLE_DELAY
-            else 0.9,
-            evidence=f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier",
-            error=tested.lag_error if math.isfinite(tested.lag_error) else None,
+            confidence=late.confidence,
+            evidence=late.evidence,
+            error=late.error,
             key="[attitude] delay",
         ),
     ]
@@ -177,7 +188,7 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
 
 
 def _commands(proposal: Proposal) -> list[Conclusion]:
-    drive, tested = proposal.drive, proposal.commands
+    drive = proposal.drive
     assigned = drive.assigned if drive else None
     if drive is None or assigned is None:
         return [
@@ -204,18 +215,16 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
         ),
         *_kind(proposal),
     ]
-    if tested is not None:
-        found.append(
-            Conclusion(
-                name="delay of the commands",
-                value=f"{1e3 * tested.delay:.1f} ms",
-                confidence=0.95 if tested.delay_error < USABLE_DELAY else 0.9,
-                evidence=f"there the commands explain {100 * tested.explained:.0f} % of the wheels' accelerations",
-                error=tested.delay_error if math.isfinite(tested.delay_error) else None,
-                key="[input] delay",
-            )
-        )
-    return [*found, *_dead_band(proposal)]
+    late = proposal.command_delay
+    delay = Conclusion(
+        name="delay of the commands",
+        value=f"{1e3 * late.applied:.1f} ms",
+        confidence=command_delay_confidence(late, drive.size / drive.driving_size),
+        evidence=late.evidence,
+        error=late.error,
+        key="[input] delay",
+    )
+    return [*found, delay, *_dead_band(proposal)]
 
 
 def _kind(proposal: Proposal) -> list[Conclusion]:
@@ -269,7 +278,19 @@ def _scale_words(unit: Unit) -> str:
 
 def _dead_band(proposal: Proposal) -> list[Conclusion]:
     drive = proposal.drive
-    if drive is None or drive.response is None or drive.unit.kind != "duty":
+    if drive is None or drive.unit.kind != "duty":
+        return []
+    if proposal.given_dead_band is not None:
+        return [
+            Conclusion(
+                name="dead band",
+                value=f"{proposal.dead_band:.4f}",
+                confidence=MOST,
+                evidence="as given",
+                key="[input] dead_band",
+            )
+        ]
+    if drive.response is None:
         return []
     found, scale = drive.response, drive.unit.scale
     error = found.dead_band_error * scale
@@ -277,9 +298,8 @@ def _dead_band(proposal: Proposal) -> list[Conclusion]:
         Conclusion(
             name="dead band",
             value=f"{drive.dead_band:.4f}",
-            # a small one hides behind static friction
-            confidence=0.95 if drive.dead_band else NO_DEAD_BAND,
-            assumed=not drive.dead_band,
+            confidence=drive.dead_band_confidence,
+            alternatives=() if drive.dead_band_confidence > 0.9 else ("the duty that the firmware adds",),
             evidence=f"the torque jumps at zero duty by that of a duty of {found.dead_band * scale:.4f}",
             error=error if math.isfinite(error) else None,
             key="[input] dead_band",

@@ -6,6 +6,7 @@ wheels that turn free, each wheel needs its own inertia's torque.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,10 +31,12 @@ from ballbot.log.mapping_inference.commands import (
     Response,
     Unit,
     assign,
+    back_emf_damping,
     response,
     unit_probabilities,
 )
 from ballbot.log.mapping_inference.names import Reading
+from ballbot.log.mapping_inference.tolerances import dead_band_confidence
 from ballbot.log.pose import with_odometry
 from ballbot.log.signals import MOVING_SPEED, even_rows, smooth
 from ballbot.robot import Robot
@@ -51,6 +54,9 @@ class DriveEvidence:
     assigned: Assignment | None  #: None if the motion cannot be compared with the commands
     response: Response | None
     units: dict[Unit, float]  #: probability of each kind and unit, the likeliest first
+    #: standard deviation of the commands, and of what the back-EMF leaves of them if they are duties
+    size: float = math.nan
+    driving_size: float = math.nan
 
     @property
     def unit(self) -> Unit:
@@ -65,6 +71,15 @@ class DriveEvidence:
             return 0.0
         duty, error = found.dead_band * unit.scale, found.dead_band_error * unit.scale
         return float(duty) if duty > max(DEAD_BAND_ERRORS * error, LEAST_DEAD_BAND) and duty < 0.5 else 0.0
+
+    @property
+    def dead_band_confidence(self) -> float:
+        """Confidence in that duty."""
+        found = self.response
+        if found is None:
+            return 0.5
+        left = 0.0 if self.dead_band else found.dead_band
+        return dead_band_confidence(left, found.dead_band_error, self.driving_size)
 
 
 def drive_evidence(
@@ -110,7 +125,19 @@ def drive_evidence(
         named_unit=reading.unit if reading else None,
         known_inertia=mapping.attitude is not None,
     )
-    return DriveEvidence(assigned=assigned, response=found, units=units)
+    size, driving_size = math.nan, math.nan
+    if compared is not None and assigned and found:
+        braking = back_emf_damping(robot) if next(iter(units)).kind in ("duty", "voltage") else 0.0
+        size, driving_size = (_size(compared[0], assigned, found.gain * one) for one in (0.0, braking))
+    return DriveEvidence(assigned=assigned, response=found, units=units, size=size, driving_size=driving_size)
+
+
+def _size(driving: Driving, assigned: Assignment, braking: float) -> float:
+    """Return the standard deviation of the commands, less what brakes them [in their unit, a rad/s]."""
+    place = np.argsort(assigned.wheels)
+    commands = (driving.torque * np.asarray(assigned.signs, dtype=np.float64))[:, place]
+    left = commands - braking * driving.friction[:, :, 1]
+    return float(np.sqrt(left.var(axis=0).mean()))
 
 
 Compared = tuple[Driving, NDArray[np.float64], NDArray[np.float64]]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion
-from ballbot.log.mapping_inference.proposal import Proposal, applied_delay, rates_delay, rates_signs
+from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
 from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
@@ -194,7 +194,7 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
         toml_line("from", [by_wheel[place] for place in places]),
         toml_line("sign", [signs[place] for place in places]),
         toml_line("scale", scale),
-        toml_line("delay", applied_delay(delay, error) if tested else 0.0, measured),
+        toml_line("delay", proposal.command_delay.applied, measured),
     ]
     robot_file = "from the robot file"
     if kind == "current":
@@ -204,12 +204,14 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
         return lines
     found = evidence.response
     band = "assumed: the duty that the firmware adds; write it here"
-    if found is not None and math.isfinite(found.dead_band_error) and evidence.dead_band:
+    if proposal.given_dead_band is not None:
+        band = "given: the duty that the firmware adds"
+    elif found is not None and math.isfinite(found.dead_band_error) and evidence.dead_band:
         band = f"measured: the duty that the firmware adds, standard error {found.dead_band_error * unit.scale:.4f}"
     resistance = float(f"{stall_resistance(robot):.6g}")
     return [
         *lines,
-        toml_line("dead_band", round(evidence.dead_band, 4), band),
+        toml_line("dead_band", round(proposal.dead_band, 4), band),
         toml_line("supply_voltage", drive.supply_voltage, robot_file),
         toml_line("torque_constant", drive.torque_constant, robot_file),
         toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),

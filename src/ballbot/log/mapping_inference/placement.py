@@ -77,6 +77,10 @@ class LeanTest:
     time_ratio: float  #: seconds of the robot in one second of the file, by kappa; nan if not shown
     time_error: float  #: standard error of its logarithm
     same_handedness: float  #: by how many standard errors sigma = 1 is better than -1; 0 without yaw
+    body_frame: (
+        float  #: by how many standard errors lean about the body's axes fits better than about the world's
+    )
+    headings: float  #: root mean square of the yaw [rad]: how much the two differ
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: NDArray[np.bool_]  #: (N,), the even rows that were judged
     pushed: NDArray[np.bool_]  #: (N,), rows left out because something pushed the robot
@@ -159,6 +163,8 @@ def lean_test(
         time_ratio=ratio,
         time_error=ratio_error,
         same_handedness=_handedness(robot, lean, wheels, heading, best, weights, (kappa, lag)),
+        body_frame=_body_frame(turning, driven, heading, weights),
+        headings=float(np.sqrt(np.mean(heading.value[usable] ** 2))) if heading is not None else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
@@ -230,6 +236,30 @@ def _handedness(
         rest.append(np.bincount(block_numbers(len(left)), weights=left))
     used = np.bincount(block_numbers(len(weights)), weights=weights) > 0.0
     gained = (rest[1] - rest[0])[used] / float((rest[0] + rest[1])[used].mean())
+    return clarity(gained) if len(gained) > 2 else 0.0
+
+
+def _body_frame(
+    turning: NDArray[np.complex128],
+    driven: NDArray[np.complex128],
+    heading: Smooth | None,
+    weights: NDArray[np.float64],
+) -> float:
+    """Return by how many standard errors a lean about the body's axes fits better than one about the world's.
+
+    A lean about the world's axes is that about the body's, turned by the heading. Where the heading stands still, both
+    fit alike, and the IMU's turn contains the heading.
+    """
+    if heading is None:
+        return 0.0
+    rest = []
+    for way in (0.0, 1.0, -1.0):
+        y = driven * np.exp(1j * way * heading.value[:, 0])
+        left = np.abs(y - turning @ _solve(turning, y, weights)) ** 2 * weights**2
+        rest.append(np.bincount(block_numbers(len(left)), weights=left))
+    used = np.bincount(block_numbers(len(weights)), weights=weights) > 0.0
+    world = min(rest[1:], key=lambda one: float(one.sum()))
+    gained = (world - rest[0])[used] / float((world + rest[0])[used].mean())
     return clarity(gained) if len(gained) > 2 else 0.0
 
 

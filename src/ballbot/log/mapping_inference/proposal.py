@@ -25,6 +25,7 @@ from ballbot.log.mapping_inference.file_signals import GyroTest, Raw, Signals, g
 from ballbot.log.mapping_inference.frame import Frame, HeadingTest, frame_of, heading_test
 from ballbot.log.mapping_inference.placement import LeanTest, lean_test
 from ballbot.log.mapping_inference.roles import Roles, roles_by_data, roles_by_name
+from ballbot.log.mapping_inference.tolerances import Delay, command_delay, lean_delay
 from ballbot.log.mapping_inference.units import (
     Scale,
     lean_units,
@@ -53,13 +54,13 @@ from ballbot.robot.derived import wheel_speed_limit
 WORTH_REPAIRING = 0.7
 #: rows that this is judged by, a minute at 100 Hz: every wheel is repaired by the others, which takes most of the time
 REPAIR_ROWS = 6000
+#: times whose intervals differ by less than this part of them need no repair
+EVEN_TIMES = 0.01
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
 IMPOSSIBLE_SPEED = 3.0
 #: filters that the test of the lean tries [s]: the quick robots move at 1 to 3 Hz, and noise of the angles asks for
 #: more
 LEAN_WIDTHS = (0.05, 0.08, 0.12)
-#: a delay is undone if it is this many of its standard errors, which are at least this [s]
-DELAY_ERRORS, LEAST_DELAY_ERROR = 2.0, 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,25 +89,33 @@ class Proposal:
     lean_test: LeanTest | None
     heading: HeadingTest | None
     commands: CommandTest | None
+    lean_delay: Delay | None  #: of the lean; None if there is none to test
+    command_delay: Delay
     frame: Frame
     drive: DriveEvidence | None
     keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]; None keeps all
     sample_time: float  #: of even rows [s]
     signals: Signals
+    given_dead_band: float | None = (
+        None  #: duty that the firmware adds, as the user says; None if it is not known
+    )
 
     @property
     def sensor_delay(self) -> float:
         """Lean later than the wheels [s]; zero if it cannot be told from zero."""
-        return 0.0 if self.lean_test is None else applied_delay(self.lean_test.lag, self.lean_test.lag_error)
+        return 0.0 if self.lean_delay is None else self.lean_delay.applied
+
+    @property
+    def dead_band(self) -> float:
+        """Duty that the firmware adds: as the user says, or as measured; zero if neither."""
+        if self.given_dead_band is not None:
+            return self.given_dead_band
+        return self.drive.dead_band if self.drive else 0.0
 
 
-def applied_delay(delay: float, error: float) -> float:
-    """Return a delay [s] if it is more than its error, else 0."""
-    least = DELAY_ERRORS * math.hypot(error if math.isfinite(error) else 0.05, LEAST_DELAY_ERROR)
-    return round(delay, 4) if abs(delay) > least else 0.0
-
-
-def propose(path: str | Path, robot: Robot, *, columns: Sequence[str] | None = None) -> Proposal:
+def propose(
+    path: str | Path, robot: Robot, *, columns: Sequence[str] | None = None, dead_band: float | None = None
+) -> Proposal:
     """Read a foreign log and propose how it becomes one of Ballbot's.
 
     Parameters
@@ -117,6 +126,8 @@ def propose(path: str | Path, robot: Robot, *, columns: Sequence[str] | None = N
         Its geometry, encoders and drives.
     columns : sequence of str, optional
         The columns' names, in place of the file's.
+    dead_band : float, optional
+        Duty that the firmware adds to overcome friction, 0 if it adds none; a log hardly shows it.
 
     Raises
     ------
@@ -158,16 +169,19 @@ def propose(path: str | Path, robot: Robot, *, columns: Sequence[str] | None = N
         lean_test=tested,
         heading=heading,
         commands=commands,
+        lean_delay=lean_delay(tested, signals) if tested else None,
+        command_delay=command_delay(commands, signals, usable),
         frame=frame,
         drive=None,
         keep=_keep(signals, tested),
         sample_time=_sample_time(raw.t),
         signals=signals,
+        given_dead_band=dead_band,
     )
     if raw.commands is None:
         return proposal
     reading = roles.reading(roles.commands)
-    mapping = log_mapping(proposal, delay=commands.delay if commands else 0.0)
+    mapping = log_mapping(proposal, delay=proposal.command_delay.applied)
     expected = [
         (frame.order.index(wheel), frame.signs[wheel - 1]) for wheel in range(1, len(frame.order) + 1)
     ]
@@ -371,7 +385,10 @@ def _speed_limit(robot: Robot) -> float:
 def _timing(t: NDArray[np.float64], angles: NDArray[np.float64]) -> tuple[TimingRepair, NDArray[np.float64]]:
     judged = slice(0, REPAIR_ROWS)
     before = speed_noise(t[judged], angles[judged])
-    after = repaired_noise(t[judged], angles[judged]) if before is not None else None
+    steps = np.diff(t[judged])
+    # a loop that keeps its time to a hundredth of a row reads its sensors in time, too
+    kept = float(np.ptp(steps)) < EVEN_TIMES * float(np.median(steps))
+    after = repaired_noise(t[judged], angles[judged]) if before is not None and not kept else None
     worth_it = before is not None and after is not None and after < WORTH_REPAIRING * before
     repair = TimingRepair(before=before, after=after, worth_it=worth_it)
     return repair, sampling_times(t, angles) if worth_it else t

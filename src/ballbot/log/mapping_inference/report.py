@@ -347,10 +347,10 @@ def _commands(proposal: Proposal) -> list[Finding]:
     if assigned is not None and len(set(assigned.signs)) > 1:
         sentence = f"The signs of the commands differ between wheels: {list(assigned.signs)}."
         found.append(_finding("warning", "commands", sentence))
-    if proposal.drive and proposal.drive.unit.kind == "duty" and not proposal.drive.dead_band:
+    if any(one.name == "dead band" and not one.determined for one in conclusions_of(proposal)):
         sentence = (
-            "No dead band is measured, and a small one hides behind static friction: if the firmware adds a duty to "
-            "overcome friction, write it in [input] dead_band, otherwise the friction that is identified lacks it."
+            "No dead band is measured, and one hides behind static friction and play: give the duty that the firmware "
+            "adds to overcome friction with --dead-band, 0 if it adds none."
         )
         found.append(_finding("warning", "drive", sentence))
     delay = round(1e3 * tested.delay)

@@ -1,0 +1,179 @@
+"""What an unknown delay, turn or dead band would change in the log, and the confidence that it changes little.
+
+None of them is ever known exactly. A delay that is off by e turns a signal's phase by w e, with w the root mean square
+of the signal's rate over that of its value: harmless in a slow log, ruin in a quick one. So the confidence in a
+quantity is that its error stays within what a log can bear, from a standard error with these parts:
+
+- the jackknife over blocks of a second, which is all that one log shows;
+- play in the gears, which makes the ball, and with it the lean, later than the encoders by about 0.45 b over the
+  wheels' speed (root mean square) for a play b: the first harmonic of a sine wave that loses b/2 at every turning
+  point. It looks like a delay of the lean, and no log of encoders and lean separates the two;
+- what the estimates were off on the development halves of `campaigns/mapping_corpus.py` beyond that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.log.mapping_inference.evidence import MOST
+from ballbot.log.mapping_inference.file_signals import Signals
+from ballbot.log.mapping_inference.placement import LeanTest
+from ballbot.log.mapping_inference.wheel_response import CommandTest
+from ballbot.log.signals import Smooth, smooth
+
+#: phase [rad] that the lean may be off by a delay: its part along the true lean is then cos 0.3 = 0.955 of it
+LEAN_PHASE = 0.3
+#: the same of the torques: their root mean square error is then 0.2 of their size
+TORQUE_PHASE = 0.2
+#: turn of the IMU that may be off [rad]: a fifth of a lean appears in the other axis
+TURN = math.radians(12.0)
+#: part of the torques, by size, that an unknown dead band may be
+TORQUE_PART = 0.2
+#: play of a wheel's gear that must be expected [rad]: one degree is usual, and two of small gear motors
+PLAY = math.radians(1.5)
+#: play's delay is PLAY_DELAY b / (speed, root mean square): 4 / pi (b / 2) / amplitude is the phase, sqrt(2) the peak
+PLAY_DELAY = 2.0 / math.pi / math.sqrt(2.0)
+#: error of the lean's delay beyond jackknife and play, of the command's, and of a turn over the logarithm of the gain:
+#: root mean squares on the development halves [s], [s], [rad]
+LEAN_ERROR, COMMAND_ERROR, TURN_PER_GAIN = 0.006, 0.004, 0.4
+#: a delay is undone if it is this many of its standard errors
+APPLIED = 1.5
+#: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
+LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015
+#: delays that no robot that balances has [s]: they come from something else
+IMPOSSIBLE_LEAN_DELAY, IMPOSSIBLE_COMMAND_DELAY = 0.045, 0.025
+#: filter of the commands before their quickness is taken [s]
+COMMAND_FILTER = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay:
+    """A delay as it is undone, and what is known of it."""
+
+    applied: float  #: [s]; zero if it cannot be told from zero
+    error: float  #: standard error of the applied one [s]
+    quickness: float  #: w of the delayed signal [rad/s]
+    confidence: float  #: that the error is harmless
+    evidence: str  #: one sentence
+
+
+def harmless(error: float, tolerance: float) -> float:
+    """Return the probability that a normal error of this standard deviation stays within a tolerance."""
+    if not math.isfinite(error):
+        return 0.5
+    return min(math.erf(tolerance / (math.sqrt(2.0) * max(error, 1e-9))), MOST)
+
+
+def quickness(signal: Smooth, usable: NDArray[np.bool_]) -> float:
+    """Return the root mean square of a signal's rate over that of its value, both less their means [rad/s]."""
+    value, rate = signal.value[usable], signal.rate[usable]
+    size = float(np.sqrt(value.var(axis=0).sum()))
+    return float(np.sqrt(rate.var(axis=0).sum())) / size if size > 0.0 else 0.0
+
+
+def lean_delay(tested: LeanTest, signals: Signals) -> Delay:
+    """Return the lean's delay after the wheels."""
+    if signals.lean is None:
+        return Delay(applied=0.0, error=math.inf, quickness=0.0, confidence=0.5, evidence="there is no lean")
+    usable = tested.balancing
+    speed = float(np.sqrt(np.mean(np.square(signals.wheels.rate[usable]))))
+    play = PLAY_DELAY * PLAY / max(speed, 1e-3)
+    # what play takes lies between zero and all of it
+    estimate = tested.lag - 0.5 * play
+    error = math.hypot(tested.lag_error, 0.3 * play, LEAN_ERROR)
+    evidence = (
+        f"the wheels explain the lean best {1e3 * tested.lag:.1f} ms earlier, of which play of "
+        f"{math.degrees(PLAY):.1f} deg would take {1e3 * play:.0f} ms"
+    )
+    return _delay(
+        estimate,
+        error,
+        quickness(signals.lean, usable),
+        tolerance=LEAN_PHASE,
+        limits=(LONGEST_LEAN_DELAY, IMPOSSIBLE_LEAN_DELAY),
+        evidence=evidence,
+    )
+
+
+def command_delay(tested: CommandTest | None, signals: Signals, usable: NDArray[np.bool_]) -> Delay:
+    """Return the delay from a command to the motor."""
+    if signals.commands is None:
+        return Delay(applied=0.0, error=0.0, quickness=0.0, confidence=0.5, evidence="there are no commands")
+    quick = quickness(smooth(signals.rows, signals.rows, signals.commands, width=COMMAND_FILTER), usable)
+    evidence, estimate, error = "the commands do not explain the wheels' accelerations", 0.0, math.inf
+    if tested is not None:
+        evidence = (
+            f"at {1e3 * tested.delay:.1f} ms the commands explain {100 * tested.explained:.0f} % of the wheels' "
+            "accelerations"
+        )
+        # what explains little is off by more
+        error = math.hypot(tested.delay_error, COMMAND_ERROR / max(tested.explained, 0.1))
+        estimate = tested.delay
+    return _delay(
+        estimate,
+        error,
+        quick,
+        tolerance=TORQUE_PHASE,
+        limits=(LONGEST_COMMAND_DELAY, IMPOSSIBLE_COMMAND_DELAY),
+        evidence=evidence,
+    )
+
+
+def _delay(
+    estimate: float,
+    error: float,
+    quick: float,
+    *,
+    tolerance: float,
+    limits: tuple[float, float],
+    evidence: str,
+) -> Delay:
+    """Return the delay to undo; one that is not seen lies between zero and the first of the limits."""
+    longest, impossible = limits
+    known = math.isfinite(error) and -APPLIED * error < estimate < impossible
+    applied = round(estimate, 4) if known and estimate > APPLIED * error else 0.0
+    unseen = longest / math.sqrt(3.0)
+    if not applied:
+        error = min(math.hypot(estimate, error), unseen) if known else unseen
+    return Delay(
+        applied=applied,
+        error=error,
+        quickness=quick,
+        confidence=harmless(error * quick, tolerance),
+        evidence=f"{evidence}; an error of {1e3 * error:.0f} ms is {error * quick:.2f} rad of its motion",
+    )
+
+
+def dead_band_confidence(estimate: float, error: float, size: float) -> float:
+    """Return the confidence that a dead band is what is written.
+
+    Parameters
+    ----------
+    estimate, error : float
+        Estimate and its standard error, in the commands' unit; the estimate is zero if it is written. Static friction
+        and play take from the estimate: one below zero, which no firmware has, shows how much.
+    size : float
+        Standard deviation of the commands' part that drives, in the same unit.
+    """
+    if not (math.isfinite(error) and math.isfinite(size) and size > 0.0):
+        return 0.5
+    return harmless(math.hypot(estimate, error) / size, TORQUE_PART)
+
+
+def command_delay_confidence(late: Delay, braked: float) -> float:
+    """Return the confidence in the commands' delay; `braked` are duties over what the back-EMF leaves of them."""
+    if not math.isfinite(braked):
+        return 0.5
+    return harmless(late.error * late.quickness * max(braked, 1.0), TORQUE_PHASE)
+
+
+def turn_confidence(tested: LeanTest) -> float:
+    """Return the confidence in the IMU's turn: a gain that is not the robot's is a sign of another error, too."""
+    if tested.phase_error is None:
+        return 0.5
+    own = TURN_PER_GAIN * abs(math.log(max(tested.placements[0].gain, 1e-3)))
+    return harmless(math.hypot(tested.phase_error, own), TURN)

@@ -1,0 +1,108 @@
+"""What an unknown delay, turn or dead band changes in a log: `ballbot.log.mapping_inference.tolerances`."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballbot.log.mapping_inference.file_signals import Signals
+from ballbot.log.mapping_inference.tolerances import (
+    PLAY_DELAY,
+    command_delay,
+    dead_band_confidence,
+    harmless,
+    quickness,
+)
+from ballbot.log.mapping_inference.wheel_response import CommandTest
+from ballbot.log.signals import INTERVAL, Smooth
+
+
+@given(error=st.floats(1e-6, 10.0), more=st.floats(1.01, 100.0), tolerance=st.floats(1e-3, 1.0))
+def test_a_larger_error_is_never_more_harmless(error, more, tolerance):
+    assert 0.0 <= harmless(more * error, tolerance) <= harmless(error, tolerance) < 1.0
+
+
+def test_harmless_is_the_normal_probability():
+    random = np.random.default_rng(0)
+    drawn = 0.3 * random.standard_normal(200_000)
+    # 200,000 draws have a standard error of 0.001
+    assert harmless(0.3, 0.5) == pytest.approx(np.mean(np.abs(drawn) < 0.5), abs=0.004)
+
+
+def test_quickness_of_a_sine_wave_is_its_frequency():
+    t = INTERVAL * np.arange(4000)
+    wave = Smooth(
+        value=np.sin(7.0 * t)[:, None] + 2.0,
+        rate=7.0 * np.cos(7.0 * t)[:, None],
+        acceleration=np.zeros((len(t), 1)),
+    )
+    assert quickness(wave, np.ones(len(t), dtype=bool)) == pytest.approx(7.0, rel=0.01)
+
+
+@given(amplitude=st.floats(0.1, 0.5), frequency=st.floats(2.0, 20.0))
+def test_play_delays_a_sine_wave_as_assumed(amplitude, frequency):
+    """An element with play, simulated row by row, against the first harmonic that the bound takes."""
+    play = math.radians(1.0)
+    t = np.linspace(0.0, 4.0 * 2.0 * np.pi / frequency, 8001)
+    angle, place, moved = amplitude * np.sin(frequency * t), 0.0, []
+    for value in angle:
+        place = min(max(place, value - 0.5 * play), value + 0.5 * play)
+        moved.append(place)
+    later = len(t) // 2
+    wave = np.exp(-1j * frequency * t[later:-1])
+    lag = (np.angle(np.sum(wave * angle[later:-1])) - np.angle(np.sum(wave * moved[later:-1]))) / frequency
+    speed = amplitude * frequency / math.sqrt(2.0)
+    # the first harmonic of a sign, 4 / pi, holds for a play that is small beside the amplitude
+    assert lag == pytest.approx(PLAY_DELAY * play / speed, rel=0.1)
+
+
+def commanded(frequency: float) -> Signals:
+    rows = INTERVAL * np.arange(4000)
+    still = Smooth(value=np.zeros((4000, 3)), rate=np.zeros((4000, 3)), acceleration=np.zeros((4000, 3)))
+    phases = np.array([0.0, 2.0, 4.0])
+    return Signals(
+        rows=rows,
+        wheels=still,
+        lean=None,
+        heading=None,
+        commands=np.sin(frequency * rows[:, None] + phases),
+        usable=np.ones(4000, dtype=bool),
+    )
+
+
+def responding(delay: float, error: float) -> CommandTest:
+    return CommandTest(
+        order=(1, 2, 3),
+        signs=(1, 1, 1),
+        gains=((1.0,) * 3,) * 3,
+        delay=delay,
+        delay_error=error,
+        explained=0.9,
+        margin=None,
+    )
+
+
+def test_an_unknown_delay_is_harmless_only_in_a_slow_log():
+    every = np.ones(4000, dtype=bool)
+    slow, quick = (command_delay(None, commanded(w), every) for w in (2.0, 20.0))
+    assert slow.applied == quick.applied == 0.0
+    assert slow.confidence > 0.95
+    assert quick.confidence < 0.9
+
+
+def test_a_delay_at_the_edge_of_its_search_is_not_undone():
+    every = np.ones(4000, dtype=bool)
+    assert command_delay(responding(-0.005, math.inf), commanded(20.0), every).applied == 0.0
+    # no driver takes 50 ms: something else explains the wheels later
+    late = command_delay(responding(0.05, 1e-4), commanded(20.0), every)
+    assert late.applied == 0.0
+    assert late.confidence < 0.9
+    assert command_delay(responding(0.0105, 1e-4), commanded(20.0), every).applied == pytest.approx(0.0105)
+
+
+def test_an_estimated_dead_band_below_zero_leaves_it_open():
+    assert dead_band_confidence(-0.02, 0.002, 0.06) < 0.9
+    assert dead_band_confidence(0.0, 0.002, 0.06) > 0.99
+    assert dead_band_confidence(0.0, math.nan, 0.06) < 0.9
