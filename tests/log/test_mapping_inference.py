@@ -143,7 +143,7 @@ def test_resets_restarts_and_garbage_are_seen(tmp_path):
 
 def test_invalid_files_end_in_one_sentence(tmp_path):
     (tmp_path / "words.txt").write_text("this is\nnot a table\n")
-    with pytest.raises(InputError, match="no table of numbers"):
+    with pytest.raises(InputError, match="contains no table"):
         propose(tmp_path / "words.txt", small_robot(), dead_band=0.0)
     rows = "\n".join(f"{k} {0.01 * k} {np.sin(k)}" for k in range(200))
     (tmp_path / "other.txt").write_text("a b c\n" + rows)

@@ -349,7 +349,7 @@ def _commands(proposal: Proposal) -> list[Finding]:
         found.append(_finding("warning", "commands", sentence))
     if any(one.name == "dead band" and not one.determined for one in conclusions_of(proposal)):
         sentence = (
-            "No dead band is measured, and one hides behind static friction and play: give the duty that the firmware "
+            "The log does not show the dead band, which hides behind static friction and play: give the duty that the firmware "
             "adds to overcome friction with --dead-band, 0 if it adds none."
         )
         found.append(_finding("warning", "drive", sentence))
