@@ -97,7 +97,7 @@ def test_glitches_in_logged_speeds_are_found(proposal_of):
 
 
 def test_the_command_writes_a_log_that_identification_can_use(shared_data, tmp_path, capsys):
-    check_log(shared_data / "rob311" / "main_control_1.txt", robot="rob311", out=tmp_path)
+    check_log(shared_data / "rob311" / "main_control_1.txt", robot="rob311", dead_band=0.06, out=tmp_path)
     shown = capsys.readouterr().out
     assert "as the robot's" in shown
     assert "mapping.toml" in shown

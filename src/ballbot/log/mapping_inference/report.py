@@ -349,8 +349,8 @@ def _commands(proposal: Proposal) -> list[Finding]:
         found.append(_finding("warning", "commands", sentence))
     if any(one.name == "dead band" and not one.determined for one in conclusions_of(proposal)):
         sentence = (
-            "The log does not show the dead band, which hides behind static friction and play: give the duty that the firmware "
-            "adds to overcome friction with --dead-band, 0 if it adds none."
+            "The log does not show the dead band, which hides behind static friction and play: give the duty that the "
+            "firmware adds to overcome friction with --dead-band, 0 if it adds none."
         )
         found.append(_finding("warning", "drive", sentence))
     delay = round(1e3 * tested.delay)
