@@ -17,7 +17,7 @@ from tests.golden.workshop import RESULTS, compare, is_same_machine, run
 _NOT_FROZEN = {"reproduce"}
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_sampled_commands_write_what_they_wrote(tmp_path):
     same = is_same_machine()
     found = []

@@ -86,7 +86,7 @@ def test_every_public_name_that_takes_arrays_is_walked():
     assert not unknown
 
 
-@pytest.mark.slow  # compiles everything anew, with bounds checks
+@pytest.mark.sample  # compiles everything anew, with bounds checks
 def test_no_wrong_array_reaches_compiled_code(tmp_path):
     root = ROOT
     environment = os.environ | {

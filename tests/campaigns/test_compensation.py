@@ -10,7 +10,7 @@ from campaigns.compensation import compare_compensations, halvings, identified_r
 pytest.importorskip("mujoco")
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_compensation_of_identified_friction_halves_the_twin_s_position_error():
     # two logs of 8 s are enough; the form of the Stribeck friction is held, as its profiles are half of the work
     robot = identified_robot(

@@ -18,7 +18,7 @@ from campaigns.precise_controller import ALTEN, another, interval, outcome, task
 KNOWN = alten(scaled_friction(FRICTION, 1.2))
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 @pytest.mark.parametrize("name", ["square", "square, robot 20 % off"])
 def test_precise_controller_follows_the_square_on_the_twin(name):
     found = outcome(task_run(KNOWN, name, 300).result())
@@ -66,7 +66,7 @@ def test_interval_is_students():
     assert interval([1.0]) == "-"
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_adaptation_identifies_the_carpet_on_the_twin():
     carpet, same = (
         run_over_a_change(KNOWN, ("precise", True, "circle", floor, 400)) for floor in ("carpet", SAME)

@@ -33,7 +33,7 @@ def test_smooth_motion_has_order_four() -> None:
     assert observed_order(STEPS[:3], errors(cases, known, STEPS[:3])) == pytest.approx(4.0, abs=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_stick_slip_has_order_one_and_small_errors() -> None:
     """Root mean square over motions, because where in a step a sign changes is random."""
     cases = sticking_cases(np.random.default_rng(62), 10)

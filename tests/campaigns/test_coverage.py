@@ -5,7 +5,7 @@ import pytest
 from campaigns.coverage import TRUTHS, held, repeat, truth_of
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_intervals_contain_the_truth():
     done, truth = [repeat(TRUTHS["all"], seed=seed) for seed in range(2)], truth_of("all")
     inside = {label: sum(held(label, done, truth)) for label in truth}

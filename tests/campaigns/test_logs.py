@@ -18,7 +18,7 @@ from campaigns.fuzz_targets import loader_names
 DURATION = 6.0  # [s], a quarter of the campaign's logs
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 @pytest.mark.parametrize("seed", range(len(PRESETS)), ids=PRESETS)
 def test_correct_log_of_each_preset_is_not_stopped(seed):
     # references take turns with the presets: another one for each
@@ -48,7 +48,7 @@ def test_damaged_files_are_accepted_or_refused(tmp_path, name):
     assert {"refused"} <= {one["kind"] for one in found}
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_damaged_command_lines_are_accepted_or_refused():
     tally = run("command line", COMMANDS, seed=SEED)
     assert tally.failures == []

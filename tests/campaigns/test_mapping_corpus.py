@@ -30,7 +30,7 @@ def sensed() -> Log:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_no_mapping_is_wrong_with_confidence_and_most_are_right():
     log, robot = sensed(), small_robot()
     results = {}

@@ -19,7 +19,7 @@ def test_twin_becomes_the_exact_model_as_contacts_get_stiffer_and_steps_shorter(
     assert (errors[-1] < [1e-5, 3e-4, 1e-3, 2e-3]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_rollers_cause_a_speed_ripple_and_a_single_point_does_not() -> None:
     """The thesis's bumps (3.2): nine rollers of a row pass in a turn."""
     found = {}
@@ -31,7 +31,7 @@ def test_rollers_cause_a_speed_ripple_and_a_single_point_does_not() -> None:
     assert found["single_point"].line < 0.2 * found["nominal"].line  # measured: 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_play_causes_impulses() -> None:
     """The thesis's chapter 6; measured 350 and 29 rad/s^2, and 19 and 1.6 times a normal fourth moment."""
     played, without = (
@@ -41,7 +41,7 @@ def test_play_causes_impulses() -> None:
     assert played.kurtosis > 4 * without.kurtosis
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 def test_compliant_driveline_causes_a_peak_in_the_residuals() -> None:
     """Measured: a line 300 times the median near 33 Hz when on, 6 times when off."""
     off, on = (
