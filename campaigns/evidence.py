@@ -50,6 +50,7 @@ CAMPAIGNS = {
     "feedback_options": "campaigns.feedback_options",
     "coverage": "campaigns.coverage",
     "one_axis": "campaigns.one_axis",
+    "axis_machines": "campaigns.one_axis:machines",
     "drivelines": "campaigns.identified_twin:drivelines",
     "resume": "campaigns.resume",
     "identified_errors": "campaigns.identified_twin:identified_errors",

@@ -41,7 +41,7 @@ LINES = (
     "excite alten --duration 8 --lean 6 --floor 1 --window 0.25 --generations 2 --population 4 --seed 1 --out out",
     "identify alten log.csv --estimate friction --bounds bounds.toml --window 0.25 --seed 1 --out out",
     "identify alten log.csv --sweep sweep.json --out out",
-    "identify-axis axis.csv --law viscous --window 0.5 --horizon 0.1 --out out",
+    "identify-axis axis.csv --law viscous --harmonics 3 --period 0.5 --out out",
     "identify-axis axis.mat --reference reference --position-gain kp --velocity-gain 2 --out out",
     "identify-driveline alten log.csv --speed-limit 20 --seed 1 --out out",
     "identify-upside-down alten log.csv --window 1.0 --bounds bounds.toml --out out",

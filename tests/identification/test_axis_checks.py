@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ballbot.cli.main import main
 from ballbot.identification.axis import AxisRecord, inverse_fit
-from ballbot.identification.axis.inverse import free_inverse_fit, record_findings
+from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.inverse import free_inverse_fit
 from ballbot.identification.axis.model import AXIS_LAWS, Axis
-from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from ballbot.log import Log
 from tests.support.axis_examples import LOOP, SAMPLE_TIME, TRUTH, simulated_record
 

@@ -13,10 +13,10 @@ from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
 from ballbot.fitting.checkpoint import identity_of
-from ballbot.identification.axis import AxisRecord
+from ballbot.identification.axis import AxisOptions, AxisRecord
 from ballbot.identification.axis import identify_axis as identify_record
-from ballbot.identification.axis.inverse import record_findings
-from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.reading import AxisColumns, read_axis_records
 from ballbot.report.axis import axis_parts, axis_report
 
 _WRITTEN = ("report.html", "results.json")
@@ -25,19 +25,32 @@ _WRITTEN = ("report.html", "results.json")
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class MethodOptions:
-    """How the axis is identified."""
+    """How the axis is identified; what is not given is selected by held-out errors."""
 
     law: str | None = None
-    """The friction law: viscous, coulomb, stribeck, dahl, lugre or asymmetric. Selected automatically if not given."""
+    """The friction law: viscous, coulomb, stribeck, dahl, lugre or asymmetric."""
 
     bandwidth: float | None = None
-    """Bandwidth of the motion, in hertz, which sets the filters. Estimated if not given."""
+    """Bandwidth of the motion, in hertz, which sets the filters."""
 
-    window: float = 1.0
-    """Length of the windows on which laws are compared, in seconds."""
+    harmonics: tuple[int, ...] | None = None
+    """Harmonics of a force that depends on position: 1 is gravity on an axis that turns, higher ones are cogging."""
 
-    horizon: float | None = None
-    """Length of the windows that the open-loop fit predicts, in seconds; the whole record if not given."""
+    spring: bool | None = None
+    """Whether a force is proportional to position, as of a spring or a cable."""
+
+    drift: bool | None = None
+    """Whether the constant force drifts slowly."""
+
+    period: float | None = None
+    """Travel of the first harmonic, in metres or radians; one turn if not given."""
+
+    separate: tuple[str, ...] = ()
+    """Parameters of which each record has its own, such as offset; the others are common to all."""
+
+    def options(self) -> AxisOptions:
+        """Return what the identification takes."""
+        return AxisOptions(**vars(self))
 
 
 _COLUMNS, _METHOD = AxisColumns(), MethodOptions()
@@ -48,16 +61,18 @@ def identify_axis(
     /,
     *against: Path,
     out: Path,
+    also: Annotated[list[Path] | None, Parameter(negative="")] = None,
     columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
     method: MethodOptions = _METHOD,
     accept: Accept = None,
     resume: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Find the mass (or inertia) and friction of one axis in a record of its force and position.
+    """Find the mass (or inertia) and friction of one axis in records of its force and position.
 
-    Three methods: the inverse model by least squares, output error in closed loop if the loop is known, and output
-    error in open loop. The friction law is selected by its prediction of held-out windows. Writes report.html and
-    results.json. For a robot's own drivelines use `ballbot identify-driveline`.
+    Four methods: the inverse model by least squares, output error in open loop over windows and over whole records,
+    and output error in closed loop if the loop is known. Forces over position, a drift, the length of the windows and
+    the friction law are selected by the prediction of held-out blocks of time. Writes report.html and results.json.
+    For a robot's own drivelines use `ballbot identify-driveline`.
 
     Example: ballbot identify-axis DATA_EMPS.mat --position qm --force vir --force-scale gtau --out found
 
@@ -69,36 +84,37 @@ def identify_axis(
         Other records of the same axis, with the same columns, used only for validation.
     out
         The folder to write into.
+    also
+        A further record that is fitted together with the first one; may be given several times.
     resume
         Continue an interrupted run in the same folder.
     """
-    read = read_axis_record(record, columns)
-    others = [read_axis_record(path, columns) for path in against]
-    findings = _checked(dict(zip((record, *against), (read, *others), strict=True)), method.bandwidth, accept)
-    parts = [getattr(one, field.name) for one in (read, *others) for field in fields(one)]
+    fitted = (record, *(also or ()))
+    paths = (*fitted, *against)
+    read = read_axis_records(paths, columns)
+    findings = _checked(dict(zip(paths, read, strict=True)), method.bandwidth, accept)
+    parts = [getattr(one, field.name) for one in read for field in fields(one)]
     depends_on = {f"--{name.replace('_', '-')}": value for name, value in vars(columns).items()}
     depends_on |= {f"--{name}": value for name, value in vars(method).items()}
+    depends_on["--also"] = len(fitted)
     with open_long_result(
         out,
         command="identify-axis",
         writes=_WRITTEN,
-        inputs=input_files(record, against),
+        inputs=input_files(record, (*fitted[1:], *against)),
         belongs_to=identity_of({"records": parts}, depends_on),
         run=RunOptions(resume=resume),
     ) as result:
         with result.progress("inverse model") as bar:
             found = identify_record(
-                read,
-                law=method.law,
-                bandwidth=method.bandwidth,
-                window=method.window,
-                horizon=method.horizon,
-                validation_records=others,
+                read[: len(fitted)],
+                options=method.options(),
+                validation_records=read[len(fitted) :],
                 run=result.run_with(bar.report),
             )
         with result.replaced() as new:
             result.write_json(found.to_dict(), new, findings=findings)
-            write_text(new / "report.html", axis_report(found, read, result.origin, findings))
+            write_text(new / "report.html", axis_report(found, read[0], result.origin, findings))
     result.show(axis_parts(found, framed=result.console.is_terminal))
     result.show_file("report.html")
 

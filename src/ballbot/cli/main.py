@@ -97,6 +97,18 @@ RENAMED_OPTIONS = {
     ("design", "--allow-pumping"): "--allow-overcompensation",
 }
 
+#: options that are gone: command, name, and what to do instead
+REMOVED_OPTIONS = {
+    (
+        "identify-axis",
+        "--horizon",
+    ): "the length of the windows is now chosen by held-out errors; leave it out",
+    (
+        "identify-axis",
+        "--window",
+    ): "the blocks that are held out are now chosen from the record; leave it out",
+}
+
 
 def build_app(tokens: Sequence[str] = ()) -> App:
     """Return the command-line application.
@@ -188,6 +200,9 @@ def _with_new_names(tokens: Sequence[str]) -> list[str]:
     renamed = []
     for token in tokens:
         option, equals, value = token.partition("=")
+        gone = REMOVED_OPTIONS.get((tokens[0], option))
+        if gone:
+            raise InputError(f"{option} is no longer an option of {tokens[0]}: {gone}.")
         new = RENAMED_OPTIONS.get((tokens[0], option))
         if new:
             _say(f"{option} is now called {new}; the old name goes with the next release.")

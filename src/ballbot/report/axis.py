@@ -13,9 +13,10 @@ from rich.text import Text
 
 from ballbot.findings import Finding, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.identify import Estimate
-from ballbot.identification.axis.inverse import default_bandwidth, smoothed_motion, speed_at_start
-from ballbot.identification.axis.model import PARAMETERS, Axis, unit_for
+from ballbot.identification.axis.model import unit_for
+from ballbot.identification.axis.motion import default_bandwidth, smoothed_motion, speed_at_start
+from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.structure import base_name
 from ballbot.report.console import table
 from ballbot.report.page import Provenance, figure_markup, render
 from ballbot.report.style import BLUE, GREEN, INK, MEASURED, MUTED, ORANGE, drawn, thinned
@@ -26,10 +27,11 @@ _SLOW = 0.02
 
 
 def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
-    """Return force less inertia and offset over speed: what the record shows, and the law taken."""
+    """Return the force less all but friction over speed: what the record shows, and the law taken."""
     motion = smoothed_motion(record, bandwidth=default_bandwidth(record))
-    inverse = found.inverse["coulomb"]
-    friction = record.force - inverse.value("mass") * motion.acceleration - inverse.value("offset")
+    axis = found.estimate("inverse").axis()
+    needed = axis.needed_force(record, motion.position, np.zeros(len(record)), motion.acceleration)
+    friction = record.force - needed
     fastest = float(np.abs(motion.speed).max())
     moving = np.flatnonzero(np.abs(motion.speed) > _SLOW * fastest)[::7]
     figure = Figure(figsize=(7.4, 3.4), layout="constrained")
@@ -79,7 +81,7 @@ def _draw_law(estimate: Estimate, fastest: float, color: str, dash: str, axes: A
 
 def closed_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the force in closed loop, recorded and simulated, and the difference."""
-    axis = _axis(found.estimate("closed loop"))
+    axis = found.estimate("closed loop").axis()
     moved = axis.closed_loop(record, speed=speed_at_start(record))
     figure, upper, lower = panels_over_time(height=3.8, ratios=(2, 1))
     t, measured, simulated = thinned(record.t, record.force, moved.forces)
@@ -99,11 +101,12 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     upper.plot(t, position, label="recorded", **MEASURED)
     upper.set_ylabel(f"position [{found.unit}]")
     for estimate, color, dash in _drawn_laws(found):
-        moved = _axis(estimate).open_loop(
-            record.force[:-1],
-            position=float(record.position[0]),
-            speed=speed_at_start(record),
-            sample_time=record.sample_time,
+        moved = estimate.axis().windows(
+            record,
+            np.array([0]),
+            np.array([len(record) - 1]),
+            np.array([[record.position[0], speed_at_start(record)]]),
+            interpolated=estimate.model.interpolated,
         )
         t, error = thinned(record.t[1:], 1e3 * (moved - record.position[1:]))
         label = f"{estimate.law.name}, {estimate.method}: {1e3 * estimate.errors[0].open_loop_rmse:.3g} RMS"
@@ -114,9 +117,9 @@ def open_loop_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
     return figure
 
 
-def ladder_figure(found: AxisIdentification) -> Figure:
-    """Return each law's gain on windows held out over the law below, with its 95 % interval."""
-    compared = [(one, one.gain) for one in found.ladder.candidates if one.gain]
+def laws_figure(found: AxisIdentification) -> Figure:
+    """Return each law's gain on held-out blocks over the law below, with its 95 % interval."""
+    compared = [(one, one.gain) for one in found.laws.candidates if one.gain]
     figure = Figure(figsize=(7.4, 0.6 + 0.42 * len(compared)), layout="constrained")
     axes = figure.subplots()
     for place, (one, gain) in enumerate(reversed(compared)):
@@ -127,29 +130,29 @@ def ladder_figure(found: AxisIdentification) -> Figure:
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{one.name} over {one.within}" for one, _ in reversed(compared)])
     axes.set_xlim(-60.0, 130.0)
-    axes.set_xlabel("less error on windows held out [%]")
+    axes.set_xlabel("less error on held-out blocks [%]")
     return figure
-
-
-def _axis(estimate: Estimate) -> Axis:
-    return Axis(law=estimate.law, values=estimate.values)
 
 
 def axis_report(
     found: AxisIdentification, record: AxisRecord, made: Provenance, findings: Sequence[Finding] = ()
 ) -> str:
     """Return the page."""
-    seconds = len(record) * record.sample_time
     figures = {
         "friction_figure": partial(axis_friction_figure, found, record),
-        "open_loop_figure": partial(open_loop_figure, found, record),
-        "ladder_figure": partial(ladder_figure, found),
+        "laws_figure": partial(laws_figure, found),
     }
-    if record.loop is not None:
+    if len(record.segments) == 1:
+        figures["open_loop_figure"] = partial(open_loop_figure, found, record)
+    if any(one.method == "closed loop" for one in found.estimates):
         figures["closed_loop_figure"] = partial(closed_loop_figure, found, record)
     values: dict[str, object] = {
-        "title": f"{found.record}: mass and friction",
-        "lead": f"{seconds:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}.",
+        "title": f"{', '.join(found.records)}: mass and friction",
+        "lead": f"{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}, "
+        f"fitted over windows of {found.horizon.chosen:g} s.",
+        "terms": term_rows(found),
+        "expected": expected_sentence(found),
+        "residuals": residual_rows(found, record.force_unit),
         "remarks": texts(found.remarks),
         "parameters": parameter_rows(found),
         "methods": [f"{one.method} ({one.law.name})" for one in found.estimates],
@@ -157,6 +160,8 @@ def axis_report(
         "laws": [row for one in found.by_law.values() for row in error_rows(one, found.unit)],
         "inverse": _inverse_rows(found),
         "closed_loop_figure": None,
+        "open_loop_figure": None,
+        "error_headings": ERROR_HEADINGS,
         "made": made,
         "log_findings": findings,
     }
@@ -166,26 +171,72 @@ def axis_report(
 
 def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     """Return the parameters by every method: symbol, meaning, unit and values with their standard errors."""
-    names = dict.fromkeys(name for one in found.estimates for name in one.values)
+    labels = dict.fromkeys(
+        label for one in found.estimates for label in one.values if not label.startswith("drift_")
+    )
     rows = []
-    for name in names:
-        kind = PARAMETERS[name]
+    for label in labels:
+        kind = found.model.parameter(label)
         values = [
-            with_error(one.values[name], one.standard_errors[name]) if name in one.values else "–"
+            with_error(one.values[label], one.standard_errors[label]) if label in one.values else "–"
             for one in found.estimates
         ]
         rows.append((kind.symbol, kind.meaning, unit_for(kind, found.unit), *values))
     return rows
 
 
-def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, str, str, str, str, str]]:
-    """Return what an estimate predicts: method, law, record, open loop, force and position in closed loop."""
+def term_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+    """Return the forces over position and the drift that were selected, and their gain on held-out blocks."""
+    return [
+        (
+            {"spring": "proportional to position", "drift": "drift of the constant force"}.get(name, name),
+            f"{digits(100.0 * gain.share)} %",
+            f"{digits(100.0 * gain.lower)} to {digits(100.0 * gain.upper)} %",
+        )
+        for name, gain in found.terms
+    ]
+
+
+def expected_sentence(found: AxisIdentification) -> str:
+    """Return the error that another record should show."""
+    one = found.expected
+    unit = f"m{found.unit}"
+    source = (
+        "the variation between the records"
+        if one.records > 1
+        else "an assumed variation between records, as there is one record"
+    )
+    return (
+        f"On another record under these conditions the position error over windows of {one.horizon:g} s should be "
+        f"{digits(1e3 * one.error)} {unit} RMS, with a 95 % interval of {digits(1e3 * one.lower)} to "
+        f"{digits(1e3 * one.upper)} {unit}, from held-out blocks and {source}."
+    )
+
+
+def residual_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...]]:
+    """Return the tests of what is left of the force."""
+    return [
+        (
+            one.quantity,
+            f"{one.p_value:.1g}" if np.isfinite(one.p_value) else "too few blocks",
+            f"{digits(one.size)} {force_unit}",
+            f"{digits(100.0 * one.share)} %",
+            "yes" if one.dependent else "no",
+        )
+        for one in found.residuals
+    ]
+
+
+def error_rows(estimate: Estimate, unit: str) -> list[tuple[str, ...]]:
+    """Return what an estimate predicts: method, law, record, and its errors."""
     return [
         (
             estimate.method,
             estimate.law.name,
             errors.record,
-            f"{digits(1e3 * errors.open_loop_rmse)} m{unit}",
+            f"{digits(1e3 * errors.window_rmse)} m{unit}",
+            f"{digits(1e3 * errors.open_loop_rmse)} m{unit}" if np.isfinite(errors.open_loop_rmse) else "–",
+            _percent(errors.inverse_force),
             _percent(errors.closed_loop_force),
             _percent(errors.closed_loop_position),
         )
@@ -203,23 +254,42 @@ def _inverse_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
         for name, value, deviation, clustered in zip(
             fit.names, fit.values, fit.standard_deviations, fit.clustered_errors, strict=True
         ):
+            symbol = found.model.parameter(name).symbol
+            if base_name(name).startswith("drift_"):
+                continue
             if value == 0.0:
-                rows.append((form, PARAMETERS[name].symbol, "0", "fixed at zero", "", ""))
+                rows.append((form, symbol, "0", "fixed at zero", "", ""))
                 continue
             share = f"{digits(100.0 * abs(deviation / value))} %"
-            rows.append(
-                (form, PARAMETERS[name].symbol, f"{value:.4f}", f"{deviation:.4f}", share, f"{clustered:.4f}")
-            )
+            numbers = [_decimals(number) for number in (value, deviation, clustered)]
+            rows.append((form, symbol, numbers[0], numbers[1], share, numbers[2]))
         rows.append((form, "force error", f"{100.0 * fit.relative_force_error:.4f} %", "", "", ""))
     return rows
+
+
+def _decimals(value: float) -> str:
+    """Return four decimals, as published, or four digits of a small number."""
+    return f"{value:.4f}" if abs(value) >= 0.01 else f"{value:.4g}"
+
+
+ERROR_HEADINGS = (
+    "method",
+    "law",
+    "record",
+    "position, windows",
+    "position, whole",
+    "force, inverse",
+    "force, closed loop",
+    "position, closed loop",
+)
 
 
 def axis_parts(found: AxisIdentification, *, framed: bool) -> Iterator[RenderableType]:
     """Yield the parameters by each method, their errors, and the findings."""
     headings = ("symbol", "meaning", "unit", *(one.method for one in found.estimates))
     yield table(f"Friction law: {found.chosen.name}", headings, parameter_rows(found), framed=framed)
-    headings = ("method", "law", "record", "open loop, RMS", "closed loop, force", "position")
     rows = [row for one in found.estimates for row in error_rows(one, found.unit)]
-    yield table("Errors", headings, rows, framed=framed)
+    yield table("Errors", ERROR_HEADINGS, rows, framed=framed)
+    yield Text(expected_sentence(found))
     for finding in found.remarks:
         yield Text(finding.text)

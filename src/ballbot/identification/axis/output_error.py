@@ -1,35 +1,42 @@
-"""Output error, and the friction laws fitted by it and compared on held-out windows.
+"""Output error: the parameters whose simulation comes closest to the records, in open or in closed loop.
 
-Output error: the parameters whose simulation comes closest to the record, in open or in closed loop.
+In open loop the recorded force moves the axis over windows, and positions are compared; in closed loop the recorded
+reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with central differences wide enough
+to average over single events of sticking.
 
-In open loop the recorded force moves the axis from the state at a window's start, and positions are compared; in
-closed loop the recorded reference does, and forces are compared. Levenberg and Marquardt's steps by SciPy, with
-central differences wide enough to average over single events of sticking.
-
-Selection: each law is fitted to all windows but those of one fold, and predicts these, so that every window is held
-out once; `ballbot.fitting.model_selection` selects the law that they support.
+The state at a window's start is estimated with the parameters. Position and speed of the filtered record are where it
+is sought, and what two numbers a window can explain is taken off its errors and their derivatives (variable projection:
+G. Golub and V. Pereyra, Inverse Problems 19 (2003) R1-R26; derivatives as L. Kaufman, BIT 15 (1975) 49-57), so that a
+noisy start is no error of the friction. The start's position counts as one more measurement, and its speed is held to
+`_START_SPEED` of the record's usual speed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.errors import InputError
 from ballbot.fitting.least_squares import Stopping, minimize_squares
-from ballbot.fitting.model_selection import HeldOut, ModelSelection, neighbours, select_model
 from ballbot.fitting.parameter import RelativeSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
 from ballbot.fitting.uncertainty import block_length, covariance_in_time
-from ballbot.identification.axis.inverse import Motion, speed_at_start
-from ballbot.identification.axis.model import AXIS_LAWS, Axis, AxisLaw, Values, space_about, values_of
-from ballbot.identification.axis.record import AxisRecord
-from ballbot.progress import Progress
+from ballbot.identification.axis.model import Values
+from ballbot.identification.axis.motion import (
+    Motion,
+    first_row,
+    position_noise,
+    smoothed_motion,
+    speed_at_start,
+)
+from ballbot.identification.axis.record import AxisRecord, Span
+from ballbot.identification.axis.structure import AxisModel, base_name
 
 #: half the central difference, in the scaled parameter
 _DIFFERENCE = 5e-4
@@ -43,101 +50,312 @@ _REACH, _REACH_LOGARITHMIC = 0.2, 2.0
 _GENERATIONS, _POPULATION = 25, 10
 #: positions are compared this often [s]
 _COMPARED_EVERY = 0.01
-#: residuals up to so many blocks apart are taken for dependent, of the record's blocks one in
-_NEIGHBOURS = 4
-
-Span = tuple[int, int]  #: first row and the row after the last
+#: shares of the usual speed: how well the start's speed is known before, and the difference taken
+_START_SPEED, _SPEED_DIFFERENCE = 0.2, 0.01
+#: residuals within so long depend on each other [s]
+BLOCK = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Residuals:
-    """Simulated minus recorded, and in which block of time each lies."""
+class Sighting:
+    """A record with what the filter makes of it."""
 
-    values: NDArray[np.float64]  #: (m,)
-    block: NDArray[np.int64]  #: (m,)
+    record: AxisRecord
+    motion: Motion
+    bandwidth: float  #: [Hz]
+    noise: float  #: of the position [m]
+
+    @property
+    def usual_speed(self) -> float:
+        """Root mean square of the speed [m/s]."""
+        return float(np.sqrt(np.mean(self.motion.speed**2)))
+
+
+def sighting(record: AxisRecord, bandwidth: float) -> Sighting:
+    """Return a record with its filtered motion."""
+    return Sighting(
+        record=record,
+        motion=smoothed_motion(record, bandwidth=bandwidth),
+        bandwidth=bandwidth,
+        noise=max(position_noise(record, bandwidth=bandwidth), 1e-9 * float(np.ptp(record.position))),
+    )
+
+
+def equal_spans(record: AxisRecord, duration: float, within: Span | None = None) -> list[Span]:
+    """Return windows of about that duration [s], end to end, in each part between gaps; one of a shorter part."""
+    found = []
+    for first, last in record.segments:
+        begin, end = (first, last) if within is None else (max(first, within[0]), min(last, within[1] + 1))
+        if end - begin < 3:
+            continue
+        count = max(1, round(float(record.t[end - 1] - record.t[begin]) / duration))
+        edges = np.linspace(begin, end - 1, count + 1).astype(int)
+        found += [(int(a), int(b)) for a, b in pairwise(edges) if b > a]
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Windows:
+    """Windows of one record, of which the model predicts the positions."""
+
+    record: int  #: its number
+    firsts: NDArray[np.int64]  #: (w,)
+    counts: NDArray[np.int64]  #: (w,) rows that each runs over
+    starts: NDArray[np.float64]  #: (w, 2) position and speed there
+    compared: NDArray[np.int64]  #: (m,) which of the predicted positions are compared
+    rows: NDArray[np.int64]  #: (m,) rows of the record that these are
+    window: NDArray[np.int64]  #: (m,) the window of each
+
+
+def windows_of(seen: Sighting, spans: Sequence[Span], number: int = 0) -> Windows:
+    """Return windows over these spans of rows of the record of that number."""
+    record, motion = seen.record, seen.motion
+    every = max(1, round(_COMPARED_EVERY / record.sample_time))
+    firsts = np.array([first for first, _ in spans], dtype=np.int64)
+    counts = np.array([last - first for first, last in spans], dtype=np.int64)
+    speeds = motion.speed[firsts].copy()
+    speeds[firsts == 0] = speed_at_start(record)
+    positions = np.where(record.even & (firsts == 0), record.position[firsts], motion.position[firsts])
+    compared, rows, window, begin = [], [], [], 0
+    for place, (first, last) in enumerate(spans):
+        steps = np.arange(min(every, last - first), last - first + 1, every)
+        compared.append(begin + steps - 1)
+        rows.append(first + steps)
+        window.append(np.full(len(steps), place))
+        begin += last - first
+    return Windows(
+        record=number,
+        firsts=firsts,
+        counts=counts,
+        starts=np.column_stack([positions, speeds]),
+        compared=np.concatenate(compared),
+        rows=np.concatenate(rows),
+        window=np.concatenate(window),
+    )
+
+
+Projection = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+class Problem(Protocol):
+    """What parameters are fitted to."""
+
+    @property
+    def block(self) -> NDArray[np.int64]:
+        """The block of time of each error (m,)."""
+        ...
+
+    @property
+    def scale(self) -> float:
+        """A usual size of the errors."""
+        ...
+
+    def errors(self, values: Values) -> NDArray[np.float64]:
+        """Return simulated minus recorded (m,)."""
+        ...
+
+    def projection(self, values: Values) -> Projection:
+        """Return what takes off errors (m,), or their derivatives, what other starts would explain."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenLoop:
+    """Position errors [m] over windows of records."""
+
+    model: AxisModel
+    sightings: Sequence[Sighting]
+    windows: Sequence[Windows]
+
+    @property
+    def block(self) -> NDArray[np.int64]:
+        """The block of time of each error (m,); a window lies in one block."""
+        blocks, begin = [], 0
+        for one in self.windows:
+            record = self.sightings[one.record].record
+            _, block = np.unique(record.t[one.firsts] // BLOCK, return_inverse=True)
+            blocks.append(block[one.window] + begin)
+            begin += int(block.max()) + 1
+        return np.concatenate(blocks)
+
+    @cached_property
+    def window(self) -> NDArray[np.int64]:
+        """The window of each error (m,), counted through all records."""
+        found, begin = [], 0
+        for one in self.windows:
+            found.append(one.window + begin)
+            begin += len(one.firsts)
+        return np.concatenate(found)
+
+    @property
+    def scale(self) -> float:
+        """A thousandth of the travel [m]."""
+        return 1e-3 * max(float(np.ptp(one.record.position)) for one in self.sightings)
+
+    @cached_property
+    def _noise(self) -> NDArray[np.float64]:
+        return np.concatenate(
+            [np.full(len(one.rows), self.sightings[one.record].noise) for one in self.windows]
+        )
+
+    @cached_property
+    def _measured(self) -> NDArray[np.float64]:
+        return np.concatenate([self.sightings[one.record].record.position[one.rows] for one in self.windows])
+
+    def errors(self, values: Values) -> NDArray[np.float64]:
+        """Return simulated minus recorded positions (m,)."""
+        return self._positions(values) - self._measured
+
+    def _positions(self, values: Values, *, noises: float = 0.0, speeds: float = 0.0) -> NDArray[np.float64]:
+        """Return the positions (m,), the starts moved by multiples of the noise and of the usual speed."""
+        found = []
+        for one in self.windows:
+            seen = self.sightings[one.record]
+            axis = self.model.axis(values, one.record)
+            starts = one.starts + np.array([noises * seen.noise, speeds * seen.usual_speed])
+            predicted = axis.windows(
+                seen.record, one.firsts, one.counts, starts, interpolated=self.model.interpolated
+            )
+            found.append(predicted[one.compared])
+        return np.concatenate(found)
+
+    def projection(self, values: Values) -> Projection:
+        """Return what takes off errors what other positions and speeds at the windows' starts would explain."""
+        middle = self._positions(values)
+        # in units of the noise, for a start off by the noise, and by what its speed may be off by
+        S = np.column_stack(
+            [
+                (self._positions(values, noises=10.0) - middle) / 10.0,
+                (self._positions(values, speeds=_SPEED_DIFFERENCE) - middle)
+                * (_START_SPEED / _SPEED_DIFFERENCE),
+            ]
+        )
+        S /= self._noise[:, None]
+        begins = np.flatnonzero(np.diff(self.window, prepend=-1))
+        gram = np.add.reduceat(S[:, :, None] * S[:, None, :], begins, axis=0)
+        inverse = np.linalg.inv(gram + np.eye(2))
+
+        def project(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+            scores = np.add.reduceat(S * (errors / self._noise)[:, None], begins, axis=0)
+            shifts = np.einsum("wij,wj->wi", inverse, scores)
+            return errors - self._noise * np.einsum("mi,mi->m", S, shifts[self.window])
+
+        return project
+
+    def from_best_starts(self, values: Values) -> NDArray[np.float64]:
+        """Return the position errors [m] (m,) from the start of each window that suits it best."""
+        return self.projection(values)(self.errors(values))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WholeRecords(OpenLoop):
+    """Position errors [m] over whole records, each from its measured start."""
+
+    @property
+    def block(self) -> NDArray[np.int64]:
+        """The block of time of each error (m,)."""
+        blocks, begin = [], 0
+        for one in self.windows:
+            block = (self.sightings[one.record].record.t[one.rows] // BLOCK).astype(np.int64)
+            blocks.append(block + begin)
+            begin += int(block.max()) + 1
+        return np.concatenate(blocks)
+
+    def projection(self, values: Values) -> Projection:  # noqa: ARG002
+        """Return what leaves errors as they are."""
+        return lambda errors: errors
+
+
+def whole_records(model: AxisModel, sightings: Sequence[Sighting]) -> WholeRecords:
+    """Return the problem of records without gaps, each in one window."""
+    windows = [windows_of(seen, [(0, len(seen.record) - 1)], number) for number, seen in enumerate(sightings)]
+    return WholeRecords(model=model, sightings=sightings, windows=windows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClosedLoop:
+    """Force errors [N] of records in their simulated loops, each from its first good row on."""
+
+    model: AxisModel
+    sightings: Sequence[Sighting]  #: all of them with their loops
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self,
+            "_starts",
+            [max(0, first_row(one.record, bandwidth=one.bandwidth)) for one in self.sightings],
+        )
+
+    _starts: Sequence[int] = ()
+
+    @property
+    def scale(self) -> float:
+        """A twentieth of the force's standard deviation [N]."""
+        return 0.05 * float(np.std(np.concatenate([one.record.force for one in self.sightings])))
+
+    @property
+    def block(self) -> NDArray[np.int64]:
+        """The block of time of each error (m,)."""
+        blocks, begin = [], 0
+        for seen, start in zip(self.sightings, self._starts, strict=True):
+            block = (seen.record.t[start:] // BLOCK).astype(np.int64)
+            blocks.append(block - block[0] + begin)
+            begin = int(blocks[-1][-1]) + 1
+        return np.concatenate(blocks)
+
+    def errors(self, values: Values) -> NDArray[np.float64]:
+        """Return simulated minus recorded forces (m,)."""
+        found = []
+        for number, (seen, start) in enumerate(zip(self.sightings, self._starts, strict=True)):
+            axis = self.model.axis(values, number)
+            forces = axis.closed_loop(seen.record, speed=speed_at_start(seen.record)).forces
+            found.append(forces[start:] - seen.record.force[start:])
+        return np.concatenate(found)
+
+    def projection(self, values: Values) -> Projection:  # noqa: ARG002
+        """Return what leaves errors as they are: the loop forgets its start."""
+        return lambda errors: errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutputErrorFit:
     """What output error gives."""
 
-    law: AxisLaw
-    values: dict[str, float]  #: SI units
-    standard_errors: dict[str, float]  #: NaN if a parameter stands at a bound
+    model: AxisModel
+    values: dict[str, float]  #: by label, SI units
+    standard_errors: dict[str, float]  #: NaN if a parameter is at a bound
     rms: float  #: of the residuals: [m] in open loop, [N] in closed loop
 
-    @property
-    def axis(self) -> Axis:
-        """The axis with these parameters."""
-        return Axis(law=self.law, values=self.values)
 
-
-def equal_spans(record: AxisRecord, duration: float) -> list[Span]:
-    """Return windows of about that duration [s], end to end; one of the whole record where that is shorter."""
-    count = max(1, round(len(record) * record.sample_time / duration))
-    edges = np.linspace(0, len(record) - 1, count + 1).astype(int)
-    return [(int(a), int(b)) for a, b in pairwise(edges)]
-
-
-def open_loop_residuals(
-    record: AxisRecord, motion: Motion, spans: Sequence[Span], *, block: float
-) -> Callable[[Axis], Residuals]:
-    """Return what gives an axis's position errors [m] in these windows; blocks are of that duration [s]."""
-    every = max(1, round(_COMPARED_EVERY / record.sample_time))
-    rows = [np.arange(first + every, last + 1, every) for first, last in spans]
-    blocks = (np.concatenate(rows) * record.sample_time // block).astype(np.int64)
-    measured = np.concatenate([record.position[row] for row in rows])
-    speeds = [float(motion.speed[first]) if first else speed_at_start(record) for first, _ in spans]
-
-    def residuals(axis: Axis) -> Residuals:
-        predicted = [
-            axis.open_loop(
-                record.force[first:last],
-                position=float(record.position[first]),
-                speed=speed,
-                sample_time=record.sample_time,
-            )[every - 1 :: every]
-            for (first, last), speed in zip(spans, speeds, strict=True)
-        ]
-        return Residuals(values=np.concatenate(predicted) - measured, block=blocks)
-
-    return residuals
-
-
-def closed_loop_residuals(record: AxisRecord, *, start: int, block: float) -> Callable[[Axis], Residuals]:
-    """Return what gives an axis's force errors [N] in closed loop, from row `start` on."""
-    blocks = (np.arange(start, len(record)) * record.sample_time // block).astype(np.int64)
-    speed = speed_at_start(record)
-
-    def residuals(axis: Axis) -> Residuals:
-        forces = axis.closed_loop(record, speed=speed).forces
-        return Residuals(values=forces[start:] - record.force[start:], block=blocks - blocks[0])
-
-    return residuals
-
-
-def fit_output_error(
-    law: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
-) -> OutputErrorFit:
-    """Descend from `start`; `scale` is a usual size of the residuals."""
-    space = space_about(law, start)
+def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
+    """Descend from `start`."""
+    space = model.space(start)
     lower, upper = space.bounds()
+    last: dict[bytes, Projection] = {}
 
-    def axis_at(z: NDArray[np.float64]) -> Axis:
-        return Axis(law=law, values=values_of(law, space.physical(z)))
+    def at(z: NDArray[np.float64]) -> dict[str, float]:
+        return model.by_label(space.physical(z))
+
+    def projection(z: NDArray[np.float64]) -> Projection:
+        key = z.tobytes()
+        if key not in last:
+            last.clear()
+            last[key] = problem.projection(at(z))
+        return last[key]
 
     def errors(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return residuals_of(axis_at(z)).values / scale
+        return projection(z)(problem.errors(at(z))) / problem.scale
 
     def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        columns = []
+        columns, project = [], projection(z)
         for i in range(len(z)):
             step = _DIFFERENCE * np.eye(len(z))[i]
             ahead, behind = np.minimum(z + step, upper), np.maximum(z - step, lower)
-            columns.append((errors(ahead) - errors(behind)) / (ahead - behind)[i])
+            change = problem.errors(at(ahead)) - problem.errors(at(behind))
+            columns.append(project(change) / (ahead - behind)[i] / problem.scale)
         return np.column_stack(columns)
 
-    begin = np.maximum(space.scaled(np.array([start[name] for name in law.names])), lower + _INSIDE)
+    begin = np.clip(space.scaled(model.vector(start)), lower + _INSIDE, upper - _INSIDE)
     found = minimize_squares(
         errors,
         begin,
@@ -146,150 +364,73 @@ def fit_output_error(
         scale="jac",
         stopping=Stopping(most_evaluations=_MOST_STEPS, least_gain=_ENOUGH, least_step=1e-5),
     )
-    last = residuals_of(axis_at(found.point))
+    values = at(found.point)
     return OutputErrorFit(
-        law=law,
-        values=values_of(law, space.physical(found.point)),
-        standard_errors=values_of(law, _standard_errors(space, found.point, found.jacobian, last, scale)),
-        rms=float(np.sqrt(np.mean(last.values**2))),
+        model=model,
+        values=values,
+        standard_errors=model.by_label(
+            _standard_errors(space, found.point, found.jacobian, errors(found.point), problem.block)
+        ),
+        rms=problem.scale * float(np.sqrt(np.mean(errors(found.point) ** 2))),
     )
 
 
-def memoized(
-    run: Run, stage: str, law: AxisLaw, start: Values, fit: Callable[[], OutputErrorFit]
-) -> OutputErrorFit:
-    """Return a law's fit from `start`, from a checkpoint if that has it."""
-
-    def answer() -> list[NDArray[np.float64]]:
-        found = fit()
-        tables = (found.values, found.standard_errors)
-        return [*(np.array([table[name] for name in law.names]) for table in tables), np.array(found.rms)]
-
-    asked = np.array([start[name] for name in law.names])
-    values, errors, rms = run.memoize(f"{stage}, {law.name}", asked, answer)
-    return OutputErrorFit(
-        law=law,
-        values=dict(zip(law.names, values.tolist(), strict=True)),
-        standard_errors=dict(zip(law.names, errors.tolist(), strict=True)),
-        rms=float(rms),
-    )
-
-
-def search_output_error(
-    law: AxisLaw, start: Values, residuals_of: Callable[[Axis], Residuals], *, scale: float
-) -> OutputErrorFit:
+def search_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
     """Descend from the best of an evolution strategy around where a descent from `start` ends.
 
-    Over long windows single events of sticking make many small valleys, of which a descent finds the nearest.
+    Over whole records single events of sticking make many small valleys, of which a descent finds the nearest.
     """
-    near = fit_output_error(law, start, residuals_of, scale=scale)
-    space = space_about(law, near.values)
-    middle, (lower, upper) = (
-        space.scaled(np.array([near.values[name] for name in law.names])),
-        space.bounds(),
-    )
-    logarithmic = space.logarithmic & np.array([name != "mass" for name in law.names])
-    reach = np.where(logarithmic, _REACH_LOGARITHMIC, _REACH)
+    near = fit_output_error(model, start, problem)
+    space = model.space(near.values)
+    middle, (lower, upper) = space.scaled(model.vector(near.values)), space.bounds()
+    masses = np.array([base_name(label) == "mass" for label in model.labels])
+    reach = np.where(space.logarithmic & ~masses, _REACH_LOGARITHMIC, _REACH)
 
     def z_of(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.clip(middle + (2.0 * drawn - 1.0) * reach, lower, upper)
 
     def costs(population: NDArray[np.float64]) -> NDArray[np.float64]:
-        axes = [Axis(law=law, values=values_of(law, space.physical(z_of(one)))) for one in population]
-        return np.array([0.5 * np.log(np.mean(residuals_of(axis).values ** 2)) for axis in axes])
+        squares = [
+            np.mean(problem.errors(model.by_label(space.physical(z_of(one)))) ** 2) for one in population
+        ]
+        return 0.5 * np.log(np.maximum(squares, np.finfo(float).tiny))
 
     evolved = evolve(
-        costs,
-        size=len(law.names),
-        generations=_GENERATIONS,
-        population=_POPULATION,
-        run=DEFAULT_RUN,
+        costs, size=len(middle), generations=_GENERATIONS, population=_POPULATION, run=DEFAULT_RUN
     )
-    start_again = values_of(law, space.physical(z_of(evolved.best)))
-    found = fit_output_error(law, start_again, residuals_of, scale=scale)
+    found = fit_output_error(model, model.by_label(space.physical(z_of(evolved.best))), problem)
     return min(near, found, key=lambda fit: fit.rms)
 
 
+def memoized(
+    run: Run, stage: str, model: AxisModel, start: Values, fit: Callable[[], OutputErrorFit]
+) -> OutputErrorFit:
+    """Return a model's fit from `start`, from a checkpoint if that has it."""
+
+    def answer() -> list[NDArray[np.float64]]:
+        found = fit()
+        return [model.vector(found.values), model.vector(found.standard_errors), np.array(found.rms)]
+
+    values, errors, rms = run.memoize(f"{stage}, {model.law.name}", model.vector(start), answer)
+    return OutputErrorFit(
+        model=model,
+        values=model.by_label(values),
+        standard_errors=model.by_label(errors),
+        rms=float(rms),
+    )
+
+
 def _standard_errors(
-    space: RelativeSpace, z: NDArray[np.float64], J: NDArray[np.float64], last: Residuals, scale: float
+    space: RelativeSpace,
+    z: NDArray[np.float64],
+    J: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    block: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     lower, upper = space.bounds()
     kept = (z - lower > _AT_BOUND) & (upper - z > _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0)
     errors = np.full(len(z), np.nan)
-    neighbours = (int(last.block.max()) + 1) // _NEIGHBOURS
-    covariance = covariance_in_time(J[:, kept], last.values / scale, last.block, neighbours=neighbours)
-    errors[kept] = np.sqrt(covariance.diagonal())
+    neighbours = block_length(int(block.max()) + 1)
+    covariance = covariance_in_time(J[:, kept], residuals, block, neighbours=neighbours)
+    errors[kept] = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     return errors * space.slopes(z)
-
-
-FOLDS = 3
-LEAST_WINDOWS = 8
-
-
-def cross_validate_laws(
-    record: AxisRecord,
-    motion: Motion,
-    starts: Mapping[str, Values],
-    *,
-    window: float,
-    run: Run = DEFAULT_RUN,
-) -> ModelSelection[AxisLaw]:
-    """Fit every law to folds of windows, and select one by its errors on those held out.
-
-    Parameters
-    ----------
-    record : AxisRecord
-    motion : Motion
-        The record's, filtered: windows start from it.
-    starts : mapping of str to mapping
-        By the law's name, where its search starts.
-    window : float
-        Duration of the windows [s].
-    run : Run, optional
-        Its checkpoint answers for each law; each is reported.
-
-    Raises
-    ------
-    InputError
-        If the record has too few such windows.
-    """
-    spans = equal_spans(record, window)
-    if len(spans) < LEAST_WINDOWS:
-        raise InputError(
-            f"{record.name} has {len(spans)} windows of {window:g} s; model "
-            f"selection needs {LEAST_WINDOWS}. Choose a shorter --window."
-        )
-    counted = iter(range(len(AXIS_LAWS)))
-
-    def held_out(name: str, inner: AxisLaw | None) -> HeldOut[AxisLaw]:  # noqa: ARG001 (every fit starts anew)
-        law = AXIS_LAWS[name]
-        run.progress(Progress(stage=f"law {name}", done=next(counted), total=len(AXIS_LAWS)))
-        asked = np.array([starts[name][one] for one in law.names])
-        squares = run.memoize(
-            f"ladder, {name}", asked, lambda: [_held_out(record, motion, law, starts[name], spans)]
-        )[0]
-        groups = neighbours(range(len(spans)), block=block_length(len(spans)))
-        return HeldOut(model=law, squares=squares[:, None], baseline=None, groups=groups)
-
-    # An asymmetry is not selected from one record: windows of the same record share whatever made it, such as a
-    # temperature, and do not show that it is the machine's own.
-    symmetric = [name for name, law in AXIS_LAWS.items() if law.symmetric]
-    within = {name: law.below for name, law in AXIS_LAWS.items()}
-    return select_model(within, held_out, eligible=symmetric)
-
-
-def _held_out(
-    record: AxisRecord, motion: Motion, law: AxisLaw, start: Values, spans: Sequence[Span]
-) -> NDArray[np.float64]:
-    """Return each window's mean square error (w,) [m^2] by the fit that did not see it."""
-    squares = np.empty(len(spans))
-    scale = float(np.ptp(record.position)) * 1e-3
-    for fold in range(FOLDS):
-        seen = [span for i, span in enumerate(spans) if i % FOLDS != fold]
-        fit = fit_output_error(
-            law, start, open_loop_residuals(record, motion, seen, block=np.inf), scale=scale
-        )
-        for i in range(fold, len(spans), FOLDS):
-            errors = open_loop_residuals(record, motion, [spans[i]], block=np.inf)(fit.axis).values
-            squares[i] = np.mean(errors**2)
-    return squares

@@ -1,31 +1,36 @@
-"""One axis: what is recorded of it, and how a file holds that.
+"""One axis: what is recorded of it.
 
-`AxisRecord`: force and position of one axis over time, and the loop that moved it where that is known.
+`AxisRecord`: force and position of one axis over time, the load that it carries, and the loop that moved it if that is
+known.
 
-The axis is   M a = F - offset - friction(v)   with F held over a sample. For an axis that turns, M is an inertia
-[kg m^2], forces are torques [N m] and positions angles [rad].
+The axis is   (M + M_load) a = F + known forces - offset - G(q) - friction(v)   with F held over a sample. For an axis
+that turns, M is an inertia [kg m^2], forces are torques [N m] and positions angles [rad].
 
-A file of any format of logs holds it, as columns or named variables (docs/logs.md).
+Rows may come at uneven times, and rows may be missing: where the time between two rows is more than `GAP` times the
+usual one, the force between them is unknown, and no prediction runs across.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import real_array, whole_number
-from ballbot.errors import InputError, suggest
-from ballbot.log.columns import LARGEST_CELL, Columns
-from ballbot.log.formats import read_variables
+from ballbot.errors import InputError
 
 #: rows that make a record too short for any of the methods
 LEAST_ROWS = 200
-#: a sampling interval may differ from the mean one by this share of it
-LARGEST_JITTER = 0.05
+#: rows are even if no interval differs from the mean one by more than this share of it
+EVEN = 0.05
+#: an interval of so many usual ones is a gap
+GAP = 4.0
+
+Span = tuple[int, int]  #: first row and the row after the last
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,13 +51,33 @@ class PositionVelocityLoop:
     def __post_init__(self) -> None:
         for name in ("position_gain", "velocity_gain", "force_per_input", "limit"):
             if not getattr(self, name) > 0.0:
-                raise InputError(f"The loop's {name} is {getattr(self, name):g}; it must be above zero.")
+                words = name.replace("_", " ")
+                raise InputError(f"The loop's {words} is {getattr(self, name):g}; it must be above zero.")
         whole_number(self.span, "The loop's span of samples", least=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownLoad:
+    """A load of known mass that the axis carries beside what it is made of."""
+
+    inertia: float = 0.0  #: added mass [kg] or inertia [kg m^2]
+    weight: float = 0.0  #: its largest torque about an axis that turns, m g l [N m]
+    hanging: float = 0.0  #: the angle at which it hangs straight down [rad]
+
+    def __post_init__(self) -> None:
+        for name in ("inertia", "weight", "hanging"):
+            if not np.isfinite(getattr(self, name)):
+                raise InputError(f"The load's {name} is {getattr(self, name):g}; it must be a finite number.")
+        if self.inertia < 0.0:
+            raise InputError(f"The load's mass is {self.inertia:g}; it must be zero or more.")
+
+
+NO_LOAD = KnownLoad()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisRecord:
-    """A record at even intervals.
+    """A record of one axis.
 
     Raises
     ------
@@ -61,20 +86,25 @@ class AxisRecord:
     """
 
     name: str
-    sample_time: float  #: h [s]
+    sample_time: float  #: h [s], the usual one if rows are uneven
     force: NDArray[np.float64]  #: (N,) F [N], held from each row to the next
     position: NDArray[np.float64]  #: (N,) [m]
     reference: NDArray[np.float64] | None = None  #: (N,) [m]; needed for closed loop
     loop: PositionVelocityLoop | None = None  #: needed for closed loop
     unit: Literal["m", "rad"] = "m"
     added: NDArray[np.float64] | None = None  #: (N,) the part of `force` that is not the loop's [N]
+    times: NDArray[np.float64] | None = None  #: (N,) [s] of uneven rows; none of rows `sample_time` apart
+    temperature: NDArray[np.float64] | None = None  #: (N,), of any unit; residuals are tested against it
+    load: NDArray[np.float64] | None = None  #: (N,), what loads the bearings, of any unit; tested alike
+    known_load: KnownLoad = NO_LOAD
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
             raise InputError(
                 f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
             )
-        for name in ("force", "position", "reference", "added"):
+        words = {"added": "the added force", "times": "time"}
+        for name in ("force", "position", "reference", "added", "times", "temperature", "load"):
             if getattr(self, name) is None:
                 continue
             # contiguous and writable, as compiled code takes it
@@ -82,7 +112,7 @@ class AxisRecord:
             object.__setattr__(self, name, values)
             if values.shape != (len(self.force),):
                 raise InputError(
-                    f"{self.name}: {('the added force' if name == 'added' else name)} has {values.size} "
+                    f"{self.name}: {words.get(name, name)} has {values.size} "
                     f"values and the force has {self.force.size}; name a column of the same length."
                 )
             if not np.isfinite(values).all():
@@ -96,166 +126,50 @@ class AxisRecord:
             raise InputError(
                 f"{self.name}: the position never changes, so friction cannot be identified; check its column."
             )
+        if self.times is not None and not np.all(np.diff(self.times) > 0.0):
+            raise InputError(f"{self.name}: time does not increase from each row to the next.")
 
     def __len__(self) -> int:
         return len(self.force)
+
+    @property
+    def even(self) -> bool:
+        """Whether rows come at even times."""
+        return self.times is None
 
     @property
     def loop_force(self) -> NDArray[np.float64]:
         """The part of the force that its loop gives (N,) [N]."""
         return self.force if self.added is None else self.force - self.added
 
-    @property
+    @cached_property
     def t(self) -> NDArray[np.float64]:
         """Time from the record's start (N,) [s]."""
+        if self.times is not None:
+            return self.times - self.times[0]
         return self.sample_time * np.arange(len(self), dtype=np.float64)
+
+    @cached_property
+    def durations(self) -> NDArray[np.float64]:
+        """For how long each row's force is held (N,) [s]."""
+        if self.times is None:
+            return np.full(len(self), self.sample_time)
+        return np.append(np.diff(self.times), self.sample_time)
+
+    @cached_property
+    def segments(self) -> tuple[Span, ...]:
+        """The parts of the record between its gaps."""
+        if self.times is None:
+            return ((0, len(self)),)
+        ends = np.flatnonzero(np.diff(self.times) > GAP * self.sample_time) + 1
+        return tuple(pairwise((0, *ends.tolist(), len(self))))
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the end of the last one [s]."""
+        return float(self.t[-1] + self.durations[-1])
 
     @property
     def force_unit(self) -> str:
         """[N], or [N m] for an axis that turns."""
         return "N" if self.unit == "m" else "N m"
-
-
-def even_sample_time(name: str, t: NDArray[np.float64]) -> float:
-    """Return the sample time [s] of rows at times t (N,).
-
-    Raises
-    ------
-    InputError
-        If time does not increase, or not by even steps.
-    """
-    if len(t) < 2 or not np.isfinite(t).all():
-        raise InputError(f"{name}: the time has fewer than two rows or missing values.")
-    steps = np.diff(t)
-    mean = float(t[-1] - t[0]) / len(steps)
-    if mean <= 0.0 or np.abs(steps - mean).max() > LARGEST_JITTER * mean:
-        row = int(np.abs(steps - mean).argmax()) + 2
-        raise InputError(
-            f"{name}: time increases by {steps[row - 2]:g} s at row {row} and "
-            f"by {mean:g} s on average; identify-axis needs equal intervals."
-        )
-    return mean
-
-
-@dataclass(frozen=True, kw_only=True)
-class AxisColumns:
-    """The variables of a file. A number is written out, or is the name of a scalar variable."""
-
-    time: str = "t"
-    """The variable with the time, in seconds."""
-
-    position: str = "position"
-    """The variable with the position, in metres or radians."""
-
-    force: str = "force"
-    """The variable with the force, torque, current or voltage that drives the axis."""
-
-    force_scale: str = "1"
-    """Factor from that variable to newtons or newton metres: a number, or a variable of the file."""
-
-    added_force: str | None = None
-    """The variable with an additional force on the axis, in newtons (newton metres)."""
-
-    reference: str | None = None
-    """The variable with the reference of the position; with both gains, the closed loop is simulated as well, in
-    the example with: --reference qg --position-gain kp --velocity-gain kv."""
-
-    position_gain: str | None = None
-    """Position gain of the loop, in 1/s: a number, or a variable of the file."""
-
-    velocity_gain: str | None = None
-    """Velocity gain of the loop, from velocity to the force variable: a number, or a variable of the file."""
-
-    limit: str | None = None
-    """Limit of the force variable: a number, or a variable of the file."""
-
-    unit: Literal["m", "rad"] = "m"
-    """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
-
-
-def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
-    """Read a record.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
-    """
-    variables = read_variables(path)
-    name = Path(path).name
-
-    def column(wanted: str) -> NDArray[np.float64]:
-        return _variable(name, variables, wanted)
-
-    t = column(columns.time)
-    scale = _number(name, variables, columns.force_scale)
-    force = scale * column(columns.force)
-    added = None if columns.added_force is None else column(columns.added_force)
-    if added is not None and added.shape == force.shape:
-        force = force + added
-    reference = None if columns.reference is None else column(columns.reference)
-    record = AxisRecord(
-        name=name,
-        sample_time=even_sample_time(name, t),
-        force=force,
-        position=column(columns.position),
-        reference=reference,
-        unit=columns.unit,
-        added=added,
-    )
-    loop = _loop(name, variables, columns, scale)
-    if loop is None:
-        return record
-    if reference is None:
-        raise InputError(
-            f"{name}: the gains of the loop need the column of the reference as well; give --reference."
-        )
-    return replace(record, loop=_with_span(record, reference, loop))
-
-
-def _loop(name: str, variables: Columns, columns: AxisColumns, scale: float) -> PositionVelocityLoop | None:
-    if columns.position_gain is None and columns.velocity_gain is None:
-        return None
-    if columns.position_gain is None or columns.velocity_gain is None:
-        raise InputError("The loop needs both gains; give --position-gain and --velocity-gain.")
-    return PositionVelocityLoop(
-        position_gain=_number(name, variables, columns.position_gain),
-        velocity_gain=_number(name, variables, columns.velocity_gain),
-        force_per_input=scale,
-        limit=np.inf if columns.limit is None else _number(name, variables, columns.limit),
-    )
-
-
-def _with_span(
-    record: AxisRecord, reference: NDArray[np.float64], loop: PositionVelocityLoop
-) -> PositionVelocityLoop:
-    """Return the loop with the span, 1 to 4 samples, that reproduces the force recorded best."""
-
-    def error(span: int) -> float:
-        velocity = (record.position[span:] - record.position[:-span]) / (span * record.sample_time)
-        aim = loop.position_gain * (reference - record.position)[span:]
-        u = np.clip(loop.velocity_gain * (aim - velocity), -loop.limit, loop.limit)
-        return float(np.std(loop.force_per_input * u - record.loop_force[span:]))
-
-    return replace(loop, span=min(range(1, 5), key=error))
-
-
-def _variable(name: str, variables: Columns, wanted: str) -> NDArray[np.float64]:
-    if wanted not in variables:
-        raise InputError(
-            f"{name} has no variable {wanted!r}; {suggest(wanted, variables, otherwise='it has')}"
-        )
-    return variables[wanted]
-
-
-def _number(name: str, variables: Columns, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        values = _variable(name, variables, text)
-        if values.size != 1:
-            raise InputError(f"{name}: {text!r} has {values.size} values; it must be one number.") from None
-        value = float(values[0])
-    if not abs(value) <= LARGEST_CELL:
-        raise InputError(f"{name}: {text!r} is {value:g}; it must be a finite number.")
-    return value

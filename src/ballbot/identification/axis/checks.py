@@ -1,0 +1,261 @@
+"""Wrong records of one axis, stopped with their cause.
+
+Over all of a record the inverse model must find a mass and a dry friction above zero. Where the loop is known, the
+record itself says what force it asked for,
+
+    force = f k_v (k_p a_1 (reference - position) - a_2 velocity)        a_1 = a_2 = 1
+
+so that both factors show a wrong scale, a_2 alone a wrong time base, and the residual a wrong column or gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, Place, Severity, by_severity
+from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit
+from ballbot.identification.axis.model import AXIS_LAWS
+from ballbot.identification.axis.record import GAP, AxisRecord, PositionVelocityLoop
+from ballbot.identification.axis.selection import select_terms
+from ballbot.identification.axis.structure import AxisModel
+
+#: share of the force that the motion must explain
+_EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
+#: the loop's law may be off by this factor, and leave this share of the force
+_LOOP_FACTOR, _LOOP_LEAVES = 1.3, 0.4
+#: sizes of reference over position
+_TRACKING = 3.0
+#: [s]; faster and slower samplings of an axis are rather another unit of time
+_SAMPLING = (2e-6, 0.2)
+#: [m]; axes that travel further are rare, and their positions more likely in millimetres
+_LONGEST_TRAVEL = 50.0
+_FACTORS = {1e-3: "1/1000", 1e3: "1000", 1e6: "1,000,000", 1e-6: "1/1,000,000"}
+
+
+def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tuple[Finding, ...]:
+    """Return what is wrong with a record, errors first.
+
+    Parameters
+    ----------
+    record : AxisRecord
+    bandwidth : float, optional
+        Of the motion [Hz]; see `ballbot.identification.axis.inverse`.
+
+    Raises
+    ------
+    InputError
+        If the bandwidth does not suit the sampling, or the record cannot give mass and friction.
+    """
+    findings = [*_of_time(record), *_of_travel(record), *_of_reference(record), *_of_gaps(record)]
+    follows = all(one.code != "axis-reference" for one in findings)
+    moved = np.ptp(record.force) > 0.0 or record.known_load.weight > 0.0
+    if record.loop is not None and record.reference is not None and follows and moved:
+        findings += _of_loop(record, record.loop, record.reference)
+    # a constant force is refused by the identification itself
+    if moved and all(one.severity != "error" for one in findings):
+        findings += _of_motion(record, _fit_with_forces(record, bandwidth))
+    return by_severity(findings)
+
+
+def _fit_with_forces(record: AxisRecord, bandwidth: float | None) -> InverseFit:
+    """Return the inverse model with the forces over position that the record supports."""
+    plain = AxisModel(law=AXIS_LAWS["coulomb"])
+    model, _ = select_terms((record,), plain, bandwidth=bandwidth)
+    return free_inverse_fit(record, model=model, bandwidth=bandwidth)
+
+
+def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
+    gaps = len(record.segments) - 1
+    if gaps:
+        usual = 1e3 * record.sample_time
+        text = (
+            f"{gaps} gaps of more than {GAP:.0f} intervals of {usual:.3g} ms; "
+            "the force in them is unknown, and no prediction runs across them."
+        )
+        yield _finding("gap", "note", text.replace("1 gaps", "1 gap") if gaps == 1 else text, "t")
+
+
+def _of_time(record: AxisRecord) -> Iterator[Finding]:
+    h = record.sample_time
+    if h > _SAMPLING[1]:
+        text = (
+            f"Rows come every {h:.3g} s, too slowly for an axis; "
+            f"t appears to be in milliseconds ({0.001 * h:.3g} s)."
+        )
+        yield _finding("scale", "error", text, "t")
+    elif h < _SAMPLING[0]:
+        text = f"Rows come every {h:.3g} s, faster than axes are logged; check the unit of t."
+        yield _finding("scale", "error", text, "t")
+
+
+def _of_travel(record: AxisRecord) -> Iterator[Finding]:
+    travel = float(np.ptp(record.position))
+    if record.unit == "m" and travel > _LONGEST_TRAVEL:
+        text = (
+            f"The axis travels {travel:.4g} m; its position appears to be in "
+            f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
+            "friction a thousand times too small. For angles give --unit rad."
+        )
+        yield _finding("axis-unit", "warning", text, "position")
+
+
+def _of_reference(record: AxisRecord) -> Iterator[Finding]:
+    if record.reference is None:
+        return
+    wanted, position = record.reference, record.position
+    if np.ptp(wanted) == 0.0:
+        text = (
+            f"The reference is {wanted[0]:g} {record.unit} throughout "
+            "while the axis moves; check which column it is."
+        )
+        yield _finding("axis-reference", "error", text, "reference")
+        return
+    ratio = float(np.std(wanted) / np.std(position))
+    correlation = float(np.corrcoef(wanted, position)[0, 1])
+    if correlation < -0.5:
+        text = (
+            "The reference and the position move in opposite directions "
+            f"(correlation {correlation:.2f}); negate one of them."
+        )
+        yield _finding("axis-reference", "error", text, "reference", "position")
+    elif not 1.0 / _TRACKING < ratio < _TRACKING:
+        text = (
+            f"The reference moves {_times(ratio)} as far as the position: "
+            "they have different units, or the reference is another column."
+        )
+        yield _finding("axis-reference", "error", text, "reference", "position")
+    elif correlation < 0.5:
+        text = (
+            "The position does not follow the reference (correlation "
+            f"{correlation:.2f}): one of them is another column or from another run."
+        )
+        yield _finding("axis-reference", "error", text, "reference", "position")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _LoopLaw:
+    """The loop's law fitted to a record: factors of its two parts, and the share of the force that is left."""
+
+    position: float  #: a_1
+    velocity: float  #: a_2
+    left: float
+
+
+def _fitted_law(
+    record: AxisRecord, loop: PositionVelocityLoop, wanted: NDArray[np.float64]
+) -> _LoopLaw | None:
+    span = loop.span
+    velocity = (record.position[span:] - record.position[:-span]) / (span * record.sample_time)
+    asked = loop.position_gain * (wanted - record.position)[span:]
+    force = record.loop_force[span:]
+    scale = loop.force_per_input * loop.velocity_gain
+    # rows at the limit follow no linear law; the limit is met at the largest force, whatever the units
+    free = np.abs(force) < 0.98 * np.abs(force).max()
+    X = scale * np.column_stack([asked, -velocity])[free]
+    if len(X) < 100 or np.linalg.matrix_rank(X) < 2:
+        return None
+    (a1, a2), *_ = np.linalg.lstsq(X, force[free], rcond=None)
+    left = force[free] - X @ np.array([a1, a2])
+    return _LoopLaw(
+        position=float(a1),
+        velocity=float(a2),
+        left=float(np.linalg.norm(left) / np.linalg.norm(force[free])),
+    )
+
+
+def _of_loop(
+    record: AxisRecord, loop: PositionVelocityLoop, wanted: NDArray[np.float64]
+) -> Iterator[Finding]:
+    law = _fitted_law(record, loop, wanted)
+    if law is None:
+        return
+    a1, a2 = law.position, law.velocity
+    if law.left > _LOOP_LEAVES:
+        text = (
+            f"The control law, with its best gains, leaves {100.0 * law.left:.0f} % of the recorded "
+            "force unexplained: force, reference or position is another column, or the axis has "
+            "another control law. Without --reference and the gains the record is used in open loop."
+        )
+        yield _finding("axis-loop", "error", text, "force", "reference")
+    elif a1 < 0.0 and a2 < 0.0:
+        text = (
+            "The recorded force has the opposite sign of the control law; negate the force or --force-scale."
+        )
+        yield _finding("force-sign", "error", text, "force")
+    elif a1 < 0.0 or a2 < 0.0:
+        text = (
+            "The position part and the velocity part of the control law have "
+            "opposite signs in this record; check the signs of the gains."
+        )
+        yield _finding("axis-loop", "error", text, "force")
+    elif not 1.0 / _LOOP_FACTOR < a1 < _LOOP_FACTOR and 1.0 / _LOOP_FACTOR < a1 / a2 < _LOOP_FACTOR:
+        text = (
+            f"The recorded force is {_times(a1)} the force of the control law: --force-scale, "
+            "--velocity-gain or the unit of the position is wrong by that factor."
+        )
+        yield _finding("axis-loop", "error", text, "force")
+    elif not 1.0 / _LOOP_FACTOR < a2 / a1 < _LOOP_FACTOR:
+        text = (
+            f"Relative to the position part, the velocity part of the control law is {_times(a2 / a1)} "
+            "what the gains give: the time base or --position-gain is wrong by that factor."
+        )
+        yield _finding("axis-loop", "error", text, "t", "force")
+
+
+def _of_motion(record: AxisRecord, fit: InverseFit) -> Iterator[Finding]:
+    mass, dry, viscous = (fit.value(name) for name in ("mass", "coulomb", "viscous"))
+    unit = record.force_unit
+    explained = 1.0 - fit.relative_force_error**2
+    if explained < _EXPLAINED:
+        text = (
+            f"The motion of the axis explains only {100.0 * max(explained, 0.0):.0f} % of the force: "
+            "the force is another column, noise or from another run, or something else moves the axis."
+        )
+        yield _finding("force-unrelated", "error", text, "force", "position")
+    elif mass <= 0.0:
+        both = dry < 0.0 or viscous < 0.0
+        cause = (
+            "the force, or the position, has the opposite sign."
+            if both
+            else "the force is delayed against the position, its "
+            "column is wrong, or the axis hardly accelerates."
+        )
+        text = (
+            f"The inverse model estimates a mass of {mass:.3g} and a dry "
+            f"friction of {dry:.3g} {unit}; both must be above zero: {cause}"
+        )
+        yield _finding("force-sign", "error", text, "force", "position")
+    elif dry < 0.0 and abs(dry) > 3.0 * fit.clustered_errors[fit.names.index("coulomb")]:
+        text = (
+            f"The inverse model estimates a dry friction of {dry:.3g} {unit}, below zero: a "
+            "force is missing (--added-force), or force and position are not simultaneous."
+        )
+        yield _finding("force-unrelated", "warning", text, "force")
+    elif explained < _WELL_EXPLAINED:
+        text = (
+            f"The motion of the axis explains {100.0 * explained:.0f} "
+            "% of the force; something else moves it as well."
+        )
+        yield _finding("force-unrelated", "warning", text, "force")
+    if mass > 0.0 and viscous < 0.0:
+        text = (
+            f"The inverse model estimates a viscous friction of {viscous:.3g}, below zero; it "
+            "is fixed at zero. The speeds of the record do not separate it from dry friction."
+        )
+        yield _finding("force-friction", "warning", text, "force")
+
+
+def _times(ratio: float) -> str:
+    """Return "1000 times", or the factor in words."""
+    nearest = min(_FACTORS, key=lambda one: abs(np.log(abs(ratio) / one)))
+    if abs(np.log(abs(ratio) / nearest)) < np.log(1.5):
+        return f"{_FACTORS[nearest]} times"
+    return f"{ratio:.3g} times"
+
+
+def _finding(code: str, severity: Severity, text: str, *columns: str) -> Finding:
+    return Finding(code=code, severity=severity, text=text, where=Place(columns=columns))

@@ -1,0 +1,141 @@
+"""What the identification of an axis shows, in sentences: its law, an asymmetry, doubtful parameters and methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, note, warning
+from ballbot.fitting.model_selection import ModelSelection
+from ballbot.identification.axis.model import PARAMETERS, AxisLaw, unit_for
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.result import Estimate
+from ballbot.identification.axis.selection import USEFUL_GAIN
+
+#: a standard error of this share of a parameter leaves it all but open
+_OPEN = 0.5
+#: beyond so many standard errors, two parts of a record differ
+_DIFFERENT = 2.0
+#: methods differ beyond so many of their errors, and by this share of the parameter
+_APART, _SHARE_APART = 3.0, 0.1
+
+
+def axis_findings(
+    record: AxisRecord,
+    laws: ModelSelection[AxisLaw],
+    best: Estimate,
+    estimates: Sequence[Estimate],
+    asymmetry: NDArray[np.float64],
+    *,
+    by_user: bool,
+) -> tuple[Finding, ...]:
+    """Return the findings; `by_user`: whether the user named the law."""
+    return (
+        _law_finding(laws, best.model.law, by_user=by_user),
+        *_asymmetry_findings(record, laws, best.model.law, asymmetry),
+        *_open_parameters(best),
+        *_apart(best, estimates, record.unit),
+    )
+
+
+def _law_finding(laws: ModelSelection[AxisLaw], chosen: AxisLaw, *, by_user: bool) -> Finding:
+    others = [one for one in laws.candidates if one.gain and one.model.symmetric and one.name != chosen.name]
+    worse = [one.name for one in others if one.gain and one.gain.upper < 0.0]
+    small = [one.name for one in others if one.gain and 0.0 <= one.gain.upper < USEFUL_GAIN]
+    better = [one.name for one in others if one.accepted and one.name not in small]
+    open_ = [one.name for one in others if one.name not in (*worse, *small, *better)]
+    text = f"The law {chosen.name} was {('requested' if by_user else 'selected')}."
+    for names, words in (
+        (worse, "predict held-out blocks worse than the law below"),
+        (
+            small,
+            f"improve the prediction of held-out blocks by less than {100.0 * USEFUL_GAIN:.0f} % at best",
+        ),
+        (open_, "may or may not help the prediction over the law below; these records cannot decide"),
+    ):
+        if names:
+            verb = (
+                words
+                if len(names) > 1
+                else words.replace("predict ", "predicts ", 1).replace("improve ", "improves ", 1)
+            )
+            text += f" {', '.join(names)} {verb}."
+    return note("law", text)
+
+
+def _asymmetry_findings(
+    record: AxisRecord, laws: ModelSelection[AxisLaw], chosen: AxisLaw, asymmetry: NDArray[np.float64]
+) -> list[Finding]:
+    verdict = next(one for one in laws.candidates if not one.model.symmetric)
+    if verdict.gain is None or not verdict.accepted or not chosen.symmetric:
+        return []
+    over_time = _over_time(asymmetry, unit_for(PARAMETERS["viscous"], record.unit)) if len(asymmetry) else ""
+    text = (
+        "The asymmetric law predicts other blocks of this record with "
+        f"{100.0 * verdict.gain.share:.0f} % less error, yet it is not selected: "
+        f"{over_time}only another record can show whether the asymmetry belongs to the machine "
+        "or to this run (temperature, supply). Validate against one, or choose --law asymmetric."
+    )
+    return [note("asymmetry", text)]
+
+
+def _over_time(asymmetry: NDArray[np.float64], unit: str) -> str:
+    """Return how the asymmetry (parts, 2) goes from the record's start to its end."""
+    (first, first_error), (last, last_error) = asymmetry[0], asymmetry[-1]
+    apart = abs(last - first) / np.hypot(first_error, last_error)
+    moving = (
+        f", and it changes within the record (by {apart:.1f} standard errors)" if apart > _DIFFERENT else ""
+    )
+    return (
+        f"half the difference of the viscous coefficients is {first:.3g} +- {first_error:.2g} {unit} at the start and "
+        f"{last:.3g} +- {last_error:.2g} at the end{moving}; "
+    )
+
+
+def _open_parameters(best: Estimate) -> list[Finding]:
+    found = []
+    for label, value in best.values.items():
+        error, symbol = best.standard_errors[label], best.model.parameter(label).symbol
+        if not np.isfinite(error):
+            found.append(note("at-bound", f"{symbol} is at a bound and has no standard error."))
+        elif error > _OPEN * abs(value) and not label.startswith("drift_"):
+            text = f"{symbol} is poorly determined: {value:.3g} with a standard error of {error:.2g}."
+            found.append(note("poorly-determined", text))
+    return found
+
+
+#: the fit of whole records asks another question, and is not compared
+_COMPARED = ("inverse", "closed loop")
+
+
+def _apart(best: Estimate, estimates: Sequence[Estimate], unit: str) -> list[Finding]:
+    """Return where methods of one law differ by more than their errors."""
+    found = []
+    for other in estimates:
+        if other.method not in _COMPARED or other.model.law.name != best.model.law.name:
+            continue
+        for name in ("mass", "viscous", "coulomb"):
+            if name not in best.values or name not in other.values:
+                continue
+            difference = abs(best.values[name] - other.values[name])
+            error = np.hypot(best.standard_errors[name], other.standard_errors[name])
+            if difference > _APART * error and difference > _SHARE_APART * abs(best.values[name]):
+                kind = PARAMETERS[name]
+                found.append(
+                    warning(
+                        "methods-differ",
+                        f"{kind.symbol} is {best.values[name]:.3g} {unit_for(kind, unit)} by the open loop and "
+                        f"{other.values[name]:.3g} by the {other.method} method, {difference / error:.0f} standard "
+                        f"errors apart: {_CAUSES[name]}.",
+                    )
+                )
+    return found
+
+
+_CAUSES = {
+    "mass": "the force is late or early against the position, or the position is noisy",
+    "viscous": "friction changes with time, load or temperature, or the force is late or early",
+    "coulomb": "friction changes near rest or with time, or a force is missing",
+}

@@ -1,0 +1,195 @@
+"""How well an identified axis predicts records, and what it should do on another one.
+
+The error expected is that of the position, root mean square over windows of one length from their best starts.
+Before another record is seen, the errors of held-out blocks give it an interval: log e is taken as normal with the
+variance of a bootstrap of the blocks, the record's own and the other's, and with a variance between records. Several
+records show that themselves; for a single one it is `BETWEEN`, from pairs of records of simulated machines that moved
+differently (campaigns/one_axis.py), and the interval holds for records under the same conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from ballbot.findings import Finding, note, warning
+from ballbot.fitting.uncertainty import resamples
+from ballbot.identification.axis.motion import default_bandwidth, first_row, smoothed_motion, speed_at_start
+from ballbot.identification.axis.output_error import (
+    OpenLoop,
+    OutputErrorFit,
+    equal_spans,
+    sighting,
+    windows_of,
+)
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.selection import Blocks
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisErrors:
+    """How well parameters predict a record."""
+
+    record: str
+    window_rmse: float  #: of the position over windows of the fit's length, from their best starts [m]
+    open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
+    inverse_force: float  #: |F - F_hat| / |F| of the force that the recorded motion needs
+    closed_loop_force: float | None  #: alike in closed loop; None if the loop is not known
+    closed_loop_position: float | None  #: alike for the position
+
+
+#: standard deviation of log e between records of one machine, beside what blocks show
+BETWEEN = 0.25
+_DRAWS, _SEED = 2000, 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedError:
+    """The error expected on another record."""
+
+    horizon: float  #: length of the windows [s]
+    error: float  #: root mean square of the position [m]
+    lower: float  #: of the 95 % interval
+    upper: float
+    records: int  #: that show the variation between records; with one, it is assumed
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "horizon": self.horizon,
+            "position_rmse": self.error,
+            "interval_95": [self.lower, self.upper],
+            "between_records": "estimated" if self.records > 1 else "assumed",
+        }
+
+
+def predicted_error(
+    squares: NDArray[np.float64], blocks: Blocks, *, horizon: float, elsewhere: int | None = None
+) -> PredictedError:
+    """Return the error to expect.
+
+    Parameters
+    ----------
+    squares : ndarray (blocks,)
+        Mean square errors of the held-out blocks [m^2].
+    blocks : Blocks
+    horizon : float
+        Length of the windows that they are of [s].
+    elsewhere : int, optional
+        How many blocks the other record has; as many as these by default.
+    """
+    count = len(squares)
+    other = elsewhere or count
+    own = resamples(count, block=1, repeats=_DRAWS, seed=_SEED) @ squares / count
+    new = np.random.default_rng(_SEED + 1).choice(squares, size=(_DRAWS, other)).mean(axis=1)
+    variance = float(np.var(0.5 * np.log(new / own))) * count / (count - 1)
+    owner = np.array([number for number, _ in blocks.spans])
+    records = int(owner.max()) + 1
+    logs = np.array([0.5 * np.log(squares[owner == i].mean()) for i in range(records)])
+    freedom = count - 1
+    between = BETWEEN**2
+    if records > 1:
+        # what few records show is drawn towards what is assumed, as if that came from three
+        between = (3.0 * between + (records - 1) * float(np.var(logs, ddof=1))) / (records + 2)
+        freedom = records + 2
+    half = float(stats.t.ppf(0.975, freedom)) * np.sqrt(variance + between * (1.0 + 1.0 / records))
+    middle = float(np.sqrt(squares.mean()))
+    return PredictedError(
+        horizon=horizon,
+        error=middle,
+        lower=middle * float(np.exp(-half)),
+        upper=middle * float(np.exp(half)),
+        records=records,
+    )
+
+
+def error_elsewhere(
+    fit: OutputErrorFit, record: AxisRecord, *, horizon: float, number: int | None = None
+) -> float:
+    """Return the error [m] of a fit on a record over windows of that length [s].
+
+    The record is one that was fitted if it has a `number` among those, or another one.
+    """
+    own = (
+        fit.model.values_elsewhere(fit.values) if number is None else fit.model.values_for(fit.values, number)
+    )
+    drifts = 0 if number is None else fit.model.drifts
+    model = replace(fit.model, drifts=drifts, separate=(), records=1)
+    seen = sighting(record, default_bandwidth(record))
+    windows = windows_of(seen, equal_spans(record, horizon))
+    problem = OpenLoop(model=model, sightings=[seen], windows=[windows])
+    return float(np.sqrt(np.mean(problem.from_best_starts(own) ** 2)))
+
+
+def elsewhere_findings(
+    expected: PredictedError, found: Sequence[tuple[AxisRecord, float]], *, unit: str
+) -> list[Finding]:
+    """Return whether the errors found on other records lie within the interval."""
+    findings = []
+    for record, error in found:
+        text = (
+            f"{record.name}: the position error over windows of {expected.horizon:g} s is {1e3 * error:.3g} m{unit}; "
+            f"{1e3 * expected.error:.3g} was expected, with a 95 % interval of {1e3 * expected.lower:.3g} "
+            f"to {1e3 * expected.upper:.3g}"
+        )
+        if error > expected.upper:
+            findings.append(
+                warning(
+                    "other-record",
+                    f"{text}. The record differs in what the model leaves out: load, temperature, supply, "
+                    "another machine, or a wrong column or scale.",
+                )
+            )
+        elif error < expected.lower:
+            findings.append(
+                warning(
+                    "other-record",
+                    f"{text}. It moves less, or in a part of the range where the model is better, and shows "
+                    "little about the rest.",
+                )
+            )
+        else:
+            findings.append(note("other-record", f"{text}."))
+    return findings
+
+
+def axis_errors(
+    fit: OutputErrorFit, record: AxisRecord, number: int | None, *, bandwidth: float, horizon: float
+) -> AxisErrors:
+    """Return how well a fit predicts a record; closed-loop errors leave out the filter's start, as published."""
+    axis = fit.model.axis(fit.values, number)
+    motion = smoothed_motion(record, bandwidth=bandwidth)
+    whole = np.nan
+    if len(record.segments) == 1:
+        positions = axis.windows(
+            record,
+            np.array([0]),
+            np.array([len(record) - 1]),
+            np.array([[record.position[0], speed_at_start(record)]]),
+            interpolated=fit.model.interpolated,
+        )
+        whole = float(np.sqrt(np.mean((positions - record.position[1:]) ** 2)))
+    force = position = None
+    start = max(0, first_row(record, bandwidth=bandwidth))
+    if record.loop is not None:
+        moved = axis.closed_loop(record, speed=speed_at_start(record))
+        force = _relative(moved.forces[start:], record.force[start:])
+        position = _relative(moved.positions[start:], motion.position[start:])
+    needed = axis.needed_force(record, motion.position, motion.speed, motion.acceleration)
+    return AxisErrors(
+        record=record.name,
+        window_rmse=error_elsewhere(fit, record, horizon=horizon, number=number),
+        open_loop_rmse=whole,
+        inverse_force=_relative(needed[start:], record.force[start:]),
+        closed_loop_force=force,
+        closed_loop_position=position,
+    )
+
+
+def _relative(found: NDArray[np.float64], measured: NDArray[np.float64]) -> float:
+    size = float(np.linalg.norm(measured))
+    return float(np.linalg.norm(found - measured)) / size if size > 0.0 else float("nan")

@@ -1,0 +1,154 @@
+"""What is left of the force, tested against position, speed, load, temperature and time.
+
+The inverse model's columns stand beside those that a missing effect would need, and all are fitted together: friction
+that depends on load or temperature is a change of c or b with it. Each group is tested as a whole (Hotelling's T^2,
+`ballbot.fitting.least_squares`); it is reported where chance would seldom give so much and where it is a share of what
+is left that matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, note
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.identification.axis.inverse import RegressionRows, regression_rows
+from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.structure import AxisModel
+
+#: below this probability, what is left depends on a quantity; it is worth a word from this share of its variance on
+CHANCE, SHARE = 1e-3, 0.05
+_ADVICE = {
+    "position": "a force over position is missing: try --harmonics, --period or --spring",
+    "speed": "friction is no straight line over speed: compare the laws, or try --law stribeck or asymmetric",
+    "load": "friction depends on the load, so that c and b hold for the loads of these records",
+    "temperature": "friction depends on temperature, so that c and b hold for the temperatures of these records",
+    "time": "friction changes within the record, so that c and b are averages over it",
+    "record": "the records differ: try --separate offset, or --separate with the parameter that differs",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualTest:
+    """Whether what is left of the force depends on a quantity."""
+
+    quantity: str
+    p_value: float  #: NaN if there are too few blocks
+    share: float  #: of the variance of what is left that it explains
+    size: float  #: root mean square of the force that it explains [N]
+
+    @property
+    def dependent(self) -> bool:
+        """Whether it is worth a word."""
+        return self.p_value < CHANCE and self.share > SHARE
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "p_value": self.p_value,
+            "share_of_variance": self.share,
+            "force_rms": self.size,
+            "dependent": self.dependent,
+        }
+
+
+def residual_tests(
+    records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None
+) -> tuple[ResidualTest, ...]:
+    """Return the tests of each quantity that the records have."""
+    rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
+    base = np.column_stack(list(rows.columns.values()))
+    plain = fit_linear(base, rows.force, rows.block)
+    total = float(np.mean(plain.residuals**2))
+    found = []
+    for quantity, columns in _columns(rows, model, len(records)).items():
+        kept = _independent(base, columns)
+        if kept is None:
+            continue
+        fit = fit_linear(np.column_stack([base, kept]), rows.force, rows.block)
+        places = list(range(base.shape[1], base.shape[1] + kept.shape[1]))
+        left = float(np.mean(fit.residuals**2))
+        found.append(
+            ResidualTest(
+                quantity=quantity,
+                p_value=fit.p_value(places),
+                share=1.0 - left / total if total > 0.0 else 0.0,
+                size=float(np.sqrt(max(total - left, 0.0))),
+            )
+        )
+    return tuple(found)
+
+
+def _columns(rows: RegressionRows, model: AxisModel, records: int) -> dict[str, NDArray[np.float64]]:
+    """Return by quantity the columns (n, k) that a dependence on it needs."""
+    q, v, t = (rows.seen[name] for name in ("position", "speed", "time"))
+    sign, fast = np.sign(v), np.abs(v) / np.sqrt(np.mean(v**2))
+    place = _centred(q)
+    # straight in q is a spring, and one wave over the travel is not far from gravity
+    found = {
+        "position": np.column_stack([place, place**2, np.cos(np.pi * place), np.sin(np.pi * place)]),
+        "speed": np.column_stack([v * fast, sign * np.exp(-5.0 * fast), fast]),
+        "time": np.column_stack([_centred(t) * sign, _centred(t) * v]),
+    }
+    if "offset" not in model.law.names:
+        found["speed"] = found["speed"][:, :2]
+    load = rows.seen.get("load")
+    if load is None:
+        load = _position_load(rows)
+    if load is not None:
+        found["load"] = np.column_stack([np.abs(load) * sign, load * v])
+    if "temperature" in rows.seen:
+        warmth = _centred(rows.seen["temperature"])
+        found["temperature"] = np.column_stack([warmth * sign, warmth * v])
+    if records > 1:
+        number = rows.seen["record"]
+        found["record"] = np.column_stack([(number == i).astype(float) for i in range(1, records)])
+    return found
+
+
+def _position_load(rows: RegressionRows) -> NDArray[np.float64] | None:
+    """Return the force over position that the model has, which loads the gears; None if it has none."""
+    names = [name for name in rows.columns if name.startswith(("sin_", "cos_", "spring"))]
+    if not names:
+        return None
+    X = np.column_stack(list(rows.columns.values()))
+    found = dict(zip(rows.columns, np.linalg.lstsq(X, rows.force, rcond=None)[0], strict=True))
+    return np.sum([found[name] * rows.columns[name] for name in names], axis=0)
+
+
+def _centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values from -1 to 1."""
+    low, high = float(values.min()), float(values.max())
+    return (2.0 * values - low - high) / max(high - low, np.finfo(float).tiny)
+
+
+def _independent(base: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the columns that are not all but sums of the others; None if none is."""
+    kept, known = [], base
+    for column in columns.T:
+        size = np.linalg.norm(column)
+        if size == 0.0:
+            continue
+        off = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        if np.linalg.norm(off) > 0.05 * size:
+            kept.append(column)
+            known = np.column_stack([known, column])
+    return np.column_stack(kept) if kept else None
+
+
+def residual_findings(tests: Sequence[ResidualTest], *, force_unit: str) -> list[Finding]:
+    """Return what depends on what."""
+    return [
+        note(
+            "axis-residuals",
+            f"What the model leaves of the force depends on {'the ' if one.quantity != 'time' else ''}{one.quantity} "
+            f"(p = {one.p_value:.1g}; {one.size:.3g} {force_unit} RMS, {100.0 * one.share:.0f} % of its variance): "
+            f"{_ADVICE[one.quantity]}.",
+        )
+        for one in tests
+        if one.dependent
+    ]

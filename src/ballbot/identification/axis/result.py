@@ -1,0 +1,121 @@
+"""What the identification of an axis gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding, finding_results
+from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
+from ballbot.identification.axis.inverse import InverseFit
+from ballbot.identification.axis.model import Axis, AxisLaw
+from ballbot.identification.axis.prediction import AxisErrors, PredictedError
+from ballbot.identification.axis.residuals import ResidualTest
+from ballbot.identification.axis.selection import HorizonChoice
+from ballbot.identification.axis.structure import AxisModel
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """One method's parameters and what they predict."""
+
+    method: str  #: "inverse", "closed loop", "whole record" or "open loop"
+    model: AxisModel
+    values: dict[str, float]  #: by label, SI units
+    standard_errors: dict[str, float]  #: clustered in time; NaN if there is none
+    errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
+
+    @property
+    def law(self) -> AxisLaw:
+        """Its friction law."""
+        return self.model.law
+
+    def axis(self, record: int | None = 0) -> Axis:
+        """Return the axis of one of the fitted records, or of another one."""
+        return self.model.axis(self.values, record)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "method": self.method,
+            "law": self.law.name,
+            "parameters": self.values,
+            "standard_errors": self.standard_errors,
+            "errors": {
+                one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors
+            },
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisIdentification:
+    """An axis, identified."""
+
+    records: tuple[str, ...]  #: that were fitted
+    unit: str  #: of positions: "m" or "rad"
+    model: AxisModel  #: with the law that was selected or requested
+    terms: tuple[tuple[str, Gain], ...]  #: forces over position and drift that were selected, and their gains
+    horizon: HorizonChoice
+    inverse: dict[str, InverseFit]  #: by form
+    laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
+    estimates: tuple[Estimate, ...]  #: the chosen law by every method
+    by_law: dict[str, Estimate]  #: every law by output error in open loop
+    asymmetry: NDArray[
+        np.float64
+    ]  #: (parts, 2): (b- - b+)/2 in equal parts of the record, with standard errors; none if a part cannot tell
+    residuals: tuple[ResidualTest, ...]
+    expected: PredictedError  #: on another record
+    remarks: tuple[Finding, ...]
+
+    @property
+    def chosen(self) -> AxisLaw:
+        """The friction law."""
+        return self.model.law
+
+    def estimate(self, method: str) -> Estimate:
+        """Return the estimate by that method."""
+        return next(one for one in self.estimates if one.method == method)
+
+    @property
+    def best(self) -> Estimate:
+        """The estimate to simulate the axis with."""
+        return self.estimate("open loop")
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "records": list(self.records),
+            "unit": self.unit,
+            "law": self.chosen.name,
+            "terms": {name: gain.to_dict() for name, gain in self.terms},
+            "force_between_rows": "interpolated" if self.model.interpolated else "held",
+            "horizon": {
+                "chosen": self.horizon.chosen,
+                "tried": list(self.horizon.horizons),
+                "held_out_rms": self.horizon.errors,
+            },
+            "parameters": self.best.values,
+            "standard_errors": self.best.standard_errors,
+            "estimates": {one.method: one.to_dict() for one in self.estimates},
+            "inverse": {form: fit.to_dict() for form, fit in self.inverse.items()},
+            "selection": [_law_result(one) for one in self.laws.candidates],
+            "laws": {name: one.to_dict() for name, one in self.by_law.items()},
+            "asymmetry_over_time": self.asymmetry,
+            "residuals": {one.quantity: one.to_dict() for one in self.residuals},
+            "expected_elsewhere": self.expected.to_dict(),
+            "remarks": finding_results(self.remarks),
+        }
+
+
+def _law_result(one: Candidate[AxisLaw]) -> dict[str, object]:
+    """Return what results.json holds of a law."""
+    gain = one.gain
+    return {
+        "law": one.name,
+        "below": one.within,
+        "held_out_rms": float(np.sqrt(one.held_out.squares.mean())),
+        "gain": gain.share if gain else np.nan,
+        "gain_interval": [gain.lower, gain.upper] if gain else [np.nan, np.nan],
+    }

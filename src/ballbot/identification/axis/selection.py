@@ -1,0 +1,445 @@
+"""What of an axis a record supports: forces over position, a drift, the horizon of the fit, and the friction law.
+
+Everything is judged on blocks of time that a fit did not see: every third block is held out, three times.
+
+1. Forces over position and a drift of the offset enter the inverse model one after another, the one first that explains
+   most of the force of held-out blocks, while the gain has a 95 % interval above zero and the coefficients differ from
+   zero (`LARGEST_CHANCE`). The harmonics tried are the first one of an axis that turns, and those at which what is left
+   of the force is largest.
+2. Whether the force is held from row to row or changes evenly between them: whichever explains the positions better.
+3. The horizon: over windows of each length the law `coulomb` is fitted in open loop, and predicts held-out blocks over
+   all those lengths. The one with the least geometric mean of errors is taken.
+4. Laws: each is fitted to windows of that length and predicts held-out blocks. Laws of bristles differ from the others
+   only where the axis reverses or rests, and are judged on the windows in which it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.fitting.model_selection import (
+    Candidate,
+    Gain,
+    HeldOut,
+    ModelSelection,
+    gain_between,
+    neighbours,
+    select_model,
+)
+from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.uncertainty import block_length
+from ballbot.identification.axis.inverse import RegressionRows, regression_rows
+from ballbot.identification.axis.model import AXIS_LAWS, AxisLaw, Values
+from ballbot.identification.axis.output_error import (
+    OpenLoop,
+    OutputErrorFit,
+    Sighting,
+    Windows,
+    equal_spans,
+    fit_output_error,
+    windows_of,
+)
+from ballbot.identification.axis.record import AxisRecord, Span
+from ballbot.identification.axis.structure import TURN, AxisModel, harmonic
+from ballbot.progress import Progress
+
+FOLDS = 3
+LEAST_BLOCKS, MOST_BLOCKS = 9, 30
+#: blocks are not shorter [s], nor than so many rows
+SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
+#: lengths of windows tried [s]; a window has at least so many rows
+HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
+LEAST_WINDOW_ROWS = 10
+#: a force over position is taken only if its coefficients would be so large by chance in so many records
+LARGEST_CHANCE = 1e-3
+#: and if it lowers the error of the force on held-out blocks by this share
+LEAST_GAIN = 0.01
+#: forces over position taken at most, and the harmonics looked through
+_MOST_TERMS, _HIGHEST_HARMONIC = 6, 120
+#: travel over which a harmonic must repeat to be looked for, in its periods
+_PERIODS = 0.75
+#: a drift has a piece for so long [s], at most so many
+_DRIFT_PIECE, _MOST_PIECES = 8.0, 6
+#: slower than this share of its usual speed, an axis reverses or rests
+_SLOW = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blocks:
+    """Blocks of time, each of one record."""
+
+    spans: tuple[tuple[int, Span], ...]  #: the record and the rows of each
+    duration: float  #: of each [s], about
+
+    def __len__(self) -> int:
+        return len(self.spans)
+
+    def held_out(self, fold: int) -> list[int]:
+        """Return the blocks that a fold leaves out."""
+        return list(range(fold, len(self), FOLDS))
+
+    def seen(self, fold: int) -> list[int]:
+        """Return the blocks that a fold is fitted to."""
+        return [i for i in range(len(self)) if i % FOLDS != fold]
+
+    @property
+    def groups(self) -> list[NDArray[np.int64]]:
+        """Blocks that are drawn together."""
+        return neighbours(range(len(self)), block=block_length(len(self)) if len(self) > 20 else 1)
+
+
+def blocks_of(records: Sequence[AxisRecord]) -> Blocks:
+    """Return the blocks of records.
+
+    Raises
+    ------
+    InputError
+        If there are too few rows.
+    """
+    total = sum(record.duration for record in records)
+    usual = max(record.sample_time for record in records)
+    duration = max(total / MOST_BLOCKS, SHORTEST_BLOCK, LEAST_BLOCK_ROWS * usual)
+    if duration * LEAST_BLOCKS > total:
+        raise InputError(
+            f"{records[0].name} lasts {total:.3g} s; to select a law, the records must last "
+            f"{duration * LEAST_BLOCKS:.3g} s together."
+        )
+    spans = [
+        (number, span)
+        for number, record in enumerate(records)
+        for span in equal_spans(record, duration)
+        if span[1] - span[0] >= LEAST_BLOCK_ROWS // 2
+    ]
+    if len(spans) < LEAST_BLOCKS:
+        raise InputError(
+            f"{records[0].name} has {len(spans)} parts of {duration:.2g} s without a gap; "
+            f"to select a law takes {LEAST_BLOCKS}."
+        )
+    return Blocks(spans=tuple(spans), duration=duration)
+
+
+#: kinds of forces that can be selected
+Kind = Literal["spring", "harmonic", "drift"]
+KINDS: tuple[Kind, ...] = ("spring", "harmonic", "drift")
+
+
+def select_terms(
+    records: Sequence[AxisRecord],
+    model: AxisModel,
+    *,
+    kinds: Collection[Kind] = KINDS,
+    bandwidth: float | None = None,
+) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
+    """Return a model with the forces of these kinds that the records support, and what each gains."""
+    gains: list[tuple[str, Gain]] = []
+    rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
+    squares = _held_out_force(rows)
+    for _ in range(_MOST_TERMS):
+        best = None
+        for name, candidate in _wider(records, model, rows, kinds):
+            found = _gain_of(records, candidate, rows, squares, bandwidth)
+            if found and (best is None or found[1].share > best[2].share):
+                best = (name, candidate, found[1], found[0])
+        if best is None:
+            break
+        name, model, gain, rows = best
+        gains.append((name, gain))
+        squares = _held_out_force(rows)
+    return model, tuple(gains)
+
+
+def _wider(
+    records: Sequence[AxisRecord], model: AxisModel, rows: RegressionRows, kinds: Collection[Kind]
+) -> list[tuple[str, AxisModel]]:
+    """Return models with one force more."""
+    found = []
+    if "spring" in kinds and "spring" not in model.terms:
+        found.append(("spring", replace(model, terms=("spring", *model.terms))))
+    if "drift" in kinds and model.drifts == 0:
+        shortest = min(record.duration for record in records)
+        pieces = int(min(_MOST_PIECES, max(2.0, shortest / _DRIFT_PIECE)))
+        found.append(("drift", replace(model, drifts=pieces)))
+    if "harmonic" in kinds and (records[0].unit == "rad" or model.period != TURN):
+        numbers = [1, *_strongest_harmonics(model, rows)]
+        for number in dict.fromkeys(numbers):
+            names = harmonic(number)
+            if names[0] not in model.terms:
+                found.append((f"harmonic {number}", replace(model, terms=(*model.terms, *names))))
+    return found
+
+
+def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
+    """Return the two harmonics at which what is left of the force is largest."""
+    X = np.column_stack(list(rows.columns.values()))
+    left = rows.force - X @ np.linalg.lstsq(X, rows.force, rcond=None)[0]
+    position = rows.seen["position"]
+    least = max(2, int(np.ceil(_PERIODS * model.period / np.ptp(position))))
+    numbers = [n for n in range(least, _HIGHEST_HARMONIC + 1) if harmonic(n)[0] not in model.terms]
+    # a harmonic that passes faster than rows come is not seen
+    fastest = float(np.quantile(np.abs(np.diff(position)), 0.9))
+    numbers = [n for n in numbers if n * 2.0 * np.pi / model.period * fastest < np.pi]
+    waves = 2.0 * np.pi / model.period * np.array(numbers)
+    power = [abs(np.exp(-1j * wave * position) @ left) for wave in waves]
+    order = np.argsort(power)[::-1][:2]
+    return [numbers[i] for i in order]
+
+
+def _gain_of(
+    records: Sequence[AxisRecord],
+    candidate: AxisModel,
+    rows: RegressionRows,
+    squares: NDArray[np.float64],
+    bandwidth: float | None,
+) -> tuple[RegressionRows, Gain] | None:
+    """Return the rows of a wider model and its gain; None if the records do not support it."""
+    wider = regression_rows(records, candidate, bandwidth=bandwidth, moving=True)
+    X = np.column_stack(list(wider.columns.values()))
+    new = [i for i, label in enumerate(wider.columns) if label not in rows.columns]
+    lengths = np.linalg.norm(X, axis=0)
+    if not lengths.all() or np.linalg.cond(X / lengths) > _LARGEST_CONDITION:
+        return None
+    chance = fit_linear(X, wider.force, wider.block).p_value(new)
+    ours = _held_out_force(wider)
+    gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
+    if not gain.significant or gain.share < LEAST_GAIN or chance > LARGEST_CHANCE:
+        return None
+    return wider, gain
+
+
+#: of the columns of a wider model, each of length one
+_LARGEST_CONDITION = 300.0
+
+
+def _held_out_force(rows: RegressionRows) -> NDArray[np.float64]:
+    """Return the sum of squared force errors of each held-out group of blocks (g, 1)."""
+    X = np.column_stack(list(rows.columns.values()))
+    count = int(rows.block.max()) + 1
+    group = rows.block * min(count, MOST_BLOCKS) // count
+    squares = np.empty((int(group.max()) + 1, 1))
+    for fold in range(FOLDS):
+        seen = group % FOLDS != fold
+        found = np.linalg.lstsq(X[seen], rows.force[seen], rcond=None)[0]
+        left = (rows.force[~seen] - X[~seen] @ found) ** 2
+        sums = np.bincount(group[~seen], weights=left, minlength=len(squares))
+        squares[fold::FOLDS, 0] = sums[fold::FOLDS]
+    return squares
+
+
+def horizons_for(blocks: Blocks, records: Sequence[AxisRecord]) -> tuple[float, ...]:
+    """Return the lengths of windows that fit into blocks [s]."""
+    least = LEAST_WINDOW_ROWS * max(record.sample_time for record in records)
+    found = [one for one in HORIZONS if least <= one <= 1.01 * blocks.duration]
+    return tuple(found) or (blocks.duration,)
+
+
+def windows_in(
+    sightings: Sequence[Sighting], blocks: Blocks, chosen: Sequence[int], horizon: float
+) -> tuple[list[Windows], NDArray[np.int64]]:
+    """Return the windows of a length in some of the blocks, and the block of each window."""
+    spans: dict[int, list[Span]] = {}
+    owners: dict[int, list[int]] = {}
+    for i in chosen:
+        number, rows = blocks.spans[i]
+        cut = equal_spans(sightings[number].record, horizon, within=rows)
+        spans.setdefault(number, []).extend(cut)
+        owners.setdefault(number, []).extend([i] * len(cut))
+    windows = [windows_of(sightings[number], cut, number) for number, cut in spans.items()]
+    return windows, np.array(list(chain.from_iterable(owners.values())), dtype=np.int64)
+
+
+def errors_on(
+    fit: OutputErrorFit,
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    chosen: Sequence[int],
+    horizon: float,
+    *,
+    slow: bool = False,
+) -> NDArray[np.float64]:
+    """Return the mean square position error [m^2] of each of the blocks over windows of a length (blocks,).
+
+    Where `slow`, only of windows in which the axis reverses or rests; NaN for a block without one.
+    """
+    windows, owner = windows_in(sightings, blocks, chosen, horizon)
+    problem = OpenLoop(model=fit.model, sightings=sightings, windows=windows)
+    squares = problem.from_best_starts(fit.values) ** 2
+    counted = np.ones(len(squares))
+    if slow:
+        counted = np.concatenate([_slow_windows(sightings[one.record], one)[one.window] for one in windows])
+    of_row = owner[problem.window]
+    sums = np.bincount(of_row, weights=squares * counted, minlength=len(blocks))
+    counts = np.bincount(of_row, weights=counted, minlength=len(blocks))
+    with np.errstate(invalid="ignore"):
+        return (sums / counts)[list(chosen)]
+
+
+def _slow_windows(seen: Sighting, windows: Windows) -> NDArray[np.float64]:
+    """Return which windows reverse or rest (w,)."""
+    slow = np.abs(seen.motion.speed) < _SLOW * seen.usual_speed
+    ends = np.append(0, np.cumsum(slow))
+    return (ends[windows.firsts + windows.counts] > ends[windows.firsts]).astype(float)
+
+
+def held_out_errors(
+    fit: OutputErrorFit,
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    *,
+    horizon: float,
+    judged: Sequence[tuple[float, bool]],
+) -> NDArray[np.float64]:
+    """Fit a model again without each third of the blocks, from `fit`; return what it predicts of the rest.
+
+    Parameters
+    ----------
+    fit : OutputErrorFit
+        To all blocks.
+    sightings, blocks
+    horizon : float
+        Length of the windows that are fitted [s].
+    judged : sequence of (float, bool)
+        Lengths of the windows that are predicted [s], and whether only those are in which the axis reverses or rests.
+
+    Returns
+    -------
+    ndarray (blocks, judged)
+        Mean square errors of positions [m^2]; NaN for a block without such windows.
+    """
+    squares = np.empty((len(blocks), len(judged)))
+    for fold in range(FOLDS):
+        windows, _ = windows_in(sightings, blocks, blocks.seen(fold), horizon)
+        problem = OpenLoop(model=fit.model, sightings=sightings, windows=windows)
+        again = fit_output_error(fit.model, fit.values, problem)
+        left_out = blocks.held_out(fold)
+        for place, (length, slow) in enumerate(judged):
+            squares[left_out, place] = errors_on(again, sightings, blocks, left_out, length, slow=slow)
+    return squares
+
+
+def fit_all(
+    model: AxisModel, start: Values, sightings: Sequence[Sighting], blocks: Blocks, horizon: float
+) -> OutputErrorFit:
+    """Fit a model to windows of a length in all blocks."""
+    windows, _ = windows_in(sightings, blocks, range(len(blocks)), horizon)
+    return fit_output_error(model, start, OpenLoop(model=model, sightings=sightings, windows=windows))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HorizonChoice:
+    """The lengths of windows tried, and what their fits predict of held-out blocks."""
+
+    horizons: tuple[float, ...]  #: [s]
+    errors: NDArray[np.float64]  #: (fitted, predicted), root mean square [m]
+    chosen: float  #: [s]
+
+
+def select_horizon(
+    model: AxisModel,
+    start: Values,
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    run: Run = DEFAULT_RUN,
+) -> HorizonChoice:
+    """Return the length of windows whose fit predicts held-out blocks best, over windows of all lengths."""
+    horizons = horizons_for(blocks, [one.record for one in sightings])
+    if len(horizons) == 1:
+        return HorizonChoice(horizons=horizons, errors=np.full((1, 1), np.nan), chosen=horizons[0])
+    rows = []
+    for number, horizon in enumerate(horizons):
+        run.progress(Progress(stage=f"horizon {horizon:g} s", done=number, total=len(horizons)))
+
+        def answer(horizon: float = horizon) -> list[NDArray[np.float64]]:
+            fit = fit_all(model, start, sightings, blocks, horizon)
+            judged = [(one, False) for one in horizons]
+            squares = held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)
+            return [np.sqrt(squares.mean(axis=0))]
+
+        rows.append(run.memoize(f"horizon {horizon:g}", model.vector(start), answer)[0])
+    errors = np.array(rows)
+    best = int(np.argmin(np.log(np.maximum(errors, np.finfo(float).tiny)).mean(axis=1)))
+    return HorizonChoice(horizons=horizons, errors=errors, chosen=horizons[best])
+
+
+#: laws that are judged on all windows, each with the law within it, and those of bristles
+_SLIDING = {"viscous": None, "coulomb": "viscous", "stribeck": "coulomb", "asymmetric": "coulomb"}
+_BRISTLES = {"coulomb": None, "dahl": "coulomb", "lugre": "dahl"}
+#: a law that lowers the error by less than this share is not worth its parameters
+USEFUL_GAIN = 0.02
+
+
+def select_law(
+    fits: Mapping[str, OutputErrorFit],
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    *,
+    horizon: float,
+    run: Run = DEFAULT_RUN,
+) -> tuple[ModelSelection[AxisLaw], dict[str, NDArray[np.float64]]]:
+    """Select a law among those fitted to windows of a length, by its errors on held-out blocks.
+
+    Returns
+    -------
+    selection : ModelSelection
+        Laws of bristles are judged on windows in which the axis reverses or rests.
+    squares : dict
+        By law, mean square errors of all held-out windows (blocks,) [m^2].
+    """
+    tables = {}
+    for number, (name, fit) in enumerate(fits.items()):
+        run.progress(Progress(stage=f"law {name}", done=number, total=len(fits)))
+
+        def answer(fit: OutputErrorFit = fit) -> list[NDArray[np.float64]]:
+            judged = [(horizon, False), (horizon, True)]
+            return [held_out_errors(fit, sightings, blocks, horizon=horizon, judged=judged)]
+
+        tables[name] = run.memoize(f"held out, {name}", fit.model.vector(fit.values), answer)[0]
+    sliding = _select(_SLIDING, {name: table[:, 0] for name, table in tables.items()})
+    candidates: tuple[Candidate[AxisLaw], ...] = sliding.candidates
+    best = _useful(sliding)
+    slow = {name: table[:, 1] for name, table in tables.items()}
+    if np.isfinite(slow["coulomb"]).sum() >= LEAST_BLOCKS:
+        bristles = _select(_BRISTLES, slow)
+        candidates += tuple(one for one in bristles.candidates if one.within)
+        softer = _useful(bristles)
+        groups = neighbours(range(len(blocks)), block=1)
+        everywhere = gain_between(tables[softer.name][:, :1], tables[best.name][:, :1], groups)
+        if best.name == "coulomb" and softer.within and everywhere.upper > 0.0:
+            best = softer
+    order = list(AXIS_LAWS)
+    selection = ModelSelection(
+        candidates=tuple(sorted(candidates, key=lambda one: order.index(one.name))), best=best
+    )
+    return selection, {name: table[:, 0] for name, table in tables.items()}
+
+
+def _select(
+    within: Mapping[str, str | None], squares: Mapping[str, NDArray[np.float64]]
+) -> ModelSelection[AxisLaw]:
+    """Return the selection among laws with such errors of blocks (blocks,), NaN where there is none."""
+    known = np.isfinite(squares["coulomb"])
+    groups = neighbours(range(int(known.sum())), block=1)
+
+    def held_out(name: str, inner: AxisLaw | None) -> HeldOut[AxisLaw]:  # noqa: ARG001 (fits are made)
+        return HeldOut(
+            model=AXIS_LAWS[name], squares=squares[name][known][:, None], baseline=None, groups=groups
+        )
+
+    # An asymmetry is not selected from one record: blocks of the same record share whatever made it, such as a
+    # temperature, and do not show that it is the machine's own.
+    return select_model(within, held_out, eligible=[name for name in within if AXIS_LAWS[name].symmetric])
+
+
+def _useful(selection: ModelSelection[AxisLaw]) -> Candidate[AxisLaw]:
+    """Return the best law, or the one within it while it gains too little to be of use."""
+    best = selection.best
+    while best.within and best.gain and best.gain.share < USEFUL_GAIN:
+        best = selection.find(best.within)
+    return best

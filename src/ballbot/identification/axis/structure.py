@@ -1,0 +1,149 @@
+"""What is estimated of one axis: a friction law, forces over position, a drift, and what records share.
+
+A parameter is common to all records or separate for each. A separate one has a label for each record, "offset[2]" for
+that of the second; a common one has its name. A drift of the offset belongs to its record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.errors import InputError, suggest
+from ballbot.fitting.parameter import Parameter, RelativeSpace
+from ballbot.identification.axis.model import (
+    MOST_HARMONICS,
+    PARAMETERS,
+    Axis,
+    AxisLaw,
+    Values,
+    parameter_named,
+)
+
+TURN = 2.0 * math.pi
+
+
+def harmonic(number: int) -> tuple[str, str]:
+    """Return the names of the two parameters of a harmonic."""
+    return f"sin_{number}", f"cos_{number}"
+
+
+def base_name(label: str) -> str:
+    """Return the parameter that a label is of: "offset" of "offset[2]"."""
+    return label.partition("[")[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisModel:
+    """What is estimated from one or more records."""
+
+    law: AxisLaw
+    terms: tuple[str, ...] = ()  #: of the force over position: "spring", "sin_1", "cos_1", ...
+    drifts: int = 0  #: straight pieces of each record's drifting offset
+    period: float = TURN  #: of the first harmonic [m]
+    separate: tuple[str, ...] = ()  #: parameters of which each record has its own
+    records: int = 1
+    interpolated: bool = False  #: whether the force changes evenly from row to row; it is held otherwise
+
+    def __post_init__(self) -> None:
+        for name in self.separate:
+            if name not in self.names and name not in PARAMETERS:
+                hint = suggest(name, self.names, otherwise="the parameters are")
+                raise InputError(f"There is no parameter {name!r} to be separate; {hint}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters of one record."""
+        return (*self.law.names, *self.terms, *(f"drift_{i + 1}" for i in range(self.drifts)))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What is estimated from all records."""
+        found: list[str] = []
+        for name in self.names:
+            if self.records > 1 and (name in self.separate or name.startswith("drift_")):
+                found += [f"{name}[{i + 1}]" for i in range(self.records)]
+            else:
+                found.append(name)
+        return tuple(found)
+
+    def with_law(self, law: AxisLaw) -> AxisModel:
+        """Return the same with another friction law."""
+        return replace(self, law=law)
+
+    def label(self, name: str, record: int) -> str:
+        """Return the label of a record's parameter."""
+        own = f"{name}[{record + 1}]"
+        return own if own in self.labels else name
+
+    def values_for(self, values: Values, record: int) -> dict[str, float]:
+        """Return one record's parameters by name."""
+        return {name: values[self.label(name, record)] for name in self.names}
+
+    def values_elsewhere(self, values: Values) -> dict[str, float]:
+        """Return the parameters for a record that is none of these: separate ones on average, without drift."""
+        return {
+            name: float(np.mean([values[self.label(name, i)] for i in range(self.records)]))
+            for name in self.names
+            if not name.startswith("drift_")
+        }
+
+    def axis(self, values: Values, record: int | None) -> Axis:
+        """Return the axis of one of the records, or of another one."""
+        own = self.values_elsewhere(values) if record is None else self.values_for(values, record)
+        return Axis(law=self.law, values=own, period=self.period)
+
+    def parameter(self, label: str) -> Parameter:
+        """Return what a label is."""
+        name = base_name(label)
+        return replace(parameter_named(name), symbol=parameter_named(name).symbol + label[len(name) :])
+
+    def space(self, start: Values) -> RelativeSpace:
+        """Return the parameters, scaled by their values at `start`."""
+        return RelativeSpace(
+            parameters=tuple(
+                replace(self.parameter(label), default=float(start[label])) for label in self.labels
+            )
+        )
+
+    def vector(self, values: Values) -> NDArray[np.float64]:
+        """Return parameters by label as (p,)."""
+        return np.array([values[label] for label in self.labels])
+
+    def by_label(self, vector: NDArray[np.float64]) -> dict[str, float]:
+        """Return parameters (p,) by label."""
+        return dict(zip(self.labels, vector.tolist(), strict=True))
+
+
+def terms_of(*, spring: bool, harmonics: Sequence[int]) -> tuple[str, ...]:
+    """Return the names of the forces over position.
+
+    Raises
+    ------
+    InputError
+        If a harmonic is not a whole number from 1 to `MOST_HARMONICS`.
+    """
+    for number in harmonics:
+        if not 1 <= number <= MOST_HARMONICS:
+            raise InputError(f"A harmonic is {number}; it must be a whole number from 1 to {MOST_HARMONICS}.")
+    names = [name for number in dict.fromkeys(harmonics) for name in harmonic(number)]
+    return (*(("spring",) if spring else ()), *names)
+
+
+def position_columns(
+    terms: Sequence[str], position: NDArray[np.float64], period: float
+) -> Mapping[str, NDArray[np.float64]]:
+    """Return the force over position of each term for a coefficient of one, (N,)."""
+    columns = {}
+    for name in terms:
+        if name == "spring":
+            columns[name] = position
+        else:
+            kind, _, number = name.partition("_")
+            wave = TURN * int(number) / period
+            columns[name] = (np.sin if kind == "sin" else np.cos)(wave * position)
+    return columns
