@@ -117,7 +117,7 @@ def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
             if one.determined
             else f"cannot determine: {one.question}",
             f"{100.0 * one.confidence:.0f}",
-            one.evidence + (f"; standard error {one.error:.2g}" if one.error is not None else ""),
+            one.evidence + (f"; standard error {one.error_text}" if one.error_text else ""),
         )
         for one in found.conclusions
     ]

@@ -154,14 +154,14 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
     tested, late, frame, gyro = proposal.lean_test, proposal.lean_delay, proposal.frame, proposal.gyro
     if tested is None or late is None:
         return []
-    error = math.degrees(tested.phase_error) if tested.phase_error is not None else math.inf
     found = [
         Conclusion(
             name="turn of the IMU",
             value=f"{math.degrees(frame.turn):.1f} deg",
             confidence=turn_confidence(tested),
             evidence=f"measured {math.degrees(frame.measured_turn):.1f} deg",
-            error=math.radians(error) if math.isfinite(error) else None,
+            error=None if tested.phase_error is None else math.degrees(tested.phase_error),
+            unit="deg",
             key="[attitude] turn",
         ),
         Conclusion(
@@ -169,7 +169,8 @@ def _turn_and_delay(proposal: Proposal) -> list[Conclusion]:
             value=f"{1e3 * proposal.sensor_delay:.1f} ms",
             confidence=late.confidence,
             evidence=late.evidence,
-            error=late.error,
+            error=1e3 * late.error,
+            unit="ms",
             key="[attitude] delay",
         ),
     ]
@@ -221,7 +222,8 @@ def _commands(proposal: Proposal) -> list[Conclusion]:
         value=f"{1e3 * late.applied:.1f} ms",
         confidence=command_delay_confidence(late, drive.size / drive.driving_size),
         evidence=late.evidence,
-        error=late.error,
+        error=1e3 * late.error,
+        unit="ms",
         key="[input] delay",
     )
     return [*found, delay, *_dead_band(proposal)]
@@ -243,15 +245,18 @@ def _kind(proposal: Proposal) -> list[Conclusion]:
             f"{found.gain:.3g} of the file drive as 1 N m (error {100 * found.gain_error:.0f} %), and "
             f"{found.damping:.3f} N m s/rad of damping (error {found.damping_error:.3f})"
         )
+    kind = Conclusion(
+        name="kind of the command",
+        value=best.kind,
+        confidence=min(kinds[best.kind], MOST),
+        evidence=shown,
+        alternatives=tuple(kind for kind, p in kinds.items() if kind != best.kind and p > 0.02),
+        key="[input] kind",
+    )
+    if not kind.determined:
+        return [kind]  # a unit belongs to a kind
     return [
-        Conclusion(
-            name="kind of the command",
-            value=best.kind,
-            confidence=min(kinds[best.kind], MOST),
-            evidence=shown,
-            alternatives=tuple(kind for kind, p in kinds.items() if kind != best.kind and p > 0.02),
-            key="[input] kind",
-        ),
+        kind,
         Conclusion(
             name="full scale of the duty" if best.kind == "duty" else "unit of the command",
             value=_scale_words(best),

@@ -34,7 +34,8 @@ class Conclusion:
     confidence: float  #: from 0 to 1, that the answer is right
     evidence: str  #: one sentence
     alternatives: tuple[str, ...] = ()  #: other answers that are not excluded, the likeliest first
-    error: float | None = None  #: standard error of a number, in its unit
+    error: float | None = None  #: standard error of a number
+    unit: str = ""  #: of the number and its error
     assumed: bool = (
         False  #: whether the answer is a usual one that the log can hardly contradict: it does not stop
     )
@@ -44,6 +45,11 @@ class Conclusion:
     def determined(self) -> bool:
         """Whether the confidence is enough to go on, or the answer is an assumption that is named as such."""
         return self.confidence >= CONFIDENT or self.assumed
+
+    @property
+    def error_text(self) -> str:
+        """The standard error with its unit; nothing without one."""
+        return "" if self.error is None else f"{self.error:.2g} {self.unit}".rstrip()
 
     @property
     def question(self) -> str:

@@ -160,7 +160,7 @@ class GyroTest:
 
     order: tuple[int, ...]  #: for x, y, z in turn, the place of its column (from 0) among the gyro's
     signs: tuple[int, ...]  #: of x, y, z, relative to the angles
-    gain: float  #: gyro over rates of the angles, in the unit that follows
+    gain: float  #: gyro over rates of the angles, of the axis that agrees best, in the unit that follows
     unit: str
     factor: float  #: what turns the file's number into rad/s
     correlations: tuple[float, ...]  #: of x, y, z
@@ -202,7 +202,8 @@ def _gyro_test(
     strength = [abs(float(R[order[axis], axis])) for axis in range(count)]
     if min(strength[:2]) < 0.5:
         return None
-    gain = float(np.exp(np.mean(np.log(np.abs(slopes[:2])))))
+    # differences of angles are mostly noise, which makes slopes too small, least so on the axis that agrees best
+    gain = abs(slopes[int(np.argmax(strength))])
     unit, factor, fits = _gyro_unit(gain, named)
     signs = tuple(1 if slope > 0.0 else -1 for slope in slopes)
     heading = 1.0 if len(strength) < 3 or strength[2] > 0.6 else 0.85

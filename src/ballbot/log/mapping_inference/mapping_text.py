@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+from ballbot.log.mapping_inference.commands import Unit
 from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.evidence import Conclusion
 from ballbot.log.mapping_inference.proposal import Proposal, rates_delay, rates_signs
@@ -174,8 +175,7 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
     names, tested, evidence = proposal.roles.commands, proposal.commands, proposal.drive
     if not names or evidence is None:
         return []
-    drive, unit, assigned = robot.drive, evidence.unit, evidence.assigned
-    lines = ["[input]"]
+    unit, assigned = evidence.unit, evidence.assigned
     order = proposal.frame.order
     signs: Sequence[int] = [proposal.frame.signs[wheel - 1] for wheel in order]
     by_wheel = [names[wheel - 1] for wheel in order]
@@ -185,40 +185,73 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
     # [wheels] order applies to these lists, too
     listed = {wheel: place for place, wheel in enumerate(order)}
     places = [listed[k] for k in range(1, len(names) + 1)]
-    kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
     delay, error = (tested.delay, tested.delay_error) if tested else (0.0, math.nan)
-    scale = unit.scale / drive.supply_voltage if unit.kind == "voltage" else unit.scale
     measured = f"measured: {1e3 * delay:.1f} ms, standard error {1e3 * error:.1f} ms" if tested else "assumed"
-    lines += [
-        toml_line("kind", kind, f"{100 * evidence.units[unit]:.0f} %: {unit.description}"),
+    return [
+        "[input]",
+        _kind_line(proposal, unit),
+        *_other_kinds(proposal, robot),
         toml_line("from", [by_wheel[place] for place in places]),
         toml_line("sign", [signs[place] for place in places]),
-        toml_line("scale", scale),
+        toml_line("scale", _scale(unit, robot)),
         toml_line("delay", proposal.command_delay.applied, measured),
+        *_motor_lines(proposal, unit, robot),
     ]
-    robot_file = "from the robot file"
-    if kind == "current":
-        lines.append(toml_line("torque_constant", drive.torque_constant, robot_file))
-        lines.append(toml_line("gear_ratio", drive.gear_ratio, robot_file))
-    if kind != "pwm":
-        return lines
-    found = evidence.response
+
+
+def _kind_line(proposal: Proposal, unit: Unit) -> str:
+    kind = {"torque": "torque", "current": "current", "duty": "pwm", "voltage": "pwm"}[unit.kind]
+    share = proposal.drive.units[unit] if proposal.drive else 0.0
+    return toml_line("kind", kind, f"{100 * share:.0f} %: {unit.description}")
+
+
+def _scale(unit: Unit, robot: Robot) -> float:
+    return unit.scale / robot.drive.supply_voltage if unit.kind == "voltage" else unit.scale
+
+
+def _other_kinds(proposal: Proposal, robot: Robot) -> list[str]:
+    """Return comments with the lines that each kind which is not excluded needs; nothing if the kind is determined."""
+    asked = [one for one in conclusions_of(proposal) if one.key == "[input] kind" and not one.determined]
+    if not asked or proposal.drive is None:
+        return []
+    lines = []
+    for kind in asked[0].alternatives:
+        unit = next(unit for unit in proposal.drive.units if unit.kind == kind)  # the likeliest comes first
+        needed = [
+            _kind_line(proposal, unit),
+            toml_line("scale", _scale(unit, robot)),
+            *_motor_lines(proposal, unit, robot),
+        ]
+        lines += [f"# if it is a {kind}, these lines instead:", *(f"#   {line}" for line in needed)]
+    return lines
+
+
+def _motor_lines(proposal: Proposal, unit: Unit, robot: Robot) -> list[str]:
+    """Return the lines on the motors that a kind of command needs besides its scale."""
+    drive, robot_file = robot.drive, "from the robot file"
+    constant = toml_line("torque_constant", drive.torque_constant, robot_file)
+    gear_ratio = toml_line("gear_ratio", drive.gear_ratio, robot_file)
+    if unit.kind == "torque":
+        return []
+    if unit.kind == "current":
+        return [constant, gear_ratio]
+    evidence = proposal.drive
+    found = evidence.response if evidence else None
     band = "assumed: the duty that the firmware adds; write it here"
     if proposal.given_dead_band is not None:
         band = "given: the duty that the firmware adds"
-    elif found is not None and math.isfinite(found.dead_band_error) and evidence.dead_band:
+    elif evidence and found is not None and math.isfinite(found.dead_band_error) and evidence.dead_band:
         band = f"measured: the duty that the firmware adds, standard error {found.dead_band_error * unit.scale:.4f}"
     resistance = float(f"{stall_resistance(robot):.6g}")
     return [
-        *lines,
         toml_line("dead_band", round(proposal.dead_band, 4), band),
         toml_line("supply_voltage", drive.supply_voltage, robot_file),
-        toml_line("torque_constant", drive.torque_constant, robot_file),
+        constant,
         toml_line("back_emf_constant", 1.0 / drive.speed_constant, f"{robot_file}: 1 / speed constant"),
         toml_line(
             "resistance", resistance, "assumed: full duty at standstill gives the robot's torque limit"
         ),
-        toml_line("gear_ratio", drive.gear_ratio, robot_file),
+        gear_ratio,
     ]
 
 

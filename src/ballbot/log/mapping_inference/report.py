@@ -133,6 +133,7 @@ def findings_of(proposal: Proposal) -> tuple[Finding, ...]:
         *_placement(proposal),
         *_heading(proposal),
         *_episodes(proposal),
+        *_gyro(proposal),
         *_commands(proposal),
         *(disturbance_findings(proposal.lean_test.disturbance) if proposal.lean_test else []),
     ]
@@ -330,10 +331,21 @@ def _episodes(proposal: Proposal) -> list[Finding]:
     return found
 
 
+def _gyro(proposal: Proposal) -> list[Finding]:
+    if not proposal.roles.gyro or proposal.gyro is not None or not proposal.roles.attitude:
+        return []
+    sentence = (
+        f"The gyro ({', '.join(proposal.roles.gyro)}) does not follow the rates of the angles clearly enough to use "
+        "it; the angles are differentiated. Name its axes, unit and signs in [attitude] rates if you know them."
+    )
+    return [_finding("warning", "columns", sentence)]
+
+
 def _commands(proposal: Proposal) -> list[Finding]:
     tested = proposal.commands
     if tested is None:
-        if not proposal.roles.commands:
+        assigned = proposal.drive.assigned if proposal.drive else None
+        if not proposal.roles.commands or (assigned is not None and assigned.confidence >= CONFIDENT):
             return []
         sentence = (
             f"The columns {', '.join(proposal.roles.commands)} do not drive the wheels; check their meaning."
