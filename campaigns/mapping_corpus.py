@@ -557,5 +557,6 @@ def _followed(half: Half, seeds: Sequence[int]) -> Iterator[Outcome]:
 
 
 if __name__ == "__main__":
-    chosen = next(half for half in ROBOTS if half == sys.argv[1])
+    halves: dict[str, Half] = {str(half): half for half in ROBOTS}
+    chosen = halves[sys.argv[1]]
     print(section(list(_followed(chosen, range(int(sys.argv[2]))))).markdown())

@@ -285,3 +285,15 @@ def test_shared_logs_read_whole(shared_data, name, rows, columns):
     assert (len(log), len(log.names)) == (rows, columns)
     last = path.read_text().splitlines()[-1].split(",")
     np.testing.assert_array_equal([log[name][-1] for name in log], [float(cell) for cell in last])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_long_matrices_of_a_matlab_file_are_columns(tmp_path, turned):
+    t, wheel = 0.01 * np.arange(200.0), np.random.default_rng(0).standard_normal((200, 3))
+    gain = np.ones((3, 10))  # no part of the log
+    content = {"t": t[:, None], "wheel": wheel.T if turned else wheel, "gain": gain}
+    (tmp_path / "log.mat").write_bytes(mat_bytes(content))
+    columns = read_columns(tmp_path / "log.mat")
+    assert set(columns) == {"t", "wheel_1", "wheel_2", "wheel_3"}
+    np.testing.assert_array_equal(np.column_stack([columns[f"wheel_{k}"] for k in (1, 2, 3)]), wheel)
+    np.testing.assert_array_equal(read_variables(tmp_path / "log.mat")["gain"], gain.ravel())

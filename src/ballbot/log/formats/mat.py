@@ -1,5 +1,8 @@
 """MATLAB files of version 4 to 7: their real numeric variables; everything else in them is passed over.
 
+A long matrix, such as the angles of three wheels or a whole log, is also given by its columns: `wheel` of N rows and
+three columns is wheel_1, wheel_2, wheel_3.
+
 SciPy's reader trusts the sizes that a file states, and damaged files end the interpreter. This one checks each against
 the content, and reads no more than `ballbot.files` allows, packed or unpacked. The formats are those of "MAT-File
 Format" (The MathWorks, R2023b).
@@ -28,6 +31,8 @@ _MATRIX, _COMPRESSED = 14, 15
 #: classes of arrays, from double to uint64; before them cells, structures, texts and sparse matrices
 _NUMERIC_CLASSES = range(6, 16)
 _COMPLEX = 0x08
+#: a matrix has a log's columns if it has so many rows, and so many times more than columns
+_LONG, _LONGER = 50, 5
 #: the types of version 4, by the third digit of a variable's first number
 _STORED_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 _HEADER, _HEADER_4 = 128, 20
@@ -46,7 +51,7 @@ class _Element:
 
 
 def read_mat(path: str | Path) -> Columns:
-    """Return the variables of a file, each as one row of numbers in the order of its rows.
+    """Return the variables of a file, each as one row of numbers in the order of its rows, and long matrices' columns.
 
     Raises
     ------
@@ -70,11 +75,23 @@ def parse_mat(content: memoryview, *, source: str) -> Columns:
 
 def _by_name(variables: Iterator[tuple[str, NDArray[np.float64]]]) -> Columns:
     found: Columns = {}
+    parts: Columns = {}
     for name, values in variables:
         if name in found:
             raise _DamagedError(f"two variables have the name {name[:40]!r}")
-        found[name] = values
-    return found
+        found[name] = values.ravel()
+        for column, numbers in enumerate(_columns_of(values), start=1):
+            parts.setdefault(f"{name}_{column}", numbers)
+    return parts | found
+
+
+def _columns_of(values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the columns of a long matrix, or its rows if these are long; none of other arrays."""
+    if values.ndim != 2 or min(values.shape) < 2:
+        return []
+    tall = values if values.shape[0] > values.shape[1] else values.T
+    rows, columns = tall.shape
+    return list(tall.T) if rows >= max(_LONG, _LONGER * columns) else []
 
 
 def _variables_5(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]]]:
@@ -164,10 +181,10 @@ def _variables_4(content: memoryview) -> Iterator[tuple[str, NDArray[np.float64]
 
 
 def _mat_numbers(content: memoryview, stored: str, shape: list[int]) -> NDArray[np.float64]:
-    """Return an array (N,), its rows one after another; MATLAB stores columns."""
+    """Return an array of that shape; MATLAB stores columns."""
     item = np.dtype(stored).itemsize
     if not shape or min(shape) < 0 or math.prod(shape) * item != len(content):
         raise _DamagedError(f"a variable has {len(content)} bytes for the shape {shape[:4]}")
     with np.errstate(invalid="ignore"):  # signalling NaN
         values = np.frombuffer(content, stored).astype(np.float64)
-    return values.reshape(shape, order="F").ravel()
+    return values.reshape(shape, order="F")
