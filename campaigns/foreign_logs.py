@@ -201,8 +201,6 @@ def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> C
     part = log.between(habits.start, habits.start + habits.duration)
     random = np.random.default_rng([17, habits.seed])
     t = row_times(part, habits)
-    if habits.interval == 0.0115:
-        t = t + 2e-4 * random.standard_normal(len(t))  # a host that polls
     table: Columns = {_name(habits.names.time, habits.time_unit, habits): _time(t, habits)}
     table |= _inertial(part, t, habits, random)
     table |= _wheels(part, t, habits, robot)
@@ -218,10 +216,13 @@ def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> C
 
 
 def row_times(part: Log, habits: Habits) -> NDArray[np.float64]:
-    """Return when the file's rows are written of a stretch of a log, without the jitter of a host [s]."""
+    """Return when the file's rows of a stretch of a log are written [s]."""
     if not habits.interval:
         return part.t[8:-8]
-    return np.arange(part.t[0] + 0.03, part.t[-1] - 0.03, habits.interval)
+    t = np.arange(part.t[0] + 0.03, part.t[-1] - 0.03, habits.interval)
+    if habits.interval == 0.0115:  # a host that polls
+        return t + 2e-4 * np.random.default_rng([18, habits.seed]).standard_normal(len(t))
+    return t
 
 
 def _time(t: NDArray[np.float64], habits: Habits) -> NDArray[np.float64]:

@@ -441,8 +441,10 @@ def _as_written(truth: Log, habits: Habits, t: NDArray[np.float64]) -> NDArray[n
     # without an interval of its own the log has whole rows, and the delay, too
     late = habits.command_delay if habits.interval else 0.0
     start = written + late if habits.interval else truth.t[last]
-    place = np.clip(np.searchsorted(start, t + 1e-9, side="right") - 1, 0, None)
-    return held[place].T
+    # means over a row of the mapped log, as a mapping makes them, so that chatter of the commands cancels
+    parts = [t + part * float(np.median(np.diff(t))) for part in np.arange(0.05, 1.0, 0.1)]
+    places = [np.clip(np.searchsorted(start, part, side="right") - 1, 0, None) for part in parts]
+    return np.mean([held[place] for place in places], axis=0).T
 
 
 def _size_error(mapped: NDArray[np.float64], real: NDArray[np.float64]) -> float:

@@ -86,7 +86,7 @@ def responding(delay: float, error: float) -> CommandTest:
 
 def test_an_unknown_delay_is_harmless_only_in_a_slow_log():
     every = np.ones(4000, dtype=bool)
-    slow, quick = (command_delay(None, commanded(w), every) for w in (2.0, 20.0))
+    slow, quick = (command_delay(None, commanded(w), every, interval=0.005) for w in (2.0, 20.0))
     assert slow.applied == quick.applied == 0.0
     assert slow.confidence > 0.95
     assert quick.confidence < 0.9
@@ -94,12 +94,14 @@ def test_an_unknown_delay_is_harmless_only_in_a_slow_log():
 
 def test_a_delay_at_the_edge_of_its_search_is_not_undone():
     every = np.ones(4000, dtype=bool)
-    assert command_delay(responding(-0.005, math.inf), commanded(20.0), every).applied == 0.0
+    assert command_delay(responding(-0.005, math.inf), commanded(20.0), every, interval=0.005).applied == 0.0
     # no driver takes 50 ms: something else explains the wheels later
-    late = command_delay(responding(0.05, 1e-4), commanded(20.0), every)
+    late = command_delay(responding(0.05, 1e-4), commanded(20.0), every, interval=0.005)
     assert late.applied == 0.0
     assert late.confidence < 0.9
-    assert command_delay(responding(0.0105, 1e-4), commanded(20.0), every).applied == pytest.approx(0.0105)
+    assert command_delay(
+        responding(0.0105, 1e-4), commanded(20.0), every, interval=0.005
+    ).applied == pytest.approx(0.0105)
 
 
 def test_an_estimated_dead_band_below_zero_leaves_it_open():

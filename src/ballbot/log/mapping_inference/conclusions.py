@@ -12,7 +12,7 @@ from ballbot.log.mapping_inference.tolerances import TURN, command_delay_confide
 from ballbot.log.mapping_inference.units import Scale, time_conclusion
 
 #: probability that columns theta and phi are about the world's axes, and that others are about the IMU's
-WORLD_LEAN, IMU_LEAN = 0.5, 0.97
+WORLD_LEAN, IMU_LEAN = 0.5, 0.99
 #: logarithm of the ratio of two scales that no log separates, such as 1000 and 1023
 ALIKE = 0.05
 

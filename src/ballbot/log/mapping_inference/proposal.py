@@ -170,7 +170,7 @@ def propose(
         heading=heading,
         commands=commands,
         lean_delay=lean_delay(tested, signals) if tested else None,
-        command_delay=command_delay(commands, signals, usable),
+        command_delay=command_delay(commands, signals, usable, interval=float(np.median(np.diff(raw.t)))),
         frame=frame,
         drive=None,
         keep=_keep(signals, tested),

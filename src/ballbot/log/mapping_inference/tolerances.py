@@ -8,6 +8,7 @@ quantity is that its error stays within what a log can bear, from a standard err
 - play in the gears, which makes the ball, and with it the lean, later than the encoders by about 0.45 b over the
   wheels' speed (root mean square) for a play b: the first harmonic of a sine wave that loses b/2 at every turning
   point. It looks like a delay of the lean, and no log of encoders and lean separates the two;
+- for commands that chatter, the time between two rows;
 - what the estimates were off on the development halves of `campaigns/mapping_corpus.py` beyond that.
 """
 
@@ -40,8 +41,8 @@ PLAY_DELAY = 2.0 / math.pi / math.sqrt(2.0)
 #: error of the lean's delay beyond jackknife and play, of the command's, and of a turn over the logarithm of the gain:
 #: root mean squares on the development halves [s], [s], [rad]
 LEAN_ERROR, COMMAND_ERROR, TURN_PER_GAIN = 0.006, 0.004, 0.4
-#: a delay is undone if it is this many of its standard errors
-APPLIED = 1.5
+#: a delay is undone if it is this many of its standard errors, and so nearer to the estimate than to zero
+APPLIED = 1.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
 LONGEST_LEAN_DELAY, LONGEST_COMMAND_DELAY = 0.02, 0.015
 #: delays that no robot that balances has [s]: they come from something else
@@ -99,11 +100,14 @@ def lean_delay(tested: LeanTest, signals: Signals) -> Delay:
     )
 
 
-def command_delay(tested: CommandTest | None, signals: Signals, usable: NDArray[np.bool_]) -> Delay:
-    """Return the delay from a command to the motor."""
+def command_delay(
+    tested: CommandTest | None, signals: Signals, usable: NDArray[np.bool_], *, interval: float
+) -> Delay:
+    """Return the delay from a command to the motor; `interval` is that of the file's rows [s]."""
     if signals.commands is None:
         return Delay(applied=0.0, error=0.0, quickness=0.0, confidence=0.5, evidence="there are no commands")
-    quick = quickness(smooth(signals.rows, signals.rows, signals.commands, width=COMMAND_FILTER), usable)
+    calm = smooth(signals.rows, signals.rows, signals.commands, width=COMMAND_FILTER)
+    quick = quickness(calm, usable)
     evidence, estimate, error = "the commands do not explain the wheels' accelerations", 0.0, math.inf
     if tested is not None:
         evidence = (
@@ -111,7 +115,9 @@ def command_delay(tested: CommandTest | None, signals: Signals, usable: NDArray[
             "accelerations"
         )
         # what explains little is off by more
-        error = math.hypot(tested.delay_error, COMMAND_ERROR / max(tested.explained, 0.1))
+        error = COMMAND_ERROR / max(tested.explained, 0.1)
+        # commands that chatter are not known between two rows
+        error = math.hypot(tested.delay_error, error, interval * _chatter(signals.commands, calm, usable))
         estimate = tested.delay
     return _delay(
         estimate,
@@ -121,6 +127,13 @@ def command_delay(tested: CommandTest | None, signals: Signals, usable: NDArray[
         limits=(LONGEST_COMMAND_DELAY, IMPOSSIBLE_COMMAND_DELAY),
         evidence=evidence,
     )
+
+
+def _chatter(commands: NDArray[np.float64], calm: Smooth, usable: NDArray[np.bool_]) -> float:
+    """Return the share of the commands' size that a filter of `COMMAND_FILTER` removes."""
+    power = float(commands[usable].var(axis=0).sum())
+    left = float(calm.value[usable].var(axis=0).sum())
+    return math.sqrt(max(1.0 - left / power, 0.0)) if power > 0.0 else 0.0
 
 
 def _delay(
@@ -134,7 +147,7 @@ def _delay(
 ) -> Delay:
     """Return the delay to undo; one that is not seen lies between zero and the first of the limits."""
     longest, impossible = limits
-    known = math.isfinite(error) and -APPLIED * error < estimate < impossible
+    known = math.isfinite(error) and -2.0 * APPLIED * error < estimate < impossible
     applied = round(estimate, 4) if known and estimate > APPLIED * error else 0.0
     unseen = longest / math.sqrt(3.0)
     if not applied:
