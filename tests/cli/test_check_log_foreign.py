@@ -33,7 +33,7 @@ def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys
     assert "Next: ballbot identify" in shown
     results = json.loads((out / "results.json").read_text())
     assert results["undetermined"] == []
-    assert all(one["confidence"] >= 0.9 or one["assumed"] for one in results["conclusions"])
+    assert all(one["confidence"] >= 0.9 for one in results["conclusions"])
     assert {"name", "value", "confidence", "evidence", "alternatives"} <= set(results["conclusions"][0])
     assert (out / "log.csv").exists()
     assert "complete" not in (out / "mapping.toml").read_text()

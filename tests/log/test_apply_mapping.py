@@ -130,3 +130,13 @@ def test_odometry_is_the_states_own_motion():
 def test_invalid_mappings_are_refused_with_the_reason(tmp_path, mapping, sentence):
     with pytest.raises(InputError, match=sentence):
         read(tmp_path, "time,a\n0,1\n1,2\n2,3\n", mapping)
+
+
+def test_without_a_yaw_the_heading_is_the_gyros_integral(tmp_path):
+    t = 0.01 * np.arange(301)
+    table = "\n".join(["t,roll,pitch,gx,gy,gz", *(f"{s:.4f},0,0,0,0,{0.5 + 0.2 * s:.6f}" for s in t)])
+    attitude = '[attitude]\nfrom = ["roll", "pitch"]\nrates = { from = ["gx", "gy", "gz"], unit = "rad/s" }\n'
+    log = read(tmp_path, table, f'[columns]\nt = "t"\n{attitude}')
+    # the trapezoidal rule is exact for a rate that grows evenly; the table has six decimals
+    np.testing.assert_allclose(log["psi"], 0.5 * log.t + 0.1 * log.t**2, atol=1e-5)
+    np.testing.assert_allclose(log["psi_dot"], 0.5 + 0.2 * log.t, atol=1e-5)

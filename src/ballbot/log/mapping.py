@@ -118,6 +118,7 @@ class MotorInput:
 class Attitude:
     """Roll, pitch and, if the file has it, yaw of an IMU."""
 
+    #: without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts
     sources: tuple[Source, ...]
     turn: float = 0.0  #: angle of the IMU's x axis from the robot's, towards the left [rad]
     #: angular velocity about the IMU's x, y and z axes; if empty, the angles are differentiated
@@ -355,18 +356,27 @@ def _attitude(
         if place == 2:
             values = np.unwrap(values)
         angles[:, place] = _measured_at(rows, sampled, values, source.delay, shift=shift)
-    turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
-    columns: Columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
-    if not attitude.rates:
-        return columns
     measured = [
         _measured_at(rows, sampled, _scaled(name, source, table), source.delay, shift=shift)
-        for name, source in zip(_GYRO_NAMES, attitude.rates, strict=True)
+        for name, source in zip(_GYRO_NAMES, attitude.rates, strict=bool(attitude.rates))
     ]
+    if measured and len(attitude.sources) == 2:
+        angles[:, 2] = _integral(rows, measured[2])
+    turned = from_roll_pitch_yaw(angles, turn=attitude.turn)
+    columns: Columns = dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+    if not measured:
+        return columns
     body = _about_body_axes(np.column_stack(measured), attitude.turn)
     columns |= dict(zip(_GYRO_NAMES, body.T, strict=True))
     rates = _angle_rates(turned, body)
     return columns | {f"{name}_dot": rate for name, rate in zip(_ATTITUDE_NAMES, rates.T, strict=True)}
+
+
+def _integral(rows: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
+    known = np.nan_to_num(rate)
+    steps = 0.5 * (known[1:] + known[:-1]) * np.diff(rows)
+    return np.concatenate(([0.0], np.cumsum(steps)))
 
 
 def _about_body_axes(rates: NDArray[np.float64], turn: float) -> NDArray[np.float64]:

@@ -111,11 +111,7 @@ def _conclusion_table(found: Evaluation, *, framed: bool) -> Table:
     rows = [
         (
             one.name,
-            f"{one.value} (assumed)"
-            if one.assumed
-            else one.value
-            if one.determined
-            else f"cannot determine: {one.question}",
+            one.value if one.determined else f"cannot determine: {one.question}",
             f"{100.0 * one.confidence:.0f}",
             one.evidence + (f"; standard error {one.error_text}" if one.error_text else ""),
         )

@@ -36,15 +36,12 @@ class Conclusion:
     alternatives: tuple[str, ...] = ()  #: other answers that are not excluded, the likeliest first
     error: float | None = None  #: standard error of a number
     unit: str = ""  #: of the number and its error
-    assumed: bool = (
-        False  #: whether the answer is a usual one that the log can hardly contradict: it does not stop
-    )
     key: str = ""  #: where the answer stands in the mapping file: "[input] kind"
 
     @property
     def determined(self) -> bool:
-        """Whether the confidence is enough to go on, or the answer is an assumption that is named as such."""
-        return self.confidence >= CONFIDENT or self.assumed
+        """Whether the confidence is enough to go on."""
+        return self.confidence >= CONFIDENT
 
     @property
     def error_text(self) -> str:

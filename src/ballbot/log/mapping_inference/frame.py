@@ -36,7 +36,7 @@ class HeadingTest:
 
     correlation: float  #: negative if the wheels count as the robot's do
     gain: float  #: sum of the speeds over psi_dot, over that of a ball that does not pivot
-    believed: bool  #: whether the log turns enough for a verdict
+    significant: bool  #: whether the log turns enough for a verdict
     confidence: float  #: in the sign of the correlation
 
 
@@ -64,7 +64,7 @@ def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest
     return HeadingTest(
         correlation=correlation,
         gain=float(total @ rate / max(float(rate @ rate), TINY) / without_pivoting),
-        believed=bool(z > LEAST_CORRELATION),
+        significant=bool(z > LEAST_CORRELATION),
         confidence=advantage_confidence(z),
     )
 
@@ -105,7 +105,7 @@ def frame_of(robot: Robot, tested: LeanTest | None, heading: HeadingTest | None)
             axes = (1, 1, -1)
         else:
             positions, phase, axes = reflected, -phase - 2.0 * beta[0], (1, -1, 1)
-    known = heading is not None and heading.believed
+    known = heading is not None and heading.significant
     # without heading, the smaller turn is the likelier
     backwards = axes[2] * heading.correlation > 0.0 if heading is not None and known else np.cos(phase) < 0.0
     signs = np.asarray(best.signs) * (-1 if backwards else 1)

@@ -40,7 +40,10 @@ PLAY = math.radians(1.5)
 PLAY_DELAY = 2.0 / math.pi / math.sqrt(2.0)
 #: error of the lean's delay beyond jackknife and play, of the command's, and of a turn over the logarithm of the gain:
 #: root mean squares on the development halves [s], [s], [rad]
-LEAN_ERROR, COMMAND_ERROR, TURN_PER_GAIN = 0.006, 0.004, 0.4
+LEAN_ERROR, COMMAND_ERROR, TURN_PER_GAIN = 0.006, 0.004, 0.31
+#: error of an estimated dead band beyond the jackknife, over the size of what drives: the estimates of the development
+#: halves, with and without a dead band, were off by 0.15 to 1
+DEAD_BAND_ERROR = 0.15
 #: a delay is undone if it is this many of its standard errors, and so nearer to the estimate than to zero
 APPLIED = 1.0
 #: delays that are not seen lie between zero and these [s]: an IMU's filter takes up to 20 ms, a driver up to 15
@@ -116,8 +119,9 @@ def command_delay(
         )
         # what explains little is off by more
         error = COMMAND_ERROR / max(tested.explained, 0.1)
-        # commands that chatter are not known between two rows
-        error = math.hypot(tested.delay_error, error, interval * _chatter(signals.commands, calm, usable))
+        # commands that chatter are not known between two rows, and an alias of theirs fits best one or two rows off
+        aliased = 2.0 * interval * _chatter(signals.commands, calm, usable)
+        error = math.hypot(tested.delay_error, error, aliased)
         estimate = tested.delay
     return _delay(
         estimate,
@@ -130,10 +134,10 @@ def command_delay(
 
 
 def _chatter(commands: NDArray[np.float64], calm: Smooth, usable: NDArray[np.bool_]) -> float:
-    """Return the share of the commands' size that a filter of `COMMAND_FILTER` removes."""
+    """Return the share of the commands' power that a filter of `COMMAND_FILTER` removes."""
     power = float(commands[usable].var(axis=0).sum())
     left = float(calm.value[usable].var(axis=0).sum())
-    return math.sqrt(max(1.0 - left / power, 0.0)) if power > 0.0 else 0.0
+    return max(1.0 - left / power, 0.0) if power > 0.0 else 0.0
 
 
 def _delay(
@@ -147,9 +151,10 @@ def _delay(
 ) -> Delay:
     """Return the delay to undo; one that is not seen lies between zero and the first of the limits."""
     longest, impossible = limits
-    known = math.isfinite(error) and -2.0 * APPLIED * error < estimate < impossible
-    applied = round(estimate, 4) if known and estimate > APPLIED * error else 0.0
     unseen = longest / math.sqrt(3.0)
+    # an estimate that is less accurate than what every robot has is none
+    known = error < unseen and -2.0 * APPLIED * error < estimate < impossible
+    applied = round(estimate, 4) if known and estimate > APPLIED * error else 0.0
     if not applied:
         error = min(math.hypot(estimate, error), unseen) if known else unseen
     return Delay(
@@ -174,7 +179,7 @@ def dead_band_confidence(estimate: float, error: float, size: float) -> float:
     """
     if not (math.isfinite(error) and math.isfinite(size) and size > 0.0):
         return 0.5
-    return harmless(math.hypot(estimate, error) / size, TORQUE_PART)
+    return harmless(math.hypot(estimate, error, DEAD_BAND_ERROR * size) / size, TORQUE_PART)
 
 
 def command_delay_confidence(late: Delay, braked: float) -> float:
