@@ -11,13 +11,15 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from ballbot.findings import Finding
+from ballbot.errors import InputError
+from ballbot.findings import Finding, note
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.log import ColumnSummary, summarize
 from ballbot.log.mapping_inference.proposal import Proposal
 from ballbot.log.mapping_inference.report import Evaluation
+from ballbot.log.pose import with_position
 from ballbot.report.console import finding_line, table
 from ballbot.robot import Robot
 
@@ -34,13 +36,19 @@ class CheckedLog:
 
     @staticmethod
     def of(file: Path, log: Log, robot: Robot | None) -> CheckedLog:
-        """Check a log that was read from a file, against a robot if it is given."""
+        """Check a log that was read from a file, against a robot if it is given.
+
+        A log without x and y is checked as every command uses it: with those that the wheels give.
+        """
+        completed = _completed(log, robot) if robot else log
+        computed = [name for name in completed.names if name not in log]
+        notes = [note("use", f"The wheels give {', '.join(computed)}, which the file does not have.")]
         return CheckedLog(
             file=file,
-            log=log,
-            columns=summarize(log),
-            findings=check(log, robot=robot),
-            wheels=wheel_agreement(log, robot) if robot else None,
+            log=completed,
+            columns=summarize(completed),
+            findings=(*check(completed, robot=robot), *(notes if computed else ())),
+            wheels=wheel_agreement(completed, robot) if robot else None,
         )
 
     def results(self) -> dict[str, object]:
@@ -56,6 +64,14 @@ class CheckedLog:
             "findings": self.findings,
             "wheels": self.wheels,
         }
+
+
+def _completed(log: Log, robot: Robot) -> Log:
+    """Return the log with the ball's position by its wheels if it has none; as it is if it cannot have one."""
+    try:
+        return with_position(log, robot)
+    except InputError:
+        return log  # the findings name what it lacks
 
 
 def checked_log_parts(checked: CheckedLog, *, framed: bool) -> Iterator[RenderableType]:
