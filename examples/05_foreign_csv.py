@@ -26,9 +26,8 @@ gyro = np.degrees(imu.inv().apply(np.column_stack([log[f"gyro_{axis}"] for axis 
 columns = {"Timestamp_ms": np.round(1000.0 * log.t).astype(int)}
 columns |= {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
 columns |= {f"Gyro{axis}_dps": gyro[:, i] for i, axis in enumerate("XYZ")}
-for number, (wheel, sign) in enumerate(
-    ((1, 1), (3, 1), (2, -1)), start=1
-):  # wheels 2 and 3 are exchanged, 2 is reversed
+# wheels 2 and 3 are exchanged, and wheel 2 is reversed
+for number, (wheel, sign) in enumerate(((1, 1), (3, 1), (2, -1)), start=1):
     columns[f"enc{number}"] = np.round(sign * log[f"wheel{wheel}"] / (2.0 * np.pi) * counts_per_turn).astype(
         int
     )

@@ -1,4 +1,4 @@
-"""The document "From a CSV file to a report": its file, its messages and the line to fill in are those of the commands."""
+"""The document "From a CSV file to a report": its file and messages are those of the commands."""
 
 import re
 import subprocess
@@ -59,7 +59,8 @@ def test_one_line_is_left_and_the_rest_is_the_truth(folder, refused):
     assert (mapping["file"]["separator"], mapping["file"]["decimal"]) == ("semicolon", "comma")
 
 
-def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, refused, capsys):
+@pytest.mark.usefixtures("refused")
+def test_filled_in_as_the_document_says_the_log_is_the_recording(folder, capsys):
     text = (folder / "checked" / "mapping.toml").read_text()
     alternative = re.search(r"# if it is a current, these lines instead:\n((?:#   .*\n)+)", text)
     assert alternative
