@@ -191,6 +191,7 @@ def test_controller_returning_nan_ends_the_run():
     assert np.isfinite(log.torques).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", [KalmanFilter, OnboardState])
 def test_the_twin_s_estimator_bridges_a_gap_and_the_layer_stops_a_longer_one(estimator):
     pytest.importorskip("mujoco")

@@ -294,6 +294,7 @@ class TestIdentification:
         np.testing.assert_array_equal(whole.measured[0, :, 0], smooth["ball_omega_x"][5:105])
 
 
+@pytest.mark.slow
 def test_friction_leaves_the_ball_short_and_moves_it_about_other_axes():
     movement = ball_movement(ALTEN.replace(friction=FRICTION))
     reference = movement.reference[-1]

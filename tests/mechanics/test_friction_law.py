@@ -130,6 +130,7 @@ def test_load_is_added_to_the_coulomb_friction():
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_moving_wheels_decelerate_by_the_friction_of_their_direction():
     model, frictionless = Model(robot_with(FULL)), Model(robot_with(Friction.none(3)))
     q_dot = np.array([0.3, -0.2, 0.1, 0.0, 0.5])
