@@ -421,7 +421,8 @@ def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) ->
     gain = np.vdot(y, z) / np.vdot(y, y)
     if abs(abs(gain) - 1.0) > LEAN_ERROR or abs(np.angle(gain)) > TURN_ERROR:
         wrong.append(f"lean {abs(gain):.2f} at {np.degrees(np.angle(gain)):.0f} deg")
-    if heading and _size_error(mapped["heading"], real["heading"]) > LEAN_ERROR:
+    turned, turning = (_smoothed(one["heading"], interval) for one in (mapped, real))
+    if heading and _size_error(turned, turning) > LEAN_ERROR:
         wrong.append("heading")
     errors = [_size_error(a[None], b[None]) for a, b in zip(mapped["wheels"], real["wheels"], strict=True)]
     if max(errors) > WHEEL_ERROR:
@@ -471,7 +472,7 @@ def outcomes(half: Half, seeds: Sequence[int], *, processes: int = 1) -> Iterato
 #: variants of each half
 VARIANTS = 1000
 RESULTS: tuple[Result, ...] = ("right", "undetermined", "doubtful", "wrong")
-#: environment variables: variants of each half, the most minutes of each half, and processes
+#: environment variables: variants of each half, the most minutes of the halves in turn, "5,5,20", and processes
 COUNT, MINUTES, PROCESSES = "BALLBOT_VARIANTS", "BALLBOT_MINUTES", "BALLBOT_PROCESSES"
 
 
@@ -542,7 +543,8 @@ def _share(count: int, total: int) -> str:
 
 def _followed(half: Half, seeds: Sequence[int]) -> Iterator[Outcome]:
     """Yield the outcomes of a half; those that are not right are named on standard error."""
-    started, minutes = perf_counter(), float(os.environ.get(MINUTES, "inf"))
+    limits = dict(zip(ROBOTS, os.environ.get(MINUTES, "inf,inf,inf").split(","), strict=True))
+    started, minutes = perf_counter(), float(limits[half])
     processes = int(os.environ.get(PROCESSES, os.cpu_count() or 1))
     for one in outcomes(half, seeds, processes=processes):
         judgement = one.judgement

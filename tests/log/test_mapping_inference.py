@@ -10,6 +10,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.mapping_file import parse_mapping
+from ballbot.log.mapping_inference.conclusions import conclusions_of
 from ballbot.log.mapping_inference.placement import torque_free_gains
 from ballbot.log.mapping_inference.proposal import Proposal, propose
 from ballbot.log.mapping_inference.report import findings_of, mapping_text
@@ -166,3 +167,17 @@ def test_the_torque_free_gains_are_those_of_the_linear_model():
     W_dot = wheel_acceleration @ np.exp(1j * np.asarray(robot.wheels.azimuths))
     lean, lean_acceleration = x[:, 2] + 1j * x[:, 3], x_dot[:, 7] + 1j * x_dot[:, 8]
     np.testing.assert_allclose(lean_acceleration, kappa * lean + gamma * W_dot, atol=1e-9)
+
+
+@pytest.mark.parametrize("about_world", [True, False])
+def test_a_lean_about_the_worlds_axes_is_not_taken_for_a_turned_imu(tmp_path, about_world):
+    """At a heading near half a turn, a lean about the world's axes looks like that of an IMU turned by half a turn."""
+    log = swaying_log(heading=0.0)
+    lean = (log["theta"] + 1j * log["phi"]) * (-1.0 if about_world else np.exp(-1j * log["psi"]))
+    columns = {"time_s": log.t, "roll": lean.real, "pitch": lean.imag, "yaw": log["psi"] + np.pi}
+    columns |= {f"enc_{k}_rad": log[f"wheel{k}"] for k in (1, 2, 3)}
+    columns |= {f"torque{k}_Nm": log[f"u{k}"] for k in (1, 2, 3)}
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(columns), comments="")
+    found = {one.name: one for one in conclusions_of(propose(tmp_path / "run.csv", small_robot()))}
+    assert found["axes of the lean"].determined != about_world

@@ -10,6 +10,7 @@ frame                    order, signs, the IMU's turn and reversed axes that fol
 wheel_response           how late the wheels answer to the commands
 commands, drive          which command drives which wheel, its kind and scale, and a dead band
 evidence                 a conclusion with its confidence
+tolerances               what an unknown delay, turn or dead band would change, and the confidence that follows
 proposal                 all of this for one file (`propose`)
 conclusions              the conclusions of a proposal
 mapping_text             the mapping file

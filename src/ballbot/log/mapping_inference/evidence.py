@@ -1,8 +1,9 @@
 """Conclusions on a foreign log: each with its evidence, its alternatives and a confidence.
 
 A confidence is the probability that the conclusion is right, from the weights of all explanations that were compared.
-It was calibrated on the development half of `campaigns/mapping_corpus.py`. Below `CONFIDENT` a conclusion is
-undetermined: the proposed mapping then has a line to fill in, and `ballbot check-log` ends with exit code 2.
+What turns standard errors into weights, here and beside the comparisons, was chosen on the development halves of
+`campaigns/mapping_corpus.py`. Below `CONFIDENT` a conclusion is undetermined: the proposed mapping then has a line to
+fill in, and `ballbot check-log` ends with exit code 2.
 """
 
 from __future__ import annotations

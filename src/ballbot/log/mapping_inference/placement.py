@@ -60,6 +60,8 @@ LEAST_SIZE = 0.3
 USUAL_LAG = 0.0175
 #: over which disturbance and gravity are compared [s], about the time in which the robot falls
 SLOW = 0.25
+#: two explanations whose residuals differ by less than this part are one: the heading stands still
+ALIKE = 0.01
 #: the fewest seconds of balancing
 LEAST_TIME = 3.0
 
@@ -259,6 +261,8 @@ def _body_frame(
         rest.append(np.bincount(block_numbers(len(left)), weights=left))
     used = np.bincount(block_numbers(len(weights)), weights=weights) > 0.0
     world = min(rest[1:], key=lambda one: float(one.sum()))
+    if abs(float(world.sum() / rest[0].sum()) - 1.0) < ALIKE:
+        return 0.0
     gained = (world - rest[0])[used] / float((world + rest[0])[used].mean())
     return clarity(gained) if len(gained) > 2 else 0.0
 
