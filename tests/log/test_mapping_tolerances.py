@@ -59,7 +59,7 @@ def test_play_delays_a_sine_wave_as_assumed(amplitude, frequency):
 
 
 def commanded(frequency: float) -> Signals:
-    rows = INTERVAL * np.arange(4000, dtype=np.float64)
+    rows = (INTERVAL * np.arange(4000)).astype(np.float64)
     still = Smooth(value=np.zeros((4000, 3)), rate=np.zeros((4000, 3)), acceleration=np.zeros((4000, 3)))
     phases = np.array([0.0, 2.0, 4.0])
     return Signals(
