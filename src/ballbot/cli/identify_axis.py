@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ballbot.cli.context import RunOptions, input_files, open_long_result
+from ballbot.cli.context import RunOptions, WholeNumber, input_files, open_long_result
 from ballbot.cli.findings import Accept, stop_or_show
 from ballbot.files import write_text
 from ballbot.findings import Finding, by_severity
@@ -33,7 +33,7 @@ class MethodOptions:
     bandwidth: float | None = None
     """Bandwidth of the motion, in hertz, which sets the filters."""
 
-    harmonics: tuple[int, ...] | None = None
+    harmonics: tuple[WholeNumber, ...] | None = None
     """Harmonics of a force that depends on position: 1 is gravity on an axis that turns, higher ones are cogging."""
 
     spring: bool | None = None
