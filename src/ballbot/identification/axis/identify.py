@@ -309,7 +309,7 @@ def _fit_laws(
         if law.symmetric and law.below in fits:
             start = start | {k: v for k, v in fits[law.below].values.items() if v > 0.0 or k in _SIGNED}
         own = model.with_law(law)
-        fit = partial(fit_all, own, start, bench.sightings, blocks, horizon)
+        fit = partial(fit_all, own, start, bench.sightings, blocks, horizon, restarts=1)
         fits[name] = memoized(run, "open loop", own, start, fit)
     return fits
 

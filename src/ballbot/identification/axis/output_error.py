@@ -14,7 +14,7 @@ noisy start is no error of the friction. The start's position counts as one more
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Protocol
@@ -221,6 +221,31 @@ class OpenLoop:
 
     def projection(self, values: Values) -> Projection:
         """Return what takes off errors what other positions and speeds at the windows' starts would explain."""
+        S, begins, inverse = self._starts_matter(values)
+
+        def project(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+            scores = np.add.reduceat(S * (errors / self._noise)[:, None], begins, axis=0)
+            shifts = np.einsum("wij,wj->wi", inverse, scores)
+            return errors - self._noise * np.einsum("mi,mi->m", S, shifts[self.window])
+
+        return project
+
+    def from_better_starts(self, values: Values) -> OpenLoop:
+        """Return the same problem, its windows starting where their errors say."""
+        S, begins, inverse = self._starts_matter(values)
+        scores = np.add.reduceat(S * (self.errors(values) / self._noise)[:, None], begins, axis=0)
+        shifts, begin, moved = np.einsum("wij,wj->wi", inverse, scores), 0, []
+        for one in self.windows:
+            seen, own = self.sightings[one.record], shifts[begin : begin + len(one.firsts)]
+            sizes = np.array([seen.noise, _START_SPEED * seen.usual_speed])
+            moved.append(replace(one, starts=one.starts - own * sizes))
+            begin += len(one.firsts)
+        return replace(self, windows=moved)
+
+    def _starts_matter(
+        self, values: Values
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Return the derivatives S (m, 2) by the starts, where windows begin, and (I + S^T S)^-1 (w, 2, 2)."""
         middle = self._positions(values)
         # in units of the noise, for a start off by the noise, and by what its speed may be off by
         S = np.column_stack(
@@ -233,14 +258,7 @@ class OpenLoop:
         S /= self._noise[:, None]
         begins = np.flatnonzero(np.diff(self.window, prepend=-1))
         gram = np.add.reduceat(S[:, :, None] * S[:, None, :], begins, axis=0)
-        inverse = np.linalg.inv(gram + np.eye(2))
-
-        def project(errors: NDArray[np.float64]) -> NDArray[np.float64]:
-            scores = np.add.reduceat(S * (errors / self._noise)[:, None], begins, axis=0)
-            shifts = np.einsum("wij,wj->wi", inverse, scores)
-            return errors - self._noise * np.einsum("mi,mi->m", S, shifts[self.window])
-
-        return project
+        return S, begins, np.linalg.inv(gram + np.eye(2))
 
     def from_best_starts(self, values: Values) -> NDArray[np.float64]:
         """Return the position errors [m] (m,) from the start of each window that suits it best."""

@@ -64,6 +64,8 @@ LARGEST_CHANCE = 1e-3
 LEAST_GAIN = 0.01
 #: forces over position taken at most, and the harmonics looked through
 _MOST_TERMS, _HIGHEST_HARMONIC = 6, 120
+#: what a spring's gain counts on an axis that turns
+_SPRING_WORTH = 0.7
 #: travel over which a harmonic must repeat to be looked for, in its periods
 _PERIODS = 0.75
 #: a drift has a piece for so long [s], at most so many
@@ -140,17 +142,22 @@ def select_terms(
 ) -> tuple[AxisModel, tuple[tuple[str, Gain], ...]]:
     """Return a model with the forces of these kinds that the records support, and what each gains."""
     gains: list[tuple[str, Gain]] = []
+    turns = records[0].unit == "rad"
     rows = regression_rows(records, model, bandwidth=bandwidth, moving=True)
     squares = _held_out_force(rows)
     for _ in range(_MOST_TERMS):
         best = None
         for name, candidate in _wider(records, model, rows, kinds):
             found = _gain_of(records, candidate, rows, squares, bandwidth)
-            if found and (best is None or found[1].share > best[2].share):
-                best = (name, candidate, found[1], found[0])
+            if not found:
+                continue
+            # gravity comes before a spring, which resembles it over a small travel
+            worth = found[1].share * (_SPRING_WORTH if name == "spring" and turns else 1.0)
+            if best is None or worth > best[0]:
+                best = (worth, name, candidate, found[1], found[0])
         if best is None:
             break
-        name, model, gain, rows = best
+        _, name, model, gain, rows = best
         gains.append((name, gain))
         squares = _held_out_force(rows)
     return model, tuple(gains)
@@ -325,11 +332,22 @@ def held_out_errors(
 
 
 def fit_all(
-    model: AxisModel, start: Values, sightings: Sequence[Sighting], blocks: Blocks, horizon: float
+    model: AxisModel,
+    start: Values,
+    sightings: Sequence[Sighting],
+    blocks: Blocks,
+    horizon: float,
+    *,
+    restarts: int = 0,
 ) -> OutputErrorFit:
-    """Fit a model to windows of a length in all blocks."""
+    """Fit a model to windows of a length in all blocks, and again from better starts of the windows."""
     windows, _ = windows_in(sightings, blocks, range(len(blocks)), horizon)
-    return fit_output_error(model, start, OpenLoop(model=model, sightings=sightings, windows=windows))
+    problem = OpenLoop(model=model, sightings=sightings, windows=windows)
+    fit = fit_output_error(model, start, problem)
+    for _ in range(restarts):
+        problem = problem.from_better_starts(fit.values)
+        fit = fit_output_error(model, fit.values, problem)
+    return fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,155 @@
+"""Records of one axis from files: uneven rows, gaps, velocities, loads; bad files answer with one clear sentence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ballbot.errors import InputError
+from ballbot.identification.axis.checks import record_findings
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record, read_axis_records
+from ballbot.log.formats.text import write_text_table
+
+ROWS = 600
+T = np.arange(ROWS, dtype=np.float64) * 2e-3
+POSITION = 0.3 * np.sin(6.0 * T) + 0.1 * np.sin(17.0 * T)
+FORCE = 4.0 * np.gradient(np.gradient(POSITION, T), T) + 2.0 * np.gradient(POSITION, T)
+
+
+def written(path: Path, **columns: np.ndarray) -> Path:
+    write_text_table(path, {"t": T, "position": POSITION, "force": FORCE} | columns)
+    return path
+
+
+def test_uneven_rows_keep_their_times(tmp_path: Path) -> None:
+    t = T + 5e-4 * np.sin(np.arange(ROWS))
+    record = read_axis_record(written(tmp_path / "a.csv", t=t), AxisColumns())
+    assert not record.even
+    np.testing.assert_allclose(record.t, t - t[0], atol=1e-12)
+    np.testing.assert_allclose(record.durations[:-1], np.diff(t), atol=1e-12)
+    assert record.segments == ((0, ROWS),)
+
+
+def test_missing_values_leave_a_gap_that_is_reported(tmp_path: Path) -> None:
+    force = FORCE.copy()
+    force[300:320] = np.nan
+    record = read_axis_record(written(tmp_path / "a.csv", force=force), AxisColumns())
+    assert record.segments == ((0, 300), (300, ROWS - 20))
+    assert [one.code for one in record_findings(record) if one.severity == "note"] == ["gap"]
+
+
+def test_a_position_is_the_integral_of_a_velocity(tmp_path: Path) -> None:
+    velocity = np.gradient(POSITION, T)
+    columns = AxisColumns(velocity="v")
+    record = read_axis_record(written(tmp_path / "a.csv", v=velocity), columns)
+    # differences over two rows, integrated by trapezoids: second order in 2 ms times 17 rad/s
+    np.testing.assert_allclose(record.position, POSITION - POSITION[0], atol=2e-4)
+
+
+def test_loads_are_given_for_each_record(tmp_path: Path) -> None:
+    paths = [written(tmp_path / f"{name}.csv") for name in "ab"]
+    columns = AxisColumns(unit="rad", load_mass="0.5, 2", load_arm="0.1", hanging="0.3")
+    light, heavy = read_axis_records(paths, columns)
+    assert light.known_load.inertia == pytest.approx(0.5 * 0.01)
+    assert heavy.known_load.inertia == pytest.approx(2.0 * 0.01)
+    assert heavy.known_load.weight == pytest.approx(2.0 * 9.81 * 0.1)
+    assert heavy.known_load.hanging == 0.3
+
+
+def test_a_constant_column_is_a_number(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", kt=np.full(ROWS, 2.0), varies=T)
+    assert read_axis_record(path, AxisColumns(force_scale="kt")).force[3] == pytest.approx(2.0 * FORCE[3])
+    with pytest.raises(InputError, match="'varies' has 600 different values; it must be one number"):
+        read_axis_record(path, AxisColumns(force_scale="varies"))
+
+
+def test_a_force_may_be_a_number(tmp_path: Path) -> None:
+    columns = AxisColumns(force="0", unit="rad", load_mass="1", load_arm="0.2")
+    assert np.ptp(read_axis_record(written(tmp_path / "a.csv"), columns).force) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("columns", "changes", "sentence"),
+    [
+        ({"time": "time"}, {}, "no variable 'time'"),
+        ({"velocity": "w"}, {}, "no variable 'w'"),
+        ({"temperature": "warmth"}, {}, "no variable 'warmth'"),
+        ({"force": "1e99"}, {}, "no variable '1e99'"),
+        (
+            {},
+            {"force": np.where(np.arange(ROWS) % 2, FORCE, np.nan)},
+            "force is missing or not finite in row 1",
+        ),
+        ({}, {"t": T[::-1].copy()}, "row 2: time does not increase"),
+        ({}, {"t": np.zeros(ROWS)}, "row 2: time does not increase"),
+        ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
+        ({"load_mass": "-1", "unit": "rad", "load_arm": "0.1"}, {}, "The load's mass is"),
+        ({"load_mass": "nan"}, {}, "must be a finite number"),
+        ({"load_mass": "1", "load_arm": "-2", "unit": "rad"}, {}, "give --load-arm"),
+    ],
+)
+def test_bad_files_and_columns_answer_with_their_cause(
+    tmp_path: Path, columns: dict[str, str], changes: dict[str, np.ndarray], sentence: str
+) -> None:
+    path = written(tmp_path / "a.csv", **changes)
+    with pytest.raises(InputError, match=sentence) as refused:
+        read_axis_record(path, AxisColumns(**columns))  # type: ignore[arg-type]
+    assert_clear(str(refused.value))
+
+
+#: names of classes and fields, which no user knows
+INTERNAL = (
+    "AxisRecord",
+    "KnownLoad",
+    "AxisModel",
+    "PositionVelocityLoop",
+    "ndarray",
+    "known_load",
+    "None",
+    "self",
+)
+
+
+def assert_clear(sentence: str) -> None:
+    assert "\n" not in sentence
+    assert sentence.endswith((".", "?")), sentence
+    assert not any(word in sentence for word in INTERNAL), sentence
+
+
+values = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True, width=64),
+    st.sampled_from([0.0, 1e-300, 1e300, -1e9]),
+)
+
+
+@given(
+    column=st.sampled_from(["t", "position", "force", "extra"]),
+    place=st.integers(0, ROWS - 1),
+    length=st.integers(1, ROWS),
+    value=values,
+    scale=st.sampled_from([1.0, -1.0, 0.0, 1e-12, 1e12]),
+)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_column_gives_a_record_or_one_clear_sentence(
+    tmp_path: Path, column: str, place: int, length: int, value: float, scale: float
+) -> None:
+    """A stretch of any column replaced by any value, and the column scaled: nothing but InputError is raised."""
+    table = {"t": T, "position": POSITION, "force": FORCE, "extra": POSITION}
+    bad = scale * table[column]
+    bad[place : place + length] = value
+    path = tmp_path / "a.csv"
+    path.unlink(missing_ok=True)
+    write_text_table(path, table | {column: bad})
+    try:
+        record = read_axis_record(path, AxisColumns(temperature="extra", load="extra"))
+        findings = record_findings(record)
+    except InputError as refused:
+        assert_clear(str(refused))
+        return
+    assert np.isfinite(record.force).all()
+    assert np.isfinite(record.position).all()
+    assert np.all(np.diff(record.t) > 0.0)
+    for one in findings:
+        assert_clear(one.text)
