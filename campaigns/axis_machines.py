@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from ballbot.identification.axis import AxisRecord, KnownLoad
 from ballbot.identification.axis.record import NO_LOAD
 
+#: records last no longer [s]
+LONGEST = 15.0
 #: simulation step [s]
 STEP = 5e-5
 
@@ -294,6 +296,7 @@ FAULTS: Mapping[str, Mapping[str, object]] = MappingProxyType(
 def draw(kind: str, fault: str, seed: int) -> tuple[Machine, Logging]:
     """Return a random machine of a kind, and how it is logged with a fault."""
     machine, logging = MACHINES[kind](np.random.default_rng([seed, *kind.encode()]))
+    logging = replace(logging, duration=min(logging.duration, LONGEST))
     if fault == "drift":
         return machine, replace(logging, drift=0.6 * machine.coulomb)
     return machine, replace(logging, **FAULTS[fault])

@@ -150,7 +150,7 @@ def axis_report(
         "title": f"{', '.join(found.records)}: mass and friction",
         "lead": f"{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law {found.chosen.name}, "
         f"fitted over windows of {found.horizon.chosen:g} s.",
-        "terms": term_rows(found),
+        "terms": term_rows(found, record.force_unit),
         "expected": expected_sentence(found),
         "residuals": residual_rows(found, record.force_unit),
         "remarks": texts(found.remarks),
@@ -185,11 +185,14 @@ def parameter_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
     return rows
 
 
-def term_rows(found: AxisIdentification) -> list[tuple[str, ...]]:
+def term_rows(found: AxisIdentification, force_unit: str) -> list[tuple[str, ...]]:
     """Return the forces over position and the drift that were selected, and their gain on held-out blocks."""
     return [
         (
-            {"spring": "proportional to position", "drift": "drift of the constant force"}.get(name, name),
+            {
+                "spring": "proportional to position",
+                "drift": f"drift of the constant force, by {digits(found.drift)} {force_unit} in all",
+            }.get(name, name),
             f"{digits(100.0 * gain.share)} %",
             f"{digits(100.0 * gain.lower)} to {digits(100.0 * gain.upper)} %",
         )

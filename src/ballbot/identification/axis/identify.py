@@ -7,12 +7,20 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.findings import Finding
 from ballbot.fitting.model_selection import Gain
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.axis.conclusions import axis_findings
-from ballbot.identification.axis.inverse import SLOW_SAMPLING, InverseFit, asymmetry_over_time, inverse_fit
+from ballbot.identification.axis.inverse import (
+    SLOW_SAMPLING,
+    InverseFit,
+    asymmetry_over_time,
+    inverse_fit,
+    without_drift,
+)
 from ballbot.identification.axis.model import AXIS_LAWS, axis_law_named
 from ballbot.identification.axis.motion import default_bandwidth
 from ballbot.identification.axis.output_error import (
@@ -26,6 +34,7 @@ from ballbot.identification.axis.output_error import (
     whole_records,
 )
 from ballbot.identification.axis.prediction import (
+    PredictedError,
     axis_errors,
     elsewhere_findings,
     error_elsewhere,
@@ -38,6 +47,7 @@ from ballbot.identification.axis.selection import (
     Blocks,
     Kind,
     blocks_of,
+    errors_on,
     fit_all,
     select_horizon,
     select_law,
@@ -101,6 +111,10 @@ def identify_axis(
     bench = _Bench(records=records, others=tuple(validation_records), bandwidth=options.bandwidth)
     blocks = blocks_of(records)
     model, terms = _structure(bench, options)
+    drifting = bench
+    if model.drifts:
+        flat = without_drift(records, model, bandwidth=options.bandwidth)
+        bench, model = replace(bench, records=flat, flat=True), replace(model, drifts=0)
     inverse = _inverse_fits(bench, model)
     starts = _initial_values(bench, model)
     model = replace(model, interpolated=_interpolated(bench, model, starts, blocks))
@@ -125,24 +139,22 @@ def identify_axis(
     estimates += _simulated(bench, fits[chosen.name], starts[chosen.name], horizon.chosen, run)
     estimates.append(by_law[chosen.name])
     asymmetry = asymmetry_over_time(records[0]) if len(records) == 1 else np.empty((0, 2))
-    tests = residual_tests(records, model, bandwidth=options.bandwidth)
-    expected = predicted_error(squares[chosen.name], blocks, horizon=horizon.chosen)
+    tests = residual_tests(bench.records, model, bandwidth=options.bandwidth)
+    expected = _expected(bench, drifting, fits[chosen.name], squares[chosen.name], blocks, horizon.chosen)
     run.progress(Progress(stage="done", done=1.0, total=1.0))
-    elsewhere = [
-        (one, error_elsewhere(fits[chosen.name], one, horizon=horizon.chosen)) for one in validation_records
-    ]
     remarks = (
         *axis_findings(
             records[0], selection, by_law[chosen.name], estimates, asymmetry, by_user=wanted is not None
         ),
         *residual_findings(tests, force_unit=records[0].force_unit),
-        *elsewhere_findings(expected, elsewhere, unit=records[0].unit),
+        *_elsewhere(bench, fits[chosen.name], expected),
     )
     return AxisIdentification(
         records=tuple(one.name for one in records),
         unit=records[0].unit,
         model=model.with_law(chosen),
         terms=terms,
+        drift=max(float(np.ptp(a.force - b.force)) for a, b in zip(records, bench.records, strict=True)),
         horizon=horizon,
         inverse=inverse,
         laws=selection,
@@ -153,6 +165,27 @@ def identify_axis(
         expected=expected,
         remarks=remarks,
     )
+
+
+def _expected(
+    bench: _Bench,
+    drifting: _Bench,
+    fit: OutputErrorFit,
+    squares: NDArray[np.float64],
+    blocks: Blocks,
+    horizon: float,
+) -> PredictedError:
+    """Return the error to expect on another record, of which a drift of these is not known."""
+    if drifting is not bench:
+        drifted = errors_on(fit, drifting.sightings, blocks, range(len(blocks)), horizon)
+        squares = np.maximum(squares, drifted)
+    return predicted_error(squares, blocks, horizon=horizon)
+
+
+def _elsewhere(bench: _Bench, fit: OutputErrorFit, expected: PredictedError) -> list[Finding]:
+    """Return how well the other records are predicted, against what is expected."""
+    found = [(one, error_elsewhere(fit, one, horizon=expected.horizon)) for one in bench.others]
+    return elsewhere_findings(expected, found, unit=bench.records[0].unit)
 
 
 def _check(records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord]) -> None:
@@ -181,6 +214,7 @@ class _Bench:
     records: tuple[AxisRecord, ...]
     others: tuple[AxisRecord, ...]
     bandwidth: float | None  #: that the user asks for
+    flat: bool = False  #: whether a drift is taken off the forces
 
     @property
     def sightings(self) -> list[Sighting]:
@@ -239,7 +273,7 @@ def _inverse_fits(bench: _Bench, model: AxisModel) -> dict[str, InverseFit]:
     if len(bench.records) == 1:
         for form in ("coulomb", "asymmetric"):
             found[form] = inverse_fit(bench.records[0], form=form, bandwidth=bench.bandwidth)
-    if model.terms or model.drifts or len(bench.records) > 1:
+    if model.terms or bench.flat or len(bench.records) > 1:
         found["complete"] = inverse_fit(bench.records, model=model, bandwidth=bench.bandwidth, moving=True)
     return found
 
@@ -249,7 +283,7 @@ def _inverse_estimate(
 ) -> Estimate:
     complete = "complete" in inverse
     fit = inverse["complete" if complete else "coulomb"]
-    own = model if complete else replace(model, terms=(), drifts=0)
+    own = model if complete else replace(model, terms=())
     found = OutputErrorFit(
         model=own,
         values=fit.by_name,

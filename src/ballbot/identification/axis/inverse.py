@@ -18,7 +18,7 @@ At rest the friction is whatever balances the force. The published fits have the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -267,6 +267,23 @@ def _even_blocks(record: AxisRecord, kept: Sequence[Span], factor: int) -> NDArr
     ((first, last),) = kept
     count = -(-(last - first) // factor)
     return np.asarray(np.arange(count) * factor * record.sample_time // BLOCK, dtype=np.float64)
+
+
+def without_drift(
+    records: Sequence[AxisRecord], model: AxisModel, *, bandwidth: float | None = None
+) -> tuple[AxisRecord, ...]:
+    """Return records from whose forces the drift of the offset is taken that the inverse model of `model` finds."""
+    fit = inverse_fit(records, model=model, bandwidth=bandwidth, moving=True)
+    found = []
+    for number, record in enumerate(records):
+        own = model.values_for(fit.by_name, number)
+        drift = drift_shapes(record, model.drifts) @ np.array(
+            [own[f"drift_{i + 1}"] for i in range(model.drifts)]
+        )
+        added = (np.zeros(len(record)) if record.added is None else record.added) - drift
+        # the loop's own force stays as it is
+        found.append(replace(record, force=record.force - drift, added=added))
+    return tuple(found)
 
 
 def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.float64]:

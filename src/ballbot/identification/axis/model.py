@@ -268,7 +268,8 @@ def follow_loop(
 _LARGEST_RATE_STEP = 0.5
 #: and at most this part of the time constant of a force over position [rad]: an error of 1e-3 of its phase
 _LARGEST_FIELD_STEP = 0.15
-_MOST_STEPS = 1000  # a sample
+#: a sample; a search that tries a Stribeck speed near zero would ask for thousands, and such a law is Coulomb's
+_MOST_STEPS = 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -57,6 +57,7 @@ class AxisIdentification:
     unit: str  #: of positions: "m" or "rad"
     model: AxisModel  #: with the law that was selected or requested
     terms: tuple[tuple[str, Gain], ...]  #: forces over position and drift that were selected, and their gains
+    drift: float  #: of the offset, from its least to its greatest value [N]; taken off the forces before the fits
     horizon: HorizonChoice
     inverse: dict[str, InverseFit]  #: by form
     laws: ModelSelection[AxisLaw]  #: every law, by its errors on held-out blocks
@@ -90,6 +91,7 @@ class AxisIdentification:
             "unit": self.unit,
             "law": self.chosen.name,
             "terms": {name: gain.to_dict() for name, gain in self.terms},
+            "drift_range": self.drift,
             "force_between_rows": "interpolated" if self.model.interpolated else "held",
             "horizon": {
                 "chosen": self.horizon.chosen,

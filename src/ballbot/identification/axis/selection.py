@@ -58,7 +58,8 @@ SHORTEST_BLOCK, LEAST_BLOCK_ROWS = 0.4, 24
 #: lengths of windows tried [s]; a window has at least so many rows
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0)
 LEAST_WINDOW_ROWS = 10
-#: a force over position is taken only if its coefficients would be so large by chance in so many records
+#: a force is taken only if chance would give such coefficients in at most this share of records; divided by the number
+#: of harmonics looked through
 LARGEST_CHANCE = 1e-3
 #: and if it lowers the error of the force on held-out blocks by this share
 LEAST_GAIN = 0.01
@@ -148,7 +149,9 @@ def select_terms(
     for _ in range(_MOST_TERMS):
         best = None
         for name, candidate in _wider(records, model, rows, kinds):
-            found = _gain_of(records, candidate, rows, squares, bandwidth)
+            searched = name.startswith("harmonic ") and name != "harmonic 1"
+            chance = LARGEST_CHANCE / (_HIGHEST_HARMONIC if searched else 1)
+            found = _gain_of(records, candidate, rows, squares, bandwidth, chance)
             if not found:
                 continue
             # gravity comes before a spring, which resembles it over a small travel
@@ -205,6 +208,7 @@ def _gain_of(
     rows: RegressionRows,
     squares: NDArray[np.float64],
     bandwidth: float | None,
+    largest_chance: float,
 ) -> tuple[RegressionRows, Gain] | None:
     """Return the rows of a wider model and its gain; None if the records do not support it."""
     wider = regression_rows(records, candidate, bandwidth=bandwidth, moving=True)
@@ -216,7 +220,7 @@ def _gain_of(
     chance = fit_linear(X, wider.force, wider.block).p_value(new)
     ours = _held_out_force(wider)
     gain = gain_between(ours, squares, neighbours(range(len(ours)), block=1))
-    if not gain.significant or gain.share < LEAST_GAIN or chance > LARGEST_CHANCE:
+    if not gain.significant or gain.share < LEAST_GAIN or chance > largest_chance:
         return None
     return wider, gain
 
