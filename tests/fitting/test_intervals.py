@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from ballbot.findings import texts
-from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals
+from ballbot.fitting.intervals import Errors, Interval, Profile, between, intervals, truncated_reach
 from ballbot.fitting.uncertainty import covariance, leverage_corrected
 from ballbot.identification.parameters import scale_between
 from ballbot.identification.result import correlation_findings, interval_findings, ridge_findings
@@ -157,3 +158,13 @@ def test_a_ridge_of_several_parameters_is_named():
     ]
     assert sentence.startswith("b1, c1 and s1 are nearly collinear")
     assert ridge_findings(("b1", "c1", "s1", "C_rr"), np.eye(4)) == []
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.5, 3.0, 29.0, 31.0, 1e6])
+def test_an_interval_at_a_bound_is_never_of_zero_width(beyond):
+    """A normal variable beyond the bound by so many deviations, known to be within it: 95 % lie below the reach."""
+    reach = truncated_reach(beyond)
+    assert reach > 0.0
+    # logarithms of the tail do not underflow; beyond 30 it is taken as exponential, off by 0.3 %
+    share = norm.logsf(beyond + reach) - norm.logsf(beyond)
+    assert share == pytest.approx(math.log(0.05), rel=5e-3)

@@ -11,6 +11,7 @@ from ballbot.fitting.uncertainty import (
     block_length,
     bootstrap,
     covariance,
+    discrepancy,
     resampled_means,
     resamples,
 )
@@ -100,3 +101,31 @@ def test_resampled_means_are_those_of_the_rows_drawn():
     np.testing.assert_allclose(
         means.mean(axis=0), values.mean(axis=0), atol=4.0 * means.std() / np.sqrt(4000)
     )
+
+
+def test_discrepancy_of_a_right_model_is_as_rare_as_its_level_and_a_wrong_one_is_seen():
+    """Scores of windows that are alike: p is uniform. Groups of which one is pulled the other way: p is least."""
+    random = np.random.default_rng(3)
+    groups, estimated = np.repeat(np.arange(3), 30), np.array([True, True, False, True])
+    p_values = []
+    for _ in range(200):
+        scores = random.standard_normal((90, 4)) @ random.standard_normal((4, 4))
+        equations = WindowEquations(matrices=np.zeros((90, 4, 4)), scores=scores - scores.mean(axis=0))
+        p_values.append(discrepancy(equations, groups, estimated, seed=1).p_value)
+    # 200 uniform numbers: the largest distance of their distribution is 0.115 with 99 %
+    assert np.max(np.abs(np.sort(p_values) - np.arange(1, 201) / 200)) < 0.115
+    pulled = random.standard_normal((90, 4)) + np.array([1.0, 0.0, -1.0])[groups][:, None]
+    found = discrepancy(
+        WindowEquations(matrices=np.zeros((90, 4, 4)), scores=pulled - pulled.mean(axis=0)),
+        groups,
+        estimated,
+        seed=1,
+    )
+    assert found.p_value == pytest.approx(1e-3)
+    assert found.factor > 1.5
+
+
+def test_nothing_estimated_and_few_windows_show_no_discrepancy():
+    equations = WindowEquations(matrices=np.zeros((3, 4, 4)), scores=np.eye(3, 4))
+    for estimated in (np.zeros(4, dtype=bool), np.ones(4, dtype=bool)):
+        assert discrepancy(equations, np.arange(3), estimated, seed=0).factor == 1.0

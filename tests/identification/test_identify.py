@@ -58,7 +58,9 @@ def test_windows_it_did_not_fit_are_predicted_better_with_friction_in_every_stat
     fitted = {(span.log, span.start) for span in found.fit_windows}
     held_out = {(span.log, span.start) for span in found.held_out_windows}
     assert not fitted & held_out
-    assert len(held_out) == round(len(fitted | held_out) / 4)
+    assert (
+        0.2 < len(held_out) / len(fitted | held_out) < 0.4
+    )  # 8 s of every 28 s, and windows across the edges
 
 
 def test_error_is_the_thesiss_4_1_beside_the_rmse(found):

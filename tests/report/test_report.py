@@ -17,6 +17,7 @@ from ballbot.identification.driveline import DrivelineFit, PrintedFit
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import Identification, WindowErrors
+from ballbot.identification.variation import Variation
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.driveline import driveline_findings
 from ballbot.report.friction import friction_curve, parameter_covariance
@@ -88,6 +89,17 @@ def _found() -> Identification:
         values=Layout(wheel_count=3).nominal(true_robot()),
         bootstrap_errors={},
         intervals={},
+        variation=Variation(
+            logs=1,
+            apart=(),
+            predictions={},
+            robots={},
+            deviations=np.full(12, np.nan),
+            between={},
+            within={},
+            units=np.ones(12),
+            prior_robots=0,
+        ),
         correlation=spread / np.outer(scale, scale),
         fit=errors,
         held_out=errors,

@@ -20,11 +20,13 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.fitting.checkpoint import open_checkpoint
 from ballbot.fitting.run import Run
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification import identify
+from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
 from ballbot.report.page import provenance
 from ballbot.report.study import controller_sentence, study_report
 from ballbot.report.study_files import study_results, write_study
+from ballbot.results import as_json
 from ballbot.robot import Robot
 from ballbot.workflows import study as study_workflow
 from ballbot.workflows.controller_choice import ABLATIONS, CANDIDATES, draw_plants, parameter_covariance
@@ -34,7 +36,7 @@ from ballbot.workflows.controller_prediction import (
     checksum_of,
     performance_intervals,
 )
-from ballbot.workflows.study import Study, StudyOptions, holdout_intervals, study, without_intervals
+from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
 from tests.support.validation_examples import noisy_log
 
@@ -103,13 +105,26 @@ def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
     assert all(end - start <= 8.0 + 1e-9 for start, end in stretches)
 
 
-def test_fit_does_not_use_holdout_intervals():
-    log = noisy_log()
-    hidden = without_intervals(log, [(3.0, 5.0)])
-    inside = (log.t >= 3.0) & (log.t < 5.0)
-    for name in STATE_NAMES:
-        assert np.isnan(hidden[name][inside]).all()
-        np.testing.assert_array_equal(hidden[name][~inside], log[name][~inside])
+def test_windows_of_the_fit_lie_outside_the_holdout_intervals(small: Study):
+    (studied,) = small.logs
+    assert studied.held_out
+    for span in small.found.fit_windows:
+        assert all(span.end <= start or end <= span.start for start, end in studied.held_out)
+
+
+def test_study_and_identify_report_the_same_numbers_and_doubts(small: Study):
+    (studied,) = small.logs
+    found = identify(
+        small.robot,
+        studied.log,
+        seed=small.seed,
+        bounds=small.options.bounds,
+        options=IdentificationOptions(generations=small.options.generations, step=2.5e-3),
+    )
+    ours, theirs = found.to_dict(), small.found.to_dict()
+    for results in (ours, theirs):
+        del results["findings"]  # of the logs, which have a name in the study alone
+    assert as_json(ours) == as_json(theirs)
 
 
 # --- end to end ---

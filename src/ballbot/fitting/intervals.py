@@ -22,6 +22,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 from scipy.stats import t as student
 
 from ballbot.fitting.parameter import ParameterSpace
@@ -164,7 +165,7 @@ def _next(
 
 
 #: how an interval was obtained
-Method = Literal["clustered", "bootstrap", "profile", "at bound", "with sweep"]
+Method = Literal["clustered", "bootstrap", "profile", "at bound", "with sweep", "between logs"]
 
 #: clustered and bootstrap errors that differ by more than this factor call for a profile
 LARGEST_RATIO = 1.5
@@ -272,6 +273,8 @@ def _in_si_units(coordinates: ParameterSpace, place: int, scaled: float) -> floa
 CONFIDENCE = 0.95
 #: profiles cost a dozen linearisations each
 MOST_PROFILES = 2
+#: so many deviations out, a normal tail is exponential to three parts in a thousand
+_EXPONENTIAL = 30.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -291,6 +294,7 @@ def assess(
     estimated: NDArray[np.bool_],
     at_bound: NDArray[np.bool_],
     most_profiles: int = MOST_PROFILES,
+    widen: float = 1.0,
     run: Run = DEFAULT_RUN,
 ) -> Uncertainty:
     """Return the uncertainty of an estimate.
@@ -304,16 +308,19 @@ def assess(
         Which of the others are at a bound; they get an interval on one side.
     most_profiles : int
         How many parameters are profiled, if their errors are doubtful.
+    widen : float
+        What all errors are multiplied by, as a discrepancy of the residuals asks for.
     run : Run, optional
         Its seed is the bootstrap's; its checkpoint answers for each profile.
     """
     coordinates, point = fit.coordinates, fit.point
     normal = fit.equations.normal
     windows = fit.equations
-    clustered = covariance(leverage_corrected(windows.matrices, windows.scores, estimated), estimated)
+    corrected = leverage_corrected(windows.matrices, windows.scores, estimated)
+    clustered = widen**2 * covariance(corrected, estimated)
     variances = clustered.diagonal()  # not positive if a short, ill-posed fit has no information
     scaled_errors = np.sqrt(np.where(variances > 0.0, variances, np.nan))
-    resampled = bootstrap(fit.equations, estimated, seed=run.seed).errors
+    resampled = widen * bootstrap(fit.equations, estimated, seed=run.seed).errors
     errors = Errors(
         point=point,
         clustered=scaled_errors,
@@ -347,7 +354,7 @@ def assess(
         standard_errors=scaled_errors * slopes,
         bootstrap_errors=resampled * slopes,
         correlation=correlation(clustered),
-        intervals=found | _intervals_at_bounds(coordinates, fit, estimated, at_bound),
+        intervals=found | _intervals_at_bounds(coordinates, fit, estimated, at_bound, widen),
     )
 
 
@@ -360,6 +367,7 @@ def _intervals_at_bounds(
     fit: RepeatableFit,
     estimated: NDArray[np.bool_],
     at_bound: NDArray[np.bool_],
+    widen: float,
 ) -> dict[str, Interval]:
     """Return the intervals of parameters at a bound, about the point that the unbounded equations lead to."""
     found = {}
@@ -371,15 +379,25 @@ def _intervals_at_bounds(
         step = -np.linalg.lstsq(matrix, normal.scores[:, places].sum(axis=0), rcond=1e-13)[0][mine]
         wanted = np.zeros(len(estimated), dtype=bool)
         wanted[places] = True
-        error = float(np.sqrt(covariance(normal, wanted)[i, i]))
+        error = widen * float(np.sqrt(covariance(normal, wanted)[i, i]))
         half = _quantile(len(normal.scores), len(places)) * error
-        middle = float(fit.point[i] + step)
-        place = int(i)
-        found[coordinates.labels[place]] = _widened(coordinates, place, middle, half, float(fit.point[i]))
+        middle, place, at = float(fit.point[i] + step), int(i), float(fit.point[i])
+        beyond = abs(middle - at) / error if error > 0.0 else 0.0
+        reach = error * truncated_reach(beyond)
+        lower, upper = (
+            (min(middle - half, at), max(middle + half, at + reach))
+            if at <= 0.5
+            else (min(middle - half, at - reach), max(middle + half, at))
+        )
+        found[coordinates.labels[place]] = between(coordinates, place, lower, upper, method="at bound")
     return found
 
 
-def _widened(coordinates: ParameterSpace, place: int, middle: float, half: float, at: float) -> Interval:
-    """Return middle -+ half, widened to contain the bound `at` that the parameter is at."""
-    lower, upper = min(middle - half, at), max(middle + half, at)
-    return between(coordinates, place, lower, upper, method="at bound")
+def truncated_reach(beyond: float) -> float:
+    """Return how far from a bound a normal variable whose middle lies beyond it reaches with 95 %, in its deviations.
+
+    The variable is known to be on this side of the bound, so this is never zero, whatever the middle.
+    """
+    if beyond > _EXPONENTIAL:
+        return -math.log(1.0 - CONFIDENCE) / beyond
+    return float(norm.isf((1.0 - CONFIDENCE) * norm.sf(beyond))) - beyond

@@ -6,7 +6,8 @@ states of the ratios of root mean square errors. Its interval is that of a paire
 windows are drawn anew, the same for both models, so that what both find hard does not widen it (H. R. Kuensch, The
 jackknife and the bootstrap for general stationary observations, Annals of Statistics 17 (1989) 1217-1241). A model is
 accepted if the whole interval is above zero, over the model within it and, if that one was not accepted, over the
-largest one within that was. The accepted model of the least held-out error is the best.
+largest one within that was. The accepted model of the least held-out error is the best. A model is rejected if an
+interval lies below a useful gain of 1 %; if it does neither, the data cannot decide.
 
 Some parameters act through others only: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
 fit still ends at some s of the size of chance, with v_s and delta that suit it; their standard errors there mean
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,11 @@ Model = TypeVar("Model")
 
 #: bootstrap draws of a gain, and the confidence of its interval
 DRAWS, LEVEL = 4000, 0.95
+#: a gain below this is of no use, whatever its significance
+USEFUL_GAIN = 0.01
+
+#: of a model: "rejected" only if the interval of its gain excludes a useful one
+Decision = Literal["accepted", "rejected", "undecided"]
 _SEED = 0
 
 
@@ -90,6 +96,14 @@ class Candidate(Generic[Model]):
     def accepted(self) -> bool:
         """Whether the held-out windows support it."""
         return all(gain is None or gain.significant for gain in (self.gain, self.gain_over))
+
+    @property
+    def decision(self) -> Decision:
+        """Whether the held-out windows support it, exclude a useful gain, or cannot decide."""
+        if self.accepted:
+            return "accepted"
+        useless = any(gain and gain.upper < USEFUL_GAIN for gain in (self.gain, self.gain_over))
+        return "rejected" if useless else "undecided"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -244,3 +244,62 @@ def bootstrap(
         scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))
         shifts[:, places] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
     return Bootstrap(block=block, shifts=shifts)
+
+
+#: shuffles of the windows; the smallest p value is one over one more
+SHUFFLES = 999
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discrepancy:
+    """Whether groups of windows want different parameters than all windows together."""
+
+    ratio: float  #: of the groups' squared scores to what chance gives
+    p_value: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether chance explains it in less than 1 % of cases."""
+        return self.p_value < 0.01
+
+    @property
+    def factor(self) -> float:
+        """What standard errors are multiplied by, one if chance explains the groups' difference (R. Birge 1932)."""
+        return float(np.sqrt(self.ratio)) if self.significant else 1.0
+
+
+def discrepancy(
+    equations: WindowEquations, groups: NDArray[np.int64], estimated: NDArray[np.bool_], *, seed: int
+) -> Discrepancy:
+    """Test whether all groups of windows agree on the parameters, by their scores.
+
+    At the estimate the scores of all windows sum to zero. If the model is right, so do those of any group but for
+    chance; if slow windows want another friction than fast ones, they do not. With scores whitened by their own
+    covariance the statistic is the sum over groups of |sum of scores|^2 / windows, and chance is the same groups with
+    the windows shuffled.
+
+    Parameters
+    ----------
+    equations : WindowEquations
+        About the estimate.
+    groups : ndarray (w,)
+        The number of each window's group, from 0.
+    estimated : ndarray (p,)
+        Which parameters the fit moved.
+    seed : int
+    """
+    scores = equations.scores[:, estimated]
+    count, size = scores.shape
+    if size == 0 or count <= size or groups.max(initial=0) == 0:
+        return Discrepancy(ratio=1.0, p_value=1.0)
+    values, vectors = np.linalg.eigh(scores.T @ scores / count)
+    white = scores @ vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+    of_group = (groups[None] == np.arange(groups.max() + 1)[:, None]).astype(np.float64)
+    of_group /= np.sqrt(np.maximum(of_group.sum(axis=1, keepdims=True), 1.0))
+    random = np.random.default_rng(seed)
+    orders = [np.arange(count), *(random.permutation(count) for _ in range(SHUFFLES))]
+    statistics = np.array([((of_group @ white[order]) ** 2).sum() for order in orders])
+    return Discrepancy(
+        ratio=float(statistics[0] / statistics[1:].mean()),
+        p_value=float((1 + (statistics[1:] >= statistics[0]).sum()) / (1 + SHUFFLES)),
+    )

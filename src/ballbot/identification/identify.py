@@ -20,6 +20,7 @@ from ballbot.fitting.intervals import assess
 from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
+from ballbot.fitting.uncertainty import Discrepancy, discrepancy
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
@@ -51,11 +52,20 @@ from ballbot.identification.stages import (
     stages_of,
 )
 from ballbot.identification.sweep import Estimate, with_sweep
-from ballbot.identification.windows import standstill_torques
+from ballbot.identification.variation import (
+    Variation,
+    discrepancy_finding,
+    log_estimates,
+    shipped_priors,
+    variation,
+    variation_findings,
+)
+from ballbot.identification.windows import Windows, standstill_torques
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
+from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, ProgressReporter, part_of
 from ballbot.robot import Robot
 
@@ -230,17 +240,9 @@ def _result(
     options: IdentificationOptions,
     run: Run,
 ) -> Identification:
-    coordinates, predictor = prepared.problem.coordinates, prepared.problem.predictor
-    uncertainty = assess(
-        estimate.finished,
-        estimated=estimate.estimated,
-        at_bound=_at_bounds(coordinates, estimate),
-        run=run,
-    )
+    predictor = prepared.problem.predictor
     layout = predictor.layout
-    final = Estimate(values=estimate.values, uncertainty=uncertainty)
-    if options.sweep is not None:
-        final = with_sweep(coordinates, final, options.sweep)
+    final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
@@ -258,6 +260,7 @@ def _result(
         standard_errors=layout.by_symbol(uncertainty.standard_errors),
         bootstrap_errors=layout.by_symbol(uncertainty.bootstrap_errors),
         intervals=uncertainty.intervals,
+        variation=varied,
         correlation=uncertainty.correlation,
         fit=errors(predictor, prepared.fit, values),
         held_out=held_out,
@@ -271,9 +274,51 @@ def _result(
             *_log_findings(predictor, logs, options.excluded_states),
             *_findings(prepared, estimate, final, held_out),
             *final.remarks,
+            *discrepancy_finding(apart),
+            *variation_findings(varied),
         ),
         log_findings=findings,
     )
+
+
+def _with_uncertainty(
+    prepared: Prepared, estimate: PointEstimate, *, options: IdentificationOptions, run: Run
+) -> tuple[Estimate, Discrepancy, Variation]:
+    """Return the estimate with its errors, how far slow and fast windows disagree, and how logs vary."""
+    coordinates = prepared.problem.coordinates
+    groups = speed_groups(prepared.problem.predictor.robot, prepared.fit)
+    apart = discrepancy(estimate.finished.equations, groups, estimate.estimated, seed=run.seed)
+    uncertainty = assess(
+        estimate.finished,
+        estimated=estimate.estimated,
+        at_bound=_at_bounds(coordinates, estimate),
+        widen=apart.factor,
+        run=run,
+    )
+    final = Estimate(values=estimate.values, uncertainty=uncertainty)
+    if options.sweep is not None:
+        final = with_sweep(coordinates, final, options.sweep)
+    by_log = log_estimates(
+        coordinates,
+        estimate.finished,
+        prepared.fit.spans,
+        values=final.values,
+        uncertainty=final.uncertainty,
+        widen=apart.factor,
+        seed=run.seed,
+    )
+    return final, apart, variation(coordinates, final.values, by_log, priors=shipped_priors())
+
+
+#: groups of windows by speed, of equal size
+_SPEED_GROUPS = 3
+
+
+def speed_groups(robot: Robot, windows: Windows) -> NDArray[np.int64]:
+    """Return the number (w,) of each window's group, from the slowest third of the wheels' speeds to the fastest."""
+    states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
+    speeds = np.abs(Model(robot).wheel_speed(states[..., :5], states[..., 5:])).mean(axis=(1, 2))
+    return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
 
 
 def _findings(

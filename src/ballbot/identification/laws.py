@@ -191,6 +191,7 @@ def _law_result(one: Candidate[Identification]) -> dict[str, object]:
         "highest_accepted_below": one.over,
         "gain_over_highest_accepted": one.gain_over.to_dict(),
         "accepted": one.accepted,
+        "decision": one.decision,
         "error_over_no_friction": one.error,
         "parameters": one.model.to_dict()["parameters"],
     }

@@ -96,6 +96,12 @@ class Coordinates(ParameterSpace):
 
     layout: Layout
 
+    def scaled_one(self, place: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return values (k,) of the parameter at a place, scaled and brought within its bounds."""
+        rows = np.tile(self.nominal, (len(values), 1))
+        rows[:, place] = values
+        return self.scaled(rows)[:, place]
+
 
 def scale_between(
     robot: Robot, *, free: Sequence[str] = FRICTION, bounds: Bounds | None = None

@@ -164,6 +164,9 @@ class Quantity:
     of: Callable[[Robot], Sequence[float]] | None = None
     #: the nominal values; zero if None
     nominal_of: Callable[[Robot], Sequence[float]] | None = None
+    #: what else its estimate from balancing stands for; empty for one that is physical, None where nobody looked. By
+    #: `campaigns.between_logs.effective`, on the twin with single faults on and off
+    stands_for: str | None = None
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:
         """Return the label of each of its numbers, as "b1" or "S_x"."""
@@ -195,6 +198,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         bounds=(0.0, 0.1),
         nominal_of=lambda robot: robot.friction.viscous,
+        stands_for="losses of the rollers and their slip, which grow with the speed",
     ),
     Quantity(
         name="coulomb",
@@ -204,6 +208,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         bounds=(0.0, 0.5),
         nominal_of=lambda robot: robot.friction.coulomb,
+        stands_for="",
     ),
     Quantity(
         name="stribeck",
@@ -213,6 +218,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         bounds=(0.0, 0.5),
         nominal_of=lambda robot: robot.friction.stribeck,
+        stands_for="play of the gears and the change from roller to roller",
     ),
     Quantity(
         name="stribeck_speed",
@@ -222,6 +228,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         scale="ratio",
         bounds=(0.1, 3.0),
         nominal_of=lambda robot: (robot.friction.stribeck_speed,),
+        stands_for="play of the gears and the change from roller to roller",
     ),
     Quantity(
         name="stribeck_exponent",
@@ -231,6 +238,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         scale="ratio",
         bounds=(0.3, 10.0),
         nominal_of=lambda robot: (robot.friction.stribeck_exponent,),
+        stands_for="play of the gears and the change from roller to roller",
     ),
     Quantity(
         name="rolling",
@@ -239,6 +247,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="rolling friction of the ball on the floor",
         bounds=(0.0, 0.05),
         nominal_of=lambda robot: (robot.friction.rolling,),
+        stands_for="losses of the rollers on the ball",
     ),
     Quantity(
         name="stribeck_asymmetry",

@@ -22,6 +22,7 @@ from ballbot.identification.quantities import (
     with_friction,
     with_rigid_body,
 )
+from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
 from ballbot.robot import Robot
@@ -106,6 +107,7 @@ class Identification:
     intervals: dict[
         str, Interval
     ]  #: of 95 %, by label; none for a parameter without influence, held or refused
+    variation: Variation  #: between logs: intervals for the estimate from another one
     correlation: NDArray[np.float64]  #: (p, p); NaN for parameters without standard error
     fit: WindowErrors  #: on the windows fitted
     held_out: WindowErrors  #: on the windows that were held out
@@ -137,7 +139,19 @@ class Identification:
             "standard_errors": _without_nan(self.standard_errors),
             "bootstrap_errors": _without_nan(self.bootstrap_errors),
             "intervals": {label: interval.to_dict() for label, interval in self.intervals.items()},
+            "between_logs": {
+                "logs": self.variation.logs,
+                "robots_of_the_prior": self.variation.prior_robots,
+                "parameters": self.variation.to_dict(
+                    dict(zip(self.labels, self.values.tolist(), strict=True))
+                ),
+            },
             "correlation": {"labels": list(self.labels), "matrix": _without_nan(self.correlation.tolist())},
+            "represents": {
+                BY_NAME[name].symbol: {"kind": "effective" if also else "physical", "also": also}
+                for name in self.layout.names
+                if (also := BY_NAME[name].stands_for) is not None
+            },
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
             "held_out": self.held_out.to_dict(),
             "fit": self.fit.to_dict(),
@@ -150,6 +164,19 @@ class Identification:
             "warnings": finding_results(self.warnings),
             "findings": finding_results(self.log_findings),
         }
+
+
+def represents_sentence(layout: Layout) -> str:
+    """Return which parameters are physical and which stand for other effects too."""
+    by_effect: dict[str, list[str]] = {}
+    for name in layout.names:
+        also = BY_NAME[name].stands_for
+        if also is not None:
+            by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
+    physical = by_effect.pop("", [])
+    parts = [f"{' and '.join(symbols)} also for {also}" for also, symbols in by_effect.items()]
+    sentence = f"{' and '.join(physical)} is the drive's own friction. " if physical else ""
+    return f"{sentence}The others are effective, they stand {'; '.join(parts)}."
 
 
 def _without_nan(value: object) -> object:

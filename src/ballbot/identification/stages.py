@@ -1,4 +1,9 @@
-"""The stages of an identification: preparation of windows, evolution, Gauss-Newton, and errors on held-out windows."""
+"""The stages of an identification: preparation of windows, evolution, Gauss-Newton, and errors on held-out windows.
+
+Whole intervals of each log are held out, 8 s of every 28 s: neighbouring windows share a swing of the limit cycle, and
+a validation in closed loop needs seconds in one piece. As 28 s is not a multiple of the 8 s or 32 s with which
+references often repeat, the intervals do not always hold the same piece of the path.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ from ballbot.identification.parameters import Coordinates
 from ballbot.identification.prediction import Cost, Predictor, Problem, chunks
 from ballbot.identification.result import Identification, WindowErrors
 from ballbot.identification.sweep import SweepFriction
-from ballbot.identification.windows import Windows, ball_spin, cut_windows, samples_before, split
+from ballbot.identification.windows import Span, Windows, ball_spin, cut_windows, samples_before
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Stage
@@ -69,7 +74,7 @@ class IdentificationOptions:
 
     accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
     formulation: Formulation = "exact"  #: of the equations of motion
-    held_out: float = 0.25  #: fraction of the windows that the fit does not see, to validate it on
+    held_out: float = 2 / 7  #: fraction of each log that the fit does not see, to validate it on
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading where the ball pivots
     #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
     back_emf: float = 0.0
@@ -168,7 +173,7 @@ def prepare(
         Length of a window [s].
     options : IdentificationOptions, optional
     run : Run, optional
-        Its seed draws the windows that are held out; its executor does the work of evolution and Gauss-Newton.
+        Its seed draws the windows that the evolution looks at; its executor works on evolution and Gauss-Newton.
 
     Raises
     ------
@@ -176,7 +181,8 @@ def prepare(
         If the logs do not excite the parameters.
     """
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
-    fit_rows, held_rows = split(len(windows), held_out=options.held_out, seed=run.seed)
+    held = [holdout_intervals(log, fraction=options.held_out) for log in logs]
+    fit_rows, held_rows = split_in_time(windows.spans, held)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fit = windows.take(fit_rows)
     check_torques(fit)
@@ -190,6 +196,45 @@ def prepare(
         held_out=windows.take(held_rows),
         excitation=excitation,
     )
+
+
+#: from one interval that is held out to the next, and what of that comes before it [s]
+_HOLDOUT_CYCLE, _HOLDOUT_OFFSET = 28.0, 12.0
+
+
+def holdout_intervals(
+    log: Log, *, fraction: float = IdentificationOptions.held_out
+) -> tuple[tuple[float, float], ...]:
+    """Return the (start, end) [s] that a fit does not see; a log shorter than a cycle has one, in proportion."""
+    first, duration = float(log.t[0]), float(log.t[-1] - log.t[0])
+    cycle = min(_HOLDOUT_CYCLE, duration)
+    length = fraction * cycle
+    offset = min(_HOLDOUT_OFFSET * cycle / _HOLDOUT_CYCLE, cycle - length)
+    starts = np.arange(offset, max(duration - 0.5 * length, np.nextafter(offset, np.inf)), cycle)
+    ends = np.minimum(starts + length, duration)
+    return tuple((first + float(start), first + float(end)) for start, end in zip(starts, ends, strict=True))
+
+
+def split_in_time(
+    spans: Sequence[Span], held_out: Sequence[Sequence[tuple[float, float]]]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the windows to fit and of those held out, which overlap an interval of their log.
+
+    At least one is held out.
+
+    Parameters
+    ----------
+    spans : sequence of Span
+    held_out : sequence of sequence of (float, float)
+        The intervals (start, end) [s] of each log.
+    """
+    held = np.array(
+        [any(one.start < end and start < one.end for start, end in held_out[one.log]) for one in spans],
+        dtype=bool,
+    )
+    if len(held) and not held.any():
+        held[len(held) // 2] = True
+    return np.flatnonzero(~held), np.flatnonzero(held)
 
 
 def _problem(

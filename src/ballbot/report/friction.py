@@ -26,11 +26,11 @@ from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
 from ballbot.identification.holdout import HoldoutResult
 from ballbot.identification.laws import law_named
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import Identification
+from ballbot.identification.result import Identification, represents_sentence
 from ballbot.mechanics.friction import stribeck_gradient, wheel_friction
 from ballbot.report.console import table
 from ballbot.report.style import BLUE, INK, MUTED, ORANGE, REFERENCE, SHADE, label_of, thinned
-from ballbot.report.tables import digits
+from ballbot.report.tables import digits, interval_text
 from ballbot.workflows.study import StudiedLog
 
 
@@ -167,8 +167,16 @@ def ladder_figure(ladder: ModelSelection[Identification]) -> Figure:
     return figure
 
 
+#: of laws in words
+_DECISIONS = {
+    "accepted": "taken",
+    "rejected": "no useful gain",
+    "undecided": "the data cannot decide",
+}
+
+
 def _law_label(one: Candidate[Identification]) -> str:
-    return f"{'taken' if one.accepted else 'not taken'}, over {one.within or 'no friction'}"
+    return f"{_DECISIONS[one.decision]}, over {one.within or 'no friction'}"
 
 
 def identification_parts(
@@ -182,6 +190,7 @@ def identification_parts(
     if selection:
         yield _selection_table(selection, framed=framed)
     yield _parameter_table(found, framed=framed)
+    yield Text(represents_sentence(found.layout))
     yield _error_table(found, holdouts, framed=framed)
     for one in holdouts:
         if one.horizons:
@@ -191,7 +200,7 @@ def identification_parts(
 
 
 def _parameter_table(found: Identification, *, framed: bool) -> Table:
-    """Return each parameter with its standard error, 95 % interval and unit."""
+    """Return each parameter with its standard error, both 95 % intervals and unit."""
     units = [
         BY_NAME[name].unit
         for name in found.layout.names
@@ -199,10 +208,18 @@ def _parameter_table(found: Identification, *, framed: bool) -> Table:
     ]
     values, errors = _flat(found.parameters), _flat(found.standard_errors)
     rows = [
-        (label, digits(value), digits(error, 2), _interval(found, label), unit)
+        (
+            label,
+            digits(value),
+            digits(error, 2),
+            interval_text(found.intervals.get(label)),
+            interval_text(found.variation.predictions.get(label)),
+            unit,
+        )
         for label, value, error, unit in zip(found.labels, values, errors, units, strict=True)
     ]
-    headings = ("parameter", "value", "standard error", "95 % interval", "unit")
+    logs = "this log" if found.variation.logs == 1 else "these logs"
+    headings = ("parameter", "value", "standard error", f"95 %, {logs}", "95 %, another log", "unit")
     return table("Identified parameters", headings, rows, framed=framed)
 
 
@@ -265,7 +282,7 @@ def _selection_table(selection: ModelSelection[Identification], *, framed: bool)
             f"{one.error:.3f}",
             one.within or "no friction",
             _gain(one.gain) if one.gain else "",
-            "best" if one is selection.best else "taken" if one.accepted else "not selected",
+            "best" if one is selection.best else _DECISIONS[one.decision],
         )
         for one in selection.candidates
     ]
@@ -277,11 +294,6 @@ def _selection_table(selection: ModelSelection[Identification], *, framed: bool)
 
 def _flat(values: dict[str, list[float] | float]) -> list[float]:
     return [one for value in values.values() for one in (value if isinstance(value, list) else [value])]
-
-
-def _interval(found: Identification, label: str) -> str:
-    interval = found.intervals.get(label)
-    return "" if interval is None else f"{digits(interval.lower)} .. {digits(interval.upper)}"
 
 
 def _gain(gain: Gain) -> str:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.presets import design_integral_gain
 from ballbot.findings import texts
+from ballbot.identification.result import represents_sentence
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.model import Model
 from ballbot.report.comparison import paths_figure, poles_figure, position_error_figure
@@ -252,6 +253,7 @@ def study_report(study: Study, made: Provenance) -> str:
         "robot_words": robot_words(study.robot),
         "log_words": _log_words(study),
         "parameters": parameter_rows(study.found),
+        "represents": represents_sentence(study.found.layout),
         "warnings": [with_symbols(warning.text) for warning in study.found.warnings],
         "doubts": with_symbols(doubts_sentence(study)),
         "validation_words": _validation_words(study),

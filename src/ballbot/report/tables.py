@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot.fitting.intervals import Interval
+from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import Identification
 from ballbot.log import STATE_NAMES
 from ballbot.validation import ErrorPair
@@ -52,6 +55,8 @@ class ParameterRow:
     meaning: str
     unit: str
     values: tuple[str, ...]  #: one, or one for each wheel
+    intervals: tuple[str, ...]  #: 95 %, under the conditions of these logs
+    predictions: tuple[str, ...]  #: 95 %, for the estimate from another log
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,16 +104,31 @@ class AblationRow:
 
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
-    """Return the friction parameters with their standard errors."""
+    """Return the friction parameters with their standard errors and both intervals."""
     rows = []
-    for symbol, value in found.parameters.items():
+    for name, (symbol, value) in zip(found.layout.names, found.parameters.items(), strict=True):
         meaning, unit = _MEANINGS[symbol]
         values, errors = np.atleast_1d(value), np.atleast_1d(found.standard_errors[symbol])
-        texts = tuple(with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True))
+        labels = BY_NAME[name].labels(found.layout.wheel_count)
         rows.append(
-            ParameterRow(symbol=SYMBOL_MARKS.get(symbol, symbol), meaning=meaning, unit=unit, values=texts)
+            ParameterRow(
+                symbol=SYMBOL_MARKS.get(symbol, symbol),
+                meaning=meaning,
+                unit=unit,
+                values=tuple(with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True)),
+                intervals=tuple(interval_text(found.intervals.get(label)) for label in labels),
+                predictions=tuple(interval_text(found.variation.predictions.get(label)) for label in labels),
+            )
         )
     return rows
+
+
+def interval_text(interval: Interval | None) -> str:
+    """Return an interval's ends; "open" for a side that the logs do not limit, empty without an interval."""
+    if interval is None:
+        return ""
+    lower, upper = (digits(end) if math.isfinite(end) else "open" for end in (interval.lower, interval.upper))
+    return f"{lower} .. {upper}"
 
 
 def error_rows(pair: ErrorPair, units: dict[str, str]) -> list[ErrorRow]:

@@ -2,9 +2,9 @@
 
     identify -> validate on held-out intervals -> design the candidates -> choose one on perturbed plants
 
-Identification fits short windows. Validation in closed loop, and in open loop to a fall, needs seconds in one piece.
-So whole intervals are held out: 8 s of every 28 s. As 28 s is not a multiple of the 8 s or 32 s with which references
-often repeat, the intervals do not always hold the same piece of the path.
+Identification is that of `ballbot identify` with the same logs and seed: the same numbers and findings. It holds out
+whole intervals (`ballbot.identification.stages`), as validation in closed loop, and in open loop to a fall, needs
+seconds in one piece.
 
 The nominal gain is designed with the weights of the nominal scenario on the exact model without friction, at the logs'
 sample time, whatever gain the logs were recorded with, so that studies of different robots can be compared. The logs'
@@ -25,7 +25,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
-from ballbot.identification.stages import IdentificationOptions
+from ballbot.identification.stages import IdentificationOptions, holdout_intervals
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.columns import torque_names, wheel_speed_names
@@ -48,36 +48,10 @@ from ballbot.workflows.controller_choice import (
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.courses import PlantName
 
-_HOLDOUT_CYCLE = 28.0  #: [s] from one stretch's start to the next one's
-_HOLDOUT_OFFSET = 12.0  #: [s] of a cycle before its stretch
-_HOLDOUT_LENGTH = 8.0  #: [s]
-
-
-def holdout_intervals(log: Log) -> tuple[Interval, ...]:
-    """Return the (start, end) [s] of the stretches; a log shorter than a cycle has one, in proportion."""
-    first, duration = float(log.t[0]), float(log.t[-1] - log.t[0])
-    scale = min(1.0, duration / _HOLDOUT_CYCLE)
-    starts = np.arange(
-        _HOLDOUT_OFFSET * scale, duration - 0.5 * _HOLDOUT_LENGTH * scale, _HOLDOUT_CYCLE * scale
-    )
-    ends = np.minimum(starts + _HOLDOUT_LENGTH * scale, duration)
-    return tuple((first + float(start), first + float(end)) for start, end in zip(starts, ends, strict=True))
-
-
-def without_intervals(log: Log, stretches: Sequence[Interval]) -> Log:
-    """Return the log with its states missing in the stretches; identification passes over what is missing."""
-    kept = np.ones(len(log), dtype=bool)
-    for start, end in stretches:
-        kept &= (log.t < start) | (log.t >= end)
-    return log.with_columns({name: np.where(kept, log[name], np.nan) for name in STATE_NAMES})
-
-
 #: plants that candidates can be compared on; a run of each takes a second or more
 MAX_DRAWS = 1000
 #: shares of the whole that are done when the friction is identified, and when it is validated, from timings of the demo
 _STAGES: Mapping[PlantName, tuple[float, float]] = {"model": (0.45, 0.5), "twin": (0.25, 0.28)}
-#: share of the windows that identification keeps for its own verdict; the study's is on the stretches held out
-_OWN_HOLDOUT = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,7 +167,7 @@ def study(
     identified, validated = _STAGES[chosen_plant]
     identifying = part_of(run.progress, 0.0, identified, stage="identifying friction")
     choosing = part_of(run.progress, validated, 1.0, stage="comparing controllers")
-    found = _identify(robot, studied, checked, options, replace(run, progress=identifying))
+    found = _identify(robot, checked, options, replace(run, progress=identifying))
     validating = replace(run, progress=part_of(run.progress, identified, validated))
     by_log = _validate(found.robot, studied, validating)
     choice = choose_controller(
@@ -256,21 +230,17 @@ def _check_plant(robot: Robot, scenario: Scenario, plant: PlantName) -> None:
 
 def _identify(
     robot: Robot,
-    logs: Sequence[StudiedLog],
     checked: CheckedLogs,
     options: StudyOptions,
     run: Run,
 ) -> Identification:
     return identify(
         robot,
-        checked.with_logs(
-            {studied.name: without_intervals(studied.log, studied.held_out) for studied in logs}
-        ),
+        checked,
         bounds=options.bounds,
         options=IdentificationOptions(
             excluded_states=tuple(options.excluded_states),
             back_emf=options.back_emf,
-            held_out=_OWN_HOLDOUT,
             generations=options.generations,
         ),
         run=run,

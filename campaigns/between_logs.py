@@ -1,0 +1,496 @@
+"""How well identification's intervals predict the estimate from another log: twins with all faults, two logs each.
+
+.venv/bin/python -m campaigns.evidence between_logs coulomb_variation effective
+.venv/bin/python -m campaigns.between_logs prior
+
+Each robot is the nominal twin with every fault of a scenario at once, of random sizes. Its two logs differ in the
+reference and in all that is random. Each log of a pair predicts what the other one gives, by two intervals: that under
+its own conditions, and that for another log, with a prior fitted to the other robots. The prior that ships is fitted
+to `TRAINING`. Logs and fits are kept in build/between_logs, so that
+an interrupted campaign continues; delete the folder after a change of the measurement.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import beta
+
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import named_reference
+from ballbot.files import read_sealed, write_sealed, write_text
+from ballbot.fitting.between_logs import Limits95, VariancePrior, fit_prior, interval_score
+from ballbot.fitting.intervals import assess
+from ballbot.fitting.run import Run, Threads
+from ballbot.fitting.search import at_bound
+from ballbot.fitting.uncertainty import discrepancy
+from ballbot.identification.identify import estimated_parameters, speed_groups
+from ballbot.identification.laws import LawName
+from ballbot.identification.parameters import Bounds, Coordinates
+from ballbot.identification.prediction import Predictor
+from ballbot.identification.quantities import FRICTION
+from ballbot.identification.stages import IdentificationOptions, prepare, refine
+from ballbot.identification.variation import (
+    PRIOR_FILE,
+    LogEstimates,
+    Priors,
+    log_estimates,
+    shipped_priors,
+    units_of,
+    variation,
+)
+from ballbot.log import Log
+from ballbot.mechanics.friction import wheel_friction
+from ballbot.robot import Friction, Robot
+from ballbot.robot.components import scaled_friction
+from ballbot.simulation.run import simulate
+from ballbot.simulation.sensors import SensorFaults
+from ballbot.twin import Scenario, Twin
+from ballbot.twin.faults import (
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Roughness,
+    Softness,
+    Supply,
+    Timing,
+)
+from campaigns.coverage import BEGIN
+from campaigns.section import Section
+
+T = TypeVar("T")
+
+KEPT = Path(__file__).parents[1] / "build" / "between_logs"
+ROBOT = Robot.load("alten")
+NOMINAL = Scenario.nominal(ROBOT)
+DURATION = 24.0  # [s] of each log of a pair
+STEP = 2.5e-3  # [s], inner step of the fits
+TRAINING = range(1000, 1008)
+#: more take half a minute of computing each
+JUDGED = (*TRAINING, *range(5))
+#: at least so much of a log is recorded before the robot falls, or another seed is taken
+_LEAST = 0.9
+_SEEDS = 5
+
+
+def drawn(seed: int) -> Scenario:
+    """Return the twin of a seed, with all faults."""
+    random = np.random.default_rng([seed, 61])
+    # size of each fault: U(0.2, 1) of the largest
+    size = dict(zip(_FAULTS, random.uniform(0.2, 1.0, len(_FAULTS)).tolist(), strict=True))
+    # dry and viscous friction: U(0.6, 1.5) of the nominal one, each wheel U(0.85, 1.15) of that; rolling: U(0.5, 2)
+    wheels = float(random.uniform(0.6, 1.5)) * random.uniform(0.85, 1.15, 3)
+    rolling = float(random.uniform(0.5, 2.0))
+    uphill, beside = random.uniform(0.0, 2.0 * np.pi, 2).tolist()
+    tilt, rollers = np.radians(0.5 * size["tilt"]), NOMINAL.rollers
+    return replace(
+        NOMINAL,
+        name=f"all faults {seed}",
+        friction=scaled_friction(NOMINAL.friction, wheels.tolist(), rolling_factor=rolling),
+        asymmetry=float(random.uniform(-0.15, 0.15)),
+        backlash=float(np.radians(random.uniform(0.3, 1.5))),
+        rollers=replace(
+            rollers, row_spacing=rollers.row_spacing + 0.5 * size["rows"] * (0.022 - rollers.row_spacing)
+        ),
+        roller_grip=1.0 - 0.5 * size["roller grip"],
+        floor_grip=1.0 - 0.5 * size["floor grip"],
+        floor_tilt=(float(tilt * np.cos(uphill)), float(tilt * np.sin(uphill))),
+        load_dependence=LoadDependence(fraction=0.6 * size["load"]),
+        roughness=Roughness(height=2e-4 * size["bumps"], wavelength=0.1, seed=int(random.integers(1000))),
+        softness=Softness(stiffness=3e4 / size["softness"], damping=200.0),
+        compliance=Compliance(frequency=60.0 - 15.0 * size["compliance"], damping_ratio=0.1),
+        current_loop=CurrentLoop(bandwidth=60.0 - 40.0 * size["current"]),
+        supply=Supply(winding_resistance=0.6, internal_resistance=0.5 * size["supply"]),
+        payload=Payload(
+            mass=0.5 * size["payload"],
+            position=(0.05 * float(np.cos(beside)), 0.05 * float(np.sin(beside)), 0.6),
+        ),
+        sensor_faults=SensorFaults(
+            gyro_bias=0.005 * size["gyro"],
+            gyro_bias_walk=5e-4 * size["gyro"],
+            lean_error=0.004 * size["lean"],
+            lean_error_time=10.0,
+            latency=0.005 * int(random.integers(2)),
+        ),
+        timing=Timing(delay=int(random.integers(3))),
+    )
+
+
+_FAULTS = (
+    *("tilt", "rows", "roller grip", "floor grip", "load", "bumps", "softness"),
+    *("compliance", "current", "supply", "payload", "gyro", "lean"),
+)
+
+
+def references_of(seed: int) -> list[str]:
+    """Return the references of a robot's two logs."""
+    return np.random.default_rng([seed, 62]).choice(["square", "figure_eight"], 2).tolist()
+
+
+def pair_log(seed: int, which: int) -> Log:
+    """Return a log of the twin of a seed, by its own sensors, from file if it is there."""
+
+    def make() -> Log:
+        reference = named_reference(references_of(seed)[which])
+        for attempt in range(_SEEDS):
+            run_seed = 10 * seed + which + 100_000 * attempt
+            log = simulate(
+                Twin(ROBOT, drawn(seed)),
+                nominal_controller(ROBOT),
+                reference,
+                duration=DURATION,
+                seed=run_seed,
+            )
+            if log.t[-1] > _LEAST * DURATION:
+                return log.without_truth()
+        raise RuntimeError(f"The twin {seed} falls with {_SEEDS} seeds.")
+
+    return _kept(f"{seed:04d}_{which}", make)
+
+
+def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48.0) -> Log:
+    """Return a log of the nominal twin around the square, or of one with a fault switched."""
+
+    def make() -> Log:
+        twin = Twin(ROBOT, scenario)
+        reference = named_reference("square")
+        return simulate(
+            twin, nominal_controller(ROBOT), reference, duration=duration, seed=seed
+        ).without_truth()
+
+    return _kept(f"{scenario.name.replace(' ', '_')}_{duration:.0f}_{seed:02d}", make)
+
+
+def _kept(name: str, make: Callable[[], T]) -> T:
+    path = KEPT / f"{name}.pickle"
+    if path.exists():
+        return pickle.loads(read_sealed(path))
+    made = make()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_sealed(path, pickle.dumps(made))
+    return made
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """What one log gives."""
+
+    coordinates: Coordinates
+    values: NDArray[np.float64]  #: (p,), SI units; NaN if a parameter has no influence
+    conditional: Mapping[str, Limits95]  #: today's intervals within the bounds, by label
+    by_log: LogEstimates  #: with errors that a discrepancy has widened
+
+
+def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
+    """Return a log's fit, in one thread, from file if it is there.
+
+    As `identify` does, without its evolution, from a start far from the truth, and without profiles.
+    """
+
+    def make() -> Fit:
+        coordinates = estimated_parameters(ROBOT, free=("friction",), law=law, bounds=Bounds())
+        options, run = IdentificationOptions(), Run(seed=0, executor=Threads(count=1))
+        predictor = Predictor(
+            robot=ROBOT, formulation="exact", step=STEP, layout=coordinates.layout, threads=1
+        )
+        prepared = prepare(predictor, coordinates, [log], window=0.25, options=options, run=run)
+        begin = coordinates.scaled(np.where(coordinates.free, BEGIN, coordinates.nominal))
+        estimate = refine(prepared, begin, options=options, run=run)
+        fit, estimated = estimate.finished, estimate.estimated
+        stands = coordinates.free & at_bound(fit.point) & ~estimate.unknown
+        groups = speed_groups(ROBOT, prepared.fit)
+        widen = discrepancy(fit.equations, groups, estimated, seed=0).factor
+        plain, wide = (
+            assess(fit, estimated=estimated, at_bound=stands, most_profiles=0, widen=factor, run=run)
+            for factor in (1.0, widen)
+        )
+        bounds = dict(
+            zip(coordinates.labels, zip(coordinates.lower, coordinates.upper, strict=True), strict=True)
+        )
+        return Fit(
+            coordinates=coordinates,
+            values=np.where(estimate.unknown, np.nan, estimate.values),
+            conditional={
+                label: Limits95(
+                    lower=max(one.lower, float(bounds[label][0])),
+                    upper=min(one.upper, float(bounds[label][1])),
+                )
+                for label, one in plain.intervals.items()
+            },
+            by_log=log_estimates(
+                coordinates,
+                fit,
+                prepared.fit.spans,
+                values=estimate.values,
+                uncertainty=wide,
+                widen=widen,
+                seed=0,
+            ),
+        )
+
+    return _kept(f"fit_{name}_{law}", make)
+
+
+def pairs(seeds: Sequence[int]) -> Iterator[tuple[Fit, Fit]]:
+    """Yield the fits of each twin's two logs."""
+    for seed in seeds:
+        first, second = (fit_of(pair_log(seed, which), f"{seed:04d}_{which}") for which in (0, 1))
+        yield first, second
+        print(f"pair {seed}", file=sys.stderr, flush=True)
+
+
+def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
+    """Return the priors by quantity; the wheels of one robot count as robots of their own."""
+    collected: dict[str, list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = {
+        name: [] for name in FRICTION
+    }
+    for both in training:
+        coordinates = both[0].coordinates
+        units = units_of(coordinates, np.nanmean([one.values for one in both], axis=0))
+        for i, name in enumerate(coordinates.names):
+            found = [_in_units(one, i, units[i]) for one in both]
+            if name in collected and np.isfinite(found).all():
+                collected[name].append((np.array([y for y, _ in found]), np.array([e for _, e in found])))
+    return Priors(
+        by_name={name: fit_prior(of, most_degrees=len(training)) for name, of in collected.items()},
+        robots=len(training),
+    )
+
+
+def _in_units(fit: Fit, i: int, unit: float) -> tuple[float, float]:
+    """Return a parameter's estimate and error in units of the priors; NaN if it has none."""
+    value = fit.values[i]
+    error = fit.by_log.errors[0, i] * fit.coordinates.slopes(fit.coordinates.scaled(fit.values))[i]
+    if np.isinf(unit):
+        return float(np.log(value)), float(error / value)
+    return float(value / unit), float(error / unit)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judged:
+    """One parameter in one pair: what the second log gave, and the first one's intervals for it."""
+
+    label: str
+    value: float
+    conditional: Limits95
+    prediction: Limits95
+
+
+def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
+    """Yield each parameter that both logs give a number."""
+    first, second = both
+    known = np.where(np.isfinite(first.values), first.values, first.coordinates.nominal)
+    predicted = variation(first.coordinates, known, first.by_log, priors=priors).predictions
+    for label, value, mine in zip(first.coordinates.labels, second.values, first.values, strict=True):
+        if label in predicted and label in first.conditional and np.isfinite(value) and np.isfinite(mine):
+            one = predicted[label]
+            yield Judged(
+                label=label,
+                value=float(value),
+                conditional=first.conditional[label],
+                prediction=Limits95(lower=one.lower, upper=one.upper),
+            )
+
+
+def campaign() -> Section:
+    """Judge priors fitted to the other robots and return the section of docs/generated/evidence.md."""
+    robots = list(pairs(JUDGED))
+    judged: list[Judged] = []
+    for place, (first, second) in enumerate(robots):
+        priors = fitted_priors(robots[:place] + robots[place + 1 :])
+        judged += [*judge((first, second), priors), *judge((second, first), priors)]
+    found = {label: _counts([one for one in judged if one.label == label]) for label in _labels(judged)}
+    rows = []
+    for label, one in found.items():
+        low, high = _binomial(one.inside, one.of)
+        rows.append(
+            [
+                label,
+                f"{one.inside_conditional} of {one.of}",
+                f"{one.inside} of {one.of} ({100 * low:.0f} to {100 * high:.0f} %)",
+                f"{one.score_conditional:.3g}",
+                f"{one.score:.3g}",
+                f"{100.0 * (1.0 - one.score / one.score_conditional):.0f} %",
+            ]
+        )
+    ratios = [one.score / one.score_conditional for one in found.values()]
+    inside, of = sum(one.inside for one in found.values()), sum(one.of for one in found.values())
+    return Section(
+        title="Intervals for the estimate from another log",
+        before=f"{len(robots)} twins with all faults at once, of random sizes, each with two logs of {DURATION:g} s. "
+        "The 95 % intervals from one log are compared with the estimate from the other, both ways: that under the "
+        "log's own conditions, and that for another log, whose prior is fitted to the other twins. In brackets the "
+        "95 % interval of the share, as if all were independent. Score: mean interval score (width, and 40 times the "
+        "miss), in the parameter's unit.",
+        columns=["", "own conditions: held", "another log: held", "score", "score, another log", "better by"],
+        rows=rows,
+        after=f"In all the interval for another log held {inside} of {of} estimates "
+        f"({100 * inside / of:.0f} %). The mean of the scores' ratios is {np.mean(ratios):.2f}, the geometric mean "
+        f"{np.exp(np.mean(np.log(ratios))):.2f}.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counts:
+    """One parameter over all pairs."""
+
+    of: int
+    inside_conditional: int
+    inside: int
+    score_conditional: float
+    score: float
+
+
+def _counts(judged: Sequence[Judged]) -> Counts:
+    def score(limits: Sequence[Limits95]) -> float:
+        return float(
+            np.mean([interval_score(mine, one.value) for mine, one in zip(limits, judged, strict=True)])
+        )
+
+    def inside(limits: Sequence[Limits95]) -> int:
+        return sum(mine.lower <= one.value <= mine.upper for mine, one in zip(limits, judged, strict=True))
+
+    conditional, prediction = [one.conditional for one in judged], [one.prediction for one in judged]
+    return Counts(
+        of=len(judged),
+        inside_conditional=inside(conditional),
+        inside=inside(prediction),
+        score_conditional=score(conditional),
+        score=score(prediction),
+    )
+
+
+def _labels(judged: Sequence[Judged]) -> list[str]:
+    """Return the parameters in the order of b, c, s, v_s, delta and C_rr."""
+    order = {label: place for place, label in enumerate(("b", "c", "s", "v_s", "delta", "C_rr"))}
+    named = dict.fromkeys(one.label for one in judged)
+    return sorted(named, key=lambda label: (order.get(label, order.get(label[0], 9)), label))
+
+
+def _binomial(count: int, of: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share (Clopper and Pearson 1934)."""
+    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
+    high = float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+    return low, high
+
+
+SEEDS = range(1, 11)
+
+
+def coulomb_variation() -> Section:
+    """Identify ten logs of the nominal twin and return the section of docs/generated/evidence.md."""
+    fits = {
+        law: [fit_of(nominal_log(seed), f"nominal_{seed:02d}", law=law) for seed in SEEDS]
+        for law in ("coulomb", "stribeck")
+    }
+    rows = []
+    for law, found in fits.items():
+        c = np.array([one.values[3:6] for one in found])
+        rows.append([f"c, law {law}", *_variation_cells(c)])
+    dry = np.array([_dry(one.values) for one in fits["stribeck"]])
+    rows.append([f"dry friction at {DRY_SPEED:g} rad/s, law stribeck", *_variation_cells(dry)])
+    return Section(
+        title="Coulomb friction over ten logs",
+        before=f"Ten logs of 48 s of the nominal twin around the square (seeds {SEEDS[0]} to {SEEDS[-1]}), each "
+        "identified by itself: mean and coefficient of variation of each wheel.",
+        columns=["", *(f"wheel {i}" for i in (1, 2, 3))],
+        rows=rows,
+        after="With the Stribeck law a log of slow motion does not separate c from s; their sum at the speeds driven "
+        "is what it determines.",
+    )
+
+
+DRY_SPEED = 0.5  # [rad/s]
+
+
+def _dry(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    b, c, s = values[:3], values[3:6], values[6:9]
+    friction = Friction(
+        viscous=tuple(0.0 * b),
+        coulomb=tuple(c.tolist()),
+        stribeck=tuple(s.tolist()),
+        stribeck_speed=float(values[9]),
+        stribeck_exponent=float(values[10]),
+        rolling=0.0,
+    )
+    return wheel_friction(np.full(3, DRY_SPEED), friction)
+
+
+def _variation_cells(values: NDArray[np.float64]) -> list[str]:
+    mean, deviation = values.mean(axis=0), values.std(axis=0, ddof=1)
+    return [f"{m:.4f} N m, {100.0 * d / m:.1f} %" for m, d in zip(mean, deviation, strict=True)]
+
+
+#: the nominal twin with one fault switched off
+SWITCHED = {
+    "nominal": NOMINAL,
+    "no play": replace(NOMINAL, name="no play", backlash=0.0),
+    "point contact": replace(NOMINAL, name="point contact", wheel_contact="point"),
+    "no rolling friction": replace(
+        NOMINAL, name="no rolling", friction=replace(NOMINAL.friction, rolling=0.0)
+    ),
+    "no torque noise": replace(NOMINAL, name="no torque noise", torque_noise=0.0),
+    "point contact, no play": replace(NOMINAL, name="point no play", wheel_contact="point", backlash=0.0),
+}
+_SWITCHED_SEEDS = (1, 2)
+
+
+def effective() -> Section:
+    """Identify twins with single faults off and return the section of docs/generated/evidence.md."""
+    rows = [["set", *_means(_set_values())]]
+    for name, scenario in SWITCHED.items():
+        logs = [nominal_log(seed, scenario, duration=DURATION) for seed in _SWITCHED_SEEDS]
+        fits = [
+            fit_of(log, f"{scenario.name}_{seed}") for log, seed in zip(logs, _SWITCHED_SEEDS, strict=True)
+        ]
+        rows.append([name, *_means(np.nanmean([one.values for one in fits], axis=0))])
+    return Section(
+        title="What the identified parameters represent",
+        before="The nominal twin with single faults switched off, identified from balancing: means over the wheels "
+        f"and over {len(_SWITCHED_SEEDS)} logs of {DURATION:g} s. A parameter that a fault moves is effective: it "
+        "stands for that fault too.",
+        columns=["", "b", "c", "s", "v_s", "delta", "C_rr", "dry at 0.5 rad/s"],
+        rows=rows,
+    )
+
+
+def _set_values() -> NDArray[np.float64]:
+    f = NOMINAL.friction
+    return np.array([*f.viscous, *f.coulomb, *f.stribeck, f.stribeck_speed, f.stribeck_exponent, f.rolling])
+
+
+def _means(values: NDArray[np.float64]) -> list[str]:
+    parts = [*(values[3 * k : 3 * k + 3].mean() for k in range(3)), *values[9:12], _dry(values).mean()]
+    return [f"{one:.3g}" if one == one else "" for one in parts]
+
+
+def write_prior() -> None:
+    """Fit the priors to the training robots and write the table that ships."""
+    priors = fitted_priors(list(pairs(TRAINING)))
+    write_text(PRIOR_FILE, _prior_text(priors))
+
+
+def _prior_text(priors: Priors) -> str:
+    head = PRIOR_FILE.read_text(encoding="utf-8").split("robots =")[0]
+    tables = [f"[{name}]\n{_numbers(one)}" for name, one in priors.by_name.items()]
+    return f"{head}robots = {priors.robots}\n\n" + "\n\n".join(tables) + "\n"
+
+
+def _numbers(prior: VariancePrior) -> str:
+    return f"scale = {prior.scale:#.3g}\ndegrees = {prior.degrees:#.3g}"
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] != ["prior"]:
+        raise SystemExit("python -m campaigns.between_logs prior")
+    write_prior()
+    print(json.dumps({name: one.scale for name, one in shipped_priors().by_name.items()}))
