@@ -340,6 +340,8 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> Jud
         except InputError as error:
             result, answered, confidence = "undetermined", "undetermined", 0.0
             reason = str(error)[:160].replace(str(path), "")
+        except Exception as error:  # a user would see a traceback
+            result, answered, confidence, reason = "wrong", "wrong", 1.0, f"crash: {error!r}"
     return Judgement(result=result, answered=answered, reason=reason, confidence=confidence)
 
 

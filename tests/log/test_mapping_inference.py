@@ -181,3 +181,15 @@ def test_a_lean_about_the_worlds_axes_is_not_taken_for_a_turned_imu(tmp_path, ab
     np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(columns), comments="")
     found = {one.name: one for one in conclusions_of(propose(tmp_path / "run.csv", small_robot()))}
     assert found["axes of the lean"].determined != about_world
+
+
+def test_columns_that_stand_still_in_most_rows_are_no_lean(tmp_path):
+    """Eleven columns without names, of which two move for a moment: no crash, and no role by chance."""
+    random = np.random.default_rng(3)
+    rows = np.zeros((600, 11))
+    rows[:, 0] = 0.01 * np.arange(600)
+    rows[:, 6:9] = np.cumsum(random.standard_normal((600, 3)), axis=0)
+    rows[300:310, 1:3] = random.standard_normal((10, 2))
+    np.savetxt(tmp_path / "bare.txt", rows)
+    with pytest.raises(InputError, match="cannot determine which columns"):
+        propose(tmp_path / "bare.txt", small_robot())

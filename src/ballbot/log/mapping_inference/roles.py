@@ -252,7 +252,9 @@ def _rest(
         X = np.column_stack([accelerations @ np.exp(1j * azimuths), np.ones(len(accelerations))])[rows]
         rest = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
         # medians, since hands and pushes are not excluded yet
-        unexplained.append(float(np.median(np.abs(rest)) / max(float(np.median(np.abs(y))), TINY)) ** 2)
+        size = float(np.median(np.abs(y)))
+        # a column that stands still in most rows is no lean
+        unexplained.append(min(float(np.median(np.abs(rest))) / size, 1.0) ** 2 if size > 0.0 else 1.0)
     return min(unexplained)
 
 
