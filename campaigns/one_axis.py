@@ -171,7 +171,7 @@ def trial(kind: str, fault: str, seed: int) -> Trial:
             elsewhere=None,
             refused=str(error),
         )
-    values, deviations = found.best.values, found.best.standard_errors
+    values, halves = found.best.values, found.best.half_widths
     seen = found.best.errors[1].window_rmse
     return Trial(
         kind=kind,
@@ -179,7 +179,7 @@ def trial(kind: str, fault: str, seed: int) -> Trial:
         seed=seed,
         law=found.laws.best.name,
         errors={name: values[name] / value - 1.0 for name, value in truth.items()},
-        covered={name: abs(values[name] - value) < 2.0 * deviations[name] for name, value in truth.items()},
+        covered={name: abs(values[name] - value) < halves[name] for name, value in truth.items()},
         found=tuple(name for name, _ in found.terms),
         elsewhere=found.expected.lower <= seen <= found.expected.upper,
     )

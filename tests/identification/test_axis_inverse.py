@@ -1,5 +1,7 @@
 """The inverse model of one axis, against the published numbers of EMPS and against simulated truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -88,6 +90,10 @@ def test_an_asymmetry_over_time_takes_parts_that_move_both_ways():
         force=95.0 * np.gradient(speed, 1e-3) + 200.0 * speed + 20.0 * np.sign(speed),
         position=1e-3 * np.cumsum(speed),
     )
+    short = replace(
+        strokes, sample_time=0.02, force=strokes.force[::20][:700], position=strokes.position[::20][:700]
+    )
+    assert asymmetry_over_time(short).shape == (0, 2)
     fit = inverse_fit(strokes, form="asymmetric")  # the whole record tells both directions
     assert fit.value("viscous_minus") == pytest.approx(200.0, rel=0.01)
     assert asymmetry_over_time(strokes).shape == (0, 2)

@@ -51,6 +51,14 @@ def test_gravity_is_selected_and_a_spring_is_not() -> None:
     assert fit.value("cos_1") + fit.value("offset") == pytest.approx(-0.8, abs=0.05)
 
 
+def test_cogging_is_found_at_high_speed_and_with_lost_rows() -> None:
+    """Of motors whose cogs pass faster than decimated rows come, but not always; all of 12 in a trial."""
+    for seed in range(3):
+        machine, logging = draw("motor", "lost rows", seed)
+        model, _ = select_terms([record_of(machine, logging, seed)], PLAIN)
+        assert f"sin_{machine.cogging[0]}" in model.terms
+
+
 def test_cogging_is_found_among_the_harmonics() -> None:
     motor = replace(ARM, kind="motor", gravity=(0.0, 0.0), cogging=(14, 0.8, 0.5))
     model, _ = select_terms([record_of(motor, replace(LOGGED, fastest=0.3, amplitude=2.0), 2)], PLAIN)

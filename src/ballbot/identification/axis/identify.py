@@ -233,6 +233,7 @@ class _Bench:
             model=fit.model,
             values=fit.values,
             standard_errors=fit.standard_errors,
+            half_widths=fit.half_widths,
             errors=tuple(
                 axis_errors(fit, record, number, bandwidth=self.band(record), horizon=horizon)
                 for record, number in zip((*self.records, *self.others), numbers, strict=True)
@@ -289,6 +290,7 @@ def _inverse_estimate(
         values=fit.by_name,
         standard_errors=dict(zip(fit.names, fit.clustered_errors.tolist(), strict=True)),
         rms=fit.relative_force_error,
+        freedom=max(1, fit.blocks - len(fit.names)),
     )
     return bench.estimate("inverse", found, horizon)
 

@@ -65,6 +65,7 @@ class InverseFit:
     clustered_errors: NDArray[np.float64]  #: (p,) rows of one second taken together
     relative_force_error: float  #: |F - F_hat| / |F|
     condition: float  #: of the regression's columns, each of length one
+    blocks: int  #: of time
 
     def value(self, name: str) -> float:
         """Return the parameter of that name."""
@@ -168,6 +169,7 @@ def free_inverse_fit(
         clustered_errors=np.array([np.nan if place is None else errors[place] for place in placed]),
         relative_force_error=float(np.linalg.norm(residual) / np.linalg.norm(F)),
         condition=condition,
+        blocks=len(np.unique(rows.block)),
     )
 
 
@@ -289,20 +291,21 @@ def without_drift(
 def asymmetry_over_time(record: AxisRecord, *, parts: int = 4) -> NDArray[np.float64]:
     """Return (F_v- - F_v+)/2 of equal parts of the record, (parts, 2): value and clustered standard error.
 
-    Empty, (0, 2), where a part moves one way only, as between the ends of a long stroke, and so cannot tell.
+    Empty, (0, 2), if a part is too short or moves one way only, as between the ends of a long stroke.
     """
     edges = np.linspace(0, len(record), parts + 1).astype(int)
     rows = []
     for first, last in pairwise(edges):
-        part = AxisRecord(
-            name=record.name,
-            sample_time=record.sample_time,
-            times=None if record.times is None else record.times[first:last],
-            force=record.force[first:last],
-            position=record.position[first:last],
-            unit=record.unit,
-        )
         try:
+            part = AxisRecord(
+                name=record.name,
+                sample_time=record.sample_time,
+                times=None if record.times is None else record.times[first:last],
+                force=record.force[first:last],
+                position=record.position[first:last],
+                unit=record.unit,
+                known_load=record.known_load,
+            )
             fit = free_inverse_fit(part, form="asymmetric")
         except InputError:
             return np.empty((0, 2))

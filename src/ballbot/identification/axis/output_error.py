@@ -21,6 +21,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from ballbot.fitting.least_squares import Stopping, minimize_squares
 from ballbot.fitting.parameter import RelativeSpace
@@ -343,6 +344,13 @@ class OutputErrorFit:
     values: dict[str, float]  #: by label, SI units
     standard_errors: dict[str, float]  #: NaN if a parameter is at a bound
     rms: float  #: of the residuals: [m] in open loop, [N] in closed loop
+    freedom: int = 1  #: blocks of time beyond the parameters
+
+    @property
+    def half_widths(self) -> dict[str, float]:
+        """Half widths of the 95 % intervals, by label."""
+        quantile = float(stats.t.ppf(0.975, self.freedom))
+        return {label: quantile * error for label, error in self.standard_errors.items()}
 
 
 def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> OutputErrorFit:
@@ -390,6 +398,7 @@ def fit_output_error(model: AxisModel, start: Values, problem: Problem) -> Outpu
             _standard_errors(space, found.point, found.jacobian, errors(found.point), problem.block)
         ),
         rms=problem.scale * float(np.sqrt(np.mean(errors(found.point) ** 2))),
+        freedom=max(1, len(np.unique(problem.block)) - len(found.point)),
     )
 
 
@@ -427,14 +436,16 @@ def memoized(
 
     def answer() -> list[NDArray[np.float64]]:
         found = fit()
-        return [model.vector(found.values), model.vector(found.standard_errors), np.array(found.rms)]
+        numbers = np.array([found.rms, found.freedom], dtype=np.float64)
+        return [model.vector(found.values), model.vector(found.standard_errors), numbers]
 
-    values, errors, rms = run.memoize(f"{stage}, {model.law.name}", model.vector(start), answer)
+    values, errors, (rms, freedom) = run.memoize(f"{stage}, {model.law.name}", model.vector(start), answer)
     return OutputErrorFit(
         model=model,
         values=model.by_label(values),
         standard_errors=model.by_label(errors),
         rms=float(rms),
+        freedom=int(freedom),
     )
 
 
@@ -450,5 +461,8 @@ def _standard_errors(
     errors = np.full(len(z), np.nan)
     neighbours = block_length(int(block.max()) + 1)
     covariance = covariance_in_time(J[:, kept], residuals, block, neighbours=neighbours)
-    errors[kept] = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    # as many blocks less are free as there are parameters
+    count = len(np.unique(block))
+    correction = (count - 1) / max(count - int(kept.sum()), 1)
+    errors[kept] = np.sqrt(correction * np.maximum(covariance.diagonal(), 0.0))
     return errors * space.slopes(z)

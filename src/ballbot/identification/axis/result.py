@@ -25,6 +25,7 @@ class Estimate:
     model: AxisModel
     values: dict[str, float]  #: by label, SI units
     standard_errors: dict[str, float]  #: clustered in time; NaN if there is none
+    half_widths: dict[str, float]  #: of the 95 % intervals, by label
     errors: tuple[AxisErrors, ...]  #: on the records fitted, then on the others
 
     @property
@@ -43,6 +44,10 @@ class Estimate:
             "law": self.law.name,
             "parameters": self.values,
             "standard_errors": self.standard_errors,
+            "intervals_95": {
+                label: [value - self.half_widths[label], value + self.half_widths[label]]
+                for label, value in self.values.items()
+            },
             "errors": {
                 one.record: {k: v for k, v in vars(one).items() if k != "record"} for one in self.errors
             },

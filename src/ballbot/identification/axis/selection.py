@@ -65,8 +65,10 @@ LARGEST_CHANCE = 1e-3
 LEAST_GAIN = 0.01
 #: forces over position taken at most, and the harmonics looked through
 _MOST_TERMS, _HIGHEST_HARMONIC = 6, 120
+#: a harmonic is looked for in rows between which its phase moves by less [rad], if there are so many
+_FASTEST_PHASE, _LEAST_SLOW_ROWS = 1.5, 50
 #: what a spring's gain counts on an axis that turns
-_SPRING_WORTH = 0.7
+_SPRING_WORTH = 0.3
 #: travel over which a harmonic must repeat to be looked for, in its periods
 _PERIODS = 0.75
 #: a drift has a piece for so long [s], at most so many
@@ -193,12 +195,16 @@ def _strongest_harmonics(model: AxisModel, rows: RegressionRows) -> list[int]:
     position = rows.seen["position"]
     least = max(2, int(np.ceil(_PERIODS * model.period / np.ptp(position))))
     numbers = [n for n in range(least, _HIGHEST_HARMONIC + 1) if harmonic(n)[0] not in model.terms]
-    # a harmonic that passes faster than rows come is not seen
-    fastest = float(np.quantile(np.abs(np.diff(position)), 0.9))
-    numbers = [n for n in numbers if n * 2.0 * np.pi / model.period * fastest < np.pi]
-    waves = 2.0 * np.pi / model.period * np.array(numbers)
-    power = [abs(np.exp(-1j * wave * position) @ left) for wave in waves]
-    order = np.argsort(power)[::-1][:2]
+    # where a harmonic passes faster than rows come, the filter has taken it off
+    turning = np.abs(rows.seen["speed"]) * float(np.median(np.abs(np.diff(rows.seen["time"]))))
+    sizes = np.zeros(len(numbers))
+    for place, number in enumerate(numbers):
+        wave = 2.0 * np.pi / model.period * number
+        slow = wave * turning < _FASTEST_PHASE
+        if slow.sum() >= _LEAST_SLOW_ROWS:
+            waves = np.exp(-1j * wave * position[slow])
+            sizes[place] = abs(waves @ left[slow]) / np.sqrt(slow.sum())
+    order = np.argsort(sizes)[::-1][:2]
     return [numbers[i] for i in order]
 
 
