@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ballbot.errors import InputError
+from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record, read_axis_records
 from ballbot.log.formats.text import write_text_table
@@ -63,6 +64,42 @@ def test_a_constant_column_is_a_number(tmp_path: Path) -> None:
     assert read_axis_record(path, AxisColumns(force_scale="kt")).force[3] == pytest.approx(2.0 * FORCE[3])
     with pytest.raises(InputError, match="'varies' has 600 different values; it must be one number"):
         read_axis_record(path, AxisColumns(force_scale="varies"))
+
+
+def test_units_are_scaled(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "a.csv", ms=1e3 * T, degrees=np.degrees(POSITION), aim=np.degrees(POSITION) + 1.0
+    )
+    columns = AxisColumns(
+        time="ms", time_scale="0.001", position="degrees", position_scale=str(np.pi / 180.0), reference="aim"
+    )
+    record = read_axis_record(path, columns)
+    assert record.sample_time == pytest.approx(2e-3)
+    np.testing.assert_allclose(record.position, POSITION, atol=1e-9)
+    assert record.reference is not None
+    np.testing.assert_allclose(record.reference - record.position, np.pi / 180.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("factor", "code"), [(1.0, None), (-1.0, "force-sign"), (1e-3, "scale")])
+def test_an_added_force_of_the_wrong_sign_or_unit_is_found(factor: float, code: str | None) -> None:
+    """A motor and pulses move a mass with friction; the pulses are recorded times a factor."""
+    t = np.arange(4000) * 2e-3
+    pulses = 15.0 * (np.sin(3.1 * t) > 0.6) - 15.0 * (np.sin(2.3 * t + 1.0) > 0.7)
+    motor = 12.0 * np.sin(5.0 * t) + 9.0 * np.sin(2.0 * t)
+    position, speed, positions = 0.0, 0.0, []
+    for force in motor + pulses:
+        positions.append(position)
+        speed += 2e-3 * (force - 3.0 * speed - 2.0 * np.tanh(speed / 1e-3)) / 4.0
+        position += 2e-3 * speed
+    record = AxisRecord(
+        name="pulses",
+        sample_time=2e-3,
+        force=motor + factor * pulses,
+        position=np.array(positions),
+        added=factor * pulses,
+    )
+    found = {one.code for one in record_findings(record) if "added force" in one.text}
+    assert found == ({code} if code else set())
 
 
 def test_a_force_may_be_a_number(tmp_path: Path) -> None:

@@ -11,15 +11,16 @@ so that both factors show a wrong scale, a_2 alone a wrong time base, and the re
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.findings import Finding, Place, Severity, by_severity
-from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit
+from ballbot.fitting.least_squares import fit_linear
+from ballbot.identification.axis.inverse import InverseFit, free_inverse_fit, regression_rows
 from ballbot.identification.axis.model import AXIS_LAWS
-from ballbot.identification.axis.record import GAP, AxisRecord, PositionVelocityLoop
+from ballbot.identification.axis.record import GAP, NO_LOAD, AxisRecord, PositionVelocityLoop
 from ballbot.identification.axis.selection import select_terms
 from ballbot.identification.axis.structure import AxisModel
 
@@ -57,7 +58,8 @@ def record_findings(record: AxisRecord, *, bandwidth: float | None = None) -> tu
         findings += _of_loop(record, record.loop, record.reference)
     # a constant force is refused by the identification itself
     if moved and all(one.severity != "error" for one in findings):
-        findings += _of_motion(record, _fit_with_forces(record, bandwidth))
+        fit = _fit_with_forces(record, bandwidth)
+        findings += [*_of_motion(record, fit), *_of_added(record, bandwidth)]
     return by_severity(findings)
 
 
@@ -66,6 +68,32 @@ def _fit_with_forces(record: AxisRecord, bandwidth: float | None) -> InverseFit:
     plain = AxisModel(law=AXIS_LAWS["coulomb"])
     model, _ = select_terms((record,), plain, bandwidth=bandwidth)
     return free_inverse_fit(record, model=model, bandwidth=bandwidth)
+
+
+def _of_added(record: AxisRecord, bandwidth: float | None) -> Iterator[Finding]:
+    """Find an added force of the wrong sign or scale, by the motion that it makes."""
+    if record.added is None or np.ptp(record.added) == 0.0:
+        return
+    rows = regression_rows((record,), AxisModel(law=AXIS_LAWS["coulomb"]), bandwidth=bandwidth)
+    added = regression_rows(
+        (replace(record, force=record.added, known_load=NO_LOAD),),
+        AxisModel(law=AXIS_LAWS["coulomb"]),
+        bandwidth=bandwidth,
+    ).force
+    X = np.column_stack([*rows.columns.values(), added])
+    fit = fit_linear(X, rows.force - added, rows.block)
+    ratio, error = -float(fit.values[-1]), float(fit.errors[-1])
+    if ratio + 3.0 * error < 0.0:
+        text = (
+            f"The added force acts the other way: the motion shows {ratio:.2g} times it. "
+            "Negate it: --added-force-scale -1."
+        )
+        yield _finding("force-sign", "error", text, "added_force")
+    elif abs(ratio - 1.0) > max(5.0 * error, 0.5):
+        text = (
+            f"The motion shows {_times(ratio)} the added force; check its unit, or give --added-force-scale."
+        )
+        yield _finding("scale", "warning", text, "added_force")
 
 
 def _of_gaps(record: AxisRecord) -> Iterator[Finding]:
@@ -84,7 +112,7 @@ def _of_time(record: AxisRecord) -> Iterator[Finding]:
     if h > _SAMPLING[1]:
         text = (
             f"Rows come every {h:.3g} s, too slowly for an axis; "
-            f"t appears to be in milliseconds ({0.001 * h:.3g} s)."
+            f"t appears to be in milliseconds ({0.001 * h:.3g} s): --time-scale 0.001."
         )
         yield _finding("scale", "error", text, "t")
     elif h < _SAMPLING[0]:
@@ -98,7 +126,7 @@ def _of_travel(record: AxisRecord) -> Iterator[Finding]:
         text = (
             f"The axis travels {travel:.4g} m; its position appears to be in "
             f"millimetres ({0.001 * travel:.4g} m), which makes mass and viscous "
-            "friction a thousand times too small. For angles give --unit rad."
+            "friction a thousand times too small: --position-scale 0.001. For angles give --unit rad."
         )
         yield _finding("axis-unit", "warning", text, "position")
 

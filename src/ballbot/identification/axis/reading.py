@@ -32,11 +32,17 @@ class AxisColumns:
     time: str = "t"
     """The variable with the time, in seconds."""
 
+    time_scale: str = "1"
+    """Factor from that variable to seconds, such as 0.001 for milliseconds: a number, or a variable of the file."""
+
     position: str | None = None
     """The variable with the position, in metres or radians; "position" if neither it nor the velocity is given."""
 
     velocity: str | None = None
     """The variable with the velocity, in metres or radians per second, for a file without a position."""
+
+    position_scale: str = "1"
+    """Factor from the position, the velocity and the reference to metres or radians: a number, or a variable."""
 
     force: str = "force"
     """The variable with the force, torque, current or voltage that drives the axis, or a number such as 0."""
@@ -46,6 +52,9 @@ class AxisColumns:
 
     added_force: str | None = None
     """The variable with an additional force on the axis, such as a measured disturbance, in newtons (newton metres)."""
+
+    added_force_scale: str = "1"
+    """Factor from that variable to newtons or newton metres, -1 if it acts the other way: a number, or a variable."""
 
     reference: str | None = None
     """The variable with the reference of the position; with both gains, the closed loop is simulated as well, in
@@ -126,15 +135,18 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     def column(wanted: str | None) -> NDArray[np.float64] | None:
         return None if wanted is None else _variable(name, variables, wanted)
 
-    t = _variable(name, variables, columns.time)
+    t = _number(name, variables, columns.time_scale) * _variable(name, variables, columns.time)
     scale = _number(name, variables, columns.force_scale)
     driving = _force(name, variables, columns.force, len(t))
     force = scale * driving
     added = column(columns.added_force)
-    if added is not None and added.shape == force.shape:
-        force = force + added
-    position = _position(name, variables, columns, t)
+    if added is not None:
+        added = _number(name, variables, columns.added_force_scale) * added
+        force = force + added if added.shape == force.shape else force
+    travel = _number(name, variables, columns.position_scale)
+    position = travel * _position(name, variables, columns, t)
     reference = column(columns.reference)
+    reference = None if reference is None else travel * reference
     rows = {
         "time": t,
         "force": force,
