@@ -192,6 +192,8 @@ def _rougher(choice: ControllerChoice, part: str) -> str:
         [one.rms_torque_change for one in choice.trials["precise"].scores[: len(without.scores)]]
     )
     ratio = without.roughness.median / float(whole)
+    if 0.95 < ratio < 1.05:  # 1.0 in two digits
+        return "as rough"
     return f"{digits(1.0 / ratio, 2)} times smoother" if ratio < 1.0 else f"{digits(ratio, 2)} times rougher"
 
 
