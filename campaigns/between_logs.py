@@ -12,7 +12,6 @@ an interrupted campaign continues; delete the folder after a change of the measu
 
 from __future__ import annotations
 
-import json
 import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,7 +42,6 @@ from ballbot.identification.variation import (
     LogEstimates,
     Priors,
     log_estimates,
-    shipped_priors,
     units_of,
     variation,
 )
@@ -452,7 +450,7 @@ def effective() -> Section:
         fits = [
             fit_of(log, f"{scenario.name}_{seed}") for log, seed in zip(logs, _SWITCHED_SEEDS, strict=True)
         ]
-        rows.append([name, *_means(np.nanmean([one.values for one in fits], axis=0))])
+        rows.append([name, *_means(_mean_known(np.array([one.values for one in fits])))])
     return Section(
         title="What the identified parameters represent",
         before="The nominal twin with single faults switched off, identified from balancing: means over the wheels "
@@ -466,6 +464,13 @@ def effective() -> Section:
 def _set_values() -> NDArray[np.float64]:
     f = NOMINAL.friction
     return np.array([*f.viscous, *f.coulomb, *f.stribeck, f.stribeck_speed, f.stribeck_exponent, f.rolling])
+
+
+def _mean_known(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the means (p,) of rows (k, p) without what is NaN; NaN if all is."""
+    known = np.isfinite(values)
+    with np.errstate(invalid="ignore"):
+        return np.where(known, values, 0.0).sum(axis=0) / known.sum(axis=0)
 
 
 def _means(values: NDArray[np.float64]) -> list[str]:
@@ -493,4 +498,3 @@ if __name__ == "__main__":
     if sys.argv[1:] != ["prior"]:
         raise SystemExit("python -m campaigns.between_logs prior")
     write_prior()
-    print(json.dumps({name: one.scale for name, one in shipped_priors().by_name.items()}))

@@ -208,7 +208,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         bounds=(0.0, 0.5),
         nominal_of=lambda robot: robot.friction.coulomb,
-        stands_for="",
+        stands_for="dry friction less what slip of the rollers and play move to b and s",
     ),
     Quantity(
         name="stribeck",
@@ -247,7 +247,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         meaning="rolling friction of the ball on the floor",
         bounds=(0.0, 0.05),
         nominal_of=lambda robot: (robot.friction.rolling,),
-        stands_for="losses of the rollers on the ball",
+        stands_for="losses of the rollers on the ball, and play of the gears",
     ),
     Quantity(
         name="stribeck_asymmetry",

@@ -167,16 +167,13 @@ class Identification:
 
 
 def represents_sentence(layout: Layout) -> str:
-    """Return which parameters are physical and which stand for other effects too."""
+    """Return which parameters stand for other effects than their own; empty if nobody looked."""
     by_effect: dict[str, list[str]] = {}
     for name in layout.names:
-        also = BY_NAME[name].stands_for
-        if also is not None:
+        if also := BY_NAME[name].stands_for:
             by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
-    physical = by_effect.pop("", [])
-    parts = [f"{' and '.join(symbols)} also for {also}" for also, symbols in by_effect.items()]
-    sentence = f"{' and '.join(physical)} is the drive's own friction. " if physical else ""
-    return f"{sentence}The others are effective, they stand {'; '.join(parts)}."
+    parts = [f"{', '.join(symbols)} ({also})" for also, symbols in by_effect.items()]
+    return f"Effective parameters, and what else they stand for: {'; '.join(parts)}." if parts else ""
 
 
 def _without_nan(value: object) -> object:
