@@ -55,6 +55,7 @@ CAMPAIGNS = {
     "one_axis": "campaigns.one_axis",
     "axis_machines": "campaigns.one_axis:machines",
     "drivelines": "campaigns.identified_twin:drivelines",
+    "driveline_coverage": "campaigns.driveline_coverage",
     "resume": "campaigns.resume",
     "identified_errors": "campaigns.identified_twin:identified_errors",
     "identified_friction": "campaigns.identified_twin:identified_friction",

@@ -101,6 +101,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "speed-limit": "wheels turn faster than the motors can turn them",
         "spike": "single values jump away and back",
         "spin": "results of a video of the ball",
+        "stages-differ": "two stages or methods differ by more than their errors in what both estimate",
         "stuck": "a sensor repeats its value for a long time",
         "swapped": "two columns are swapped",
         "sweep": "what of a sweep was combined with the logs",

@@ -64,7 +64,8 @@ class SearchOptions:
 
     perturb: str = ""
     """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
-    of the floor). Unnamed ranges keep these values."""
+    of the floor). Mass, height and friction that are not named follow the standard deviations in the robot's file if it
+    states them; other unnamed ranges keep these values."""
 
     robots: WholeNumber = Effort.robots
     """Number of perturbed robots on which each candidate is tested."""
@@ -161,7 +162,7 @@ def _search(
     out: Path,
 ) -> None:
     """Search for the weights, and write controller.toml, results.json and robust.svg."""
-    spread = PerturbationRanges.parse(search.perturb)
+    spread = PerturbationRanges.parse(search.perturb, robot)
     effort = Effort(
         robots=search.robots,
         generations=search.generations,

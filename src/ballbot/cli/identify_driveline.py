@@ -16,11 +16,11 @@ from ballbot.identification.driveline import (
     UPPER,
     Sweep,
     driveline_parameters,
-    drivelines_friction,
     fit_drivelines,
     sweeps_of,
 )
 from ballbot.identification.driveline_checks import sweep_findings
+from ballbot.identification.driveline_robot import file_findings, robot_of_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
@@ -52,7 +52,8 @@ def identify_driveline(
     """Identify b, c, s, v_s and delta of each driveline from a torque sweep with the wheels off the ball.
 
     The first of the thesis's three stages (section 3.1), with its Figures 3.1 and 3.2. Writes report.html,
-    results.json and robot.toml (with each wheel's b, c and s, and the means of v_s and delta).
+    results.json and robot.toml (with each wheel's b, c and s, the means of v_s and delta, and
+    their standard deviations and correlations). Friction in the robot file that states standard deviations is compared.
 
     Example: ballbot identify-driveline alten driveline_sweep.csv --out found
 
@@ -84,13 +85,14 @@ def identify_driveline(
     with open_result(out, command="identify-driveline", writes=_WRITTEN, inputs=inputs, seed=seed) as result:
         with result.progress("sweep") as bar:
             fits, printed = fit_drivelines(sweeps, space=space, run=Run(seed=seed, progress=bar.report))
-        friction = drivelines_friction(fits, rolling=described.friction.rolling)
+        findings = by_severity([*findings, *file_findings(described, fits)])
+        identified = robot_of_sweep(described, fits, log=log.name)
         made = result.origin
         page = driveline_report(described.name, sweeps, fits, printed, made, findings)
         with result.replaced() as new:
             write_text(new / "results.json", as_json(driveline_results(fits, printed, made, findings)))
             write_text(new / "report.html", page)
-            write_robot(described.replace(friction=friction), new / "robot.toml")
+            write_robot(identified, new / "robot.toml")
     result.show(driveline_parts(fits, printed, framed=result.console.is_terminal))
     result.show_file("report.html")
 

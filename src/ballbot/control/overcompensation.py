@@ -91,7 +91,7 @@ def cautious_friction(friction: Friction, covariance: ArrayLike, *, confidence: 
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     """Return the covariance (6 n + 3, 6 n + 3) by the standard deviations in a robot's file, None if it has none.
 
-    A file has no correlations, so b, c and s count as independent. With correlations the result would be less cautious.
+    Where the file states no correlations, b, c and s count as independent; the result is then more cautious.
     """
     n = robot.wheel_count
     spans = {
@@ -112,7 +112,18 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
         np.broadcast_to(np.asarray(stated.get(f"friction.{name}", 0.0), dtype=np.float64), count)
         for name, count in spans.items()
     ]
-    return np.diag(np.concatenate(deviations) ** 2)
+    sizes = np.concatenate(deviations)
+    covariance = np.diag(sizes**2)
+    places = {
+        f"friction.{name}[{wheel}]" if count == n else f"friction.{name}": first + wheel
+        for (name, count), first in zip(spans.items(), np.cumsum([0, *spans.values()]).tolist(), strict=False)
+        for wheel in range(count)
+    }
+    known = robot.correlation.among(places)
+    if known.of:
+        at = [places[label] for label in known.of]
+        covariance[np.ix_(at, at)] = known.matrix() * np.outer(sizes[at], sizes[at])
+    return covariance
 
 
 def _certain_fraction(friction: Friction, wheel: int, P: NDArray[np.float64], z: float) -> float:

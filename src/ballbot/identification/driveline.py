@@ -1,9 +1,13 @@
-"""Stage one of the thesis (3.1 to 3.5): one driveline, the wheel free, five parameters by an evolution strategy.
+"""Stage one of the thesis (3.1 to 3.5): one driveline, the wheel free, five parameters.
 
     (j_w + j_r) w_dot = u - (b w + (c + s exp(-|w/v_s|^delta)) sgn(w))           cost (3.5): |w - w_measured|
 
-The measured torque is the input, the measured speed what is compared, the inertia is the robot's. Two readings of the
-supply's speed limit l:
+The measured torque is the input, the inertia is the robot's. An evolution strategy finds the basin by that cost, as in
+the thesis. The noise of the torque moves the simulated speed for longer than a passage of the low speeds lasts, and its
+play lets a motor start alone: the cost's minimum is off by several standard errors in s, v_s and delta. The estimate
+therefore predicts a sample ahead (`ballbot.identification.driveline_estimate`).
+
+Two readings of the supply's speed limit l:
 
 *restarted*: where the supply limits the speed, the torque that acts is not the one recorded, so that the sweep is cut
 there; each piece starts from the measured speed. *As printed* (3.2): the speed seen is clamped while the one
@@ -25,16 +29,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.least_squares import Stopping, minimize_squares
+from ballbot.fitting.intervals import Interval
 from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import evolve
-from ballbot.fitting.uncertainty import covariance_in_time
+from ballbot.identification.driveline_estimate import DrivelineEstimate, estimate_driveline
+from ballbot.identification.driveline_innovations import Track, angles_of, break_aways
 from ballbot.identification.quantities import BY_NAME, FRICTION
 from ballbot.log import Log
+from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.progress import Progress, part_of
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.simulation.driveline import Driveline, SpeedClamp, simulate_drivelines
 
 #: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
@@ -87,11 +93,11 @@ NAMES = ("b", "c", "s", "v_s", "delta")
 #: of that share of the limit, the speed counts as limited
 _LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
-_DIFFERENCE = 1e-3  # half the central difference, of the bounds' width
 _AT_BOUND = 1e-4
+#: samples of a turning wheel, below which there is nothing to fit
+_LEAST_MOVING = 20
 #: a standard error of this share of the bounds' width leaves a parameter unknown
 _UNKNOWN = 0.5
-_BLOCK = 0.5  # [s]; residuals of one block may depend on each other
 
 
 #: the least and the greatest b, c, s, v_s and delta
@@ -140,8 +146,11 @@ class DrivelineFit:
 
     wheel: int  #: from 1
     values: NDArray[np.float64]  #: (5,) b, c, s, v_s, delta
-    standard_errors: NDArray[np.float64]  #: (5,), clustered in time; NaN at a bound
+    standard_errors: NDArray[np.float64]  #: (5,); NaN at a bound
     correlation: NDArray[np.float64]  #: (5, 5)
+    intervals: dict[str, Interval]  #: of 95 %, by symbol; none for a parameter without effect
+    delay: float  #: of the torque [s]
+    innovation: float  #: root mean square error of the speed predicted a sample ahead [rad/s]
     unknown: NDArray[
         np.bool_
     ]  #: (5,) parameters that the sweep does not determine; their values are arbitrary
@@ -179,11 +188,32 @@ class Sweep:
     limit: float  #: l [rad/s]
     inertia: float  #: [kg m^2]
     brake: float = 0.0  #: b_e of the motor's back-EMF [N m s/rad]; the torque is then that at standstill
+    angle: NDArray[np.float64] | None = None  #: (N,) of the encoder at the wheel [rad]
+    play: float = 0.0  #: of the gearbox at the wheel, from stop to stop [rad]
+    rotor_inertia: float = 0.0  #: j_r, the part of the inertia before the play [kg m^2]
 
     def driveline(self, values: NDArray[np.float64], *, clamp: SpeedClamp | None = None) -> Driveline:
         """Return the driveline with friction b, c, s, v_s, delta (5,) beside the motor's brake."""
         law = classical(values + np.array([self.brake, 0.0, 0.0, 0.0, 0.0]))
         return Driveline(inertia=self.inertia, friction=law, speed_limit=clamp)
+
+    def track(self) -> Track:
+        """Return what one-step predictions need; without the rotor's inertia they know no play."""
+        angle = angles_of(self.angle, self.speed, sample_time=self.sample_time)
+        play = self.play if self.rotor_inertia > 0.0 else 0.0
+        event, origin = break_aways(angle, sample_time=self.sample_time, play=play)
+        return Track(
+            torque=self.torque,
+            angle=angle,
+            speed=self.speed,
+            pieces=tuple(self.pieces()),
+            sample_time=self.sample_time,
+            inertia=self.inertia,
+            rotor_inertia=self.rotor_inertia or self.inertia,
+            brake=self.brake,
+            event=event,
+            origin=origin,
+        )
 
     @property
     def sample_time(self) -> float:
@@ -233,6 +263,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
     highest = float(np.abs(speeds).max()) if limit is None else limit
     if not highest > 0.0:
         raise InputError("The wheels never turn in this log; a sweep must go well beyond break-away.")
+    angles = [_angle(log, name) for name in wheel_angle_names(robot.wheel_count)]
     return [
         Sweep(
             wheel=i + 1,
@@ -242,9 +273,17 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None, back_emf: f
             limit=highest,
             inertia=Driveline.of_wheel(robot, i).inertia,
             brake=back_emf,
+            angle=angles[i],
+            play=robot.drive.backlash,
+            rotor_inertia=Driveline.of_wheel(robot, i).inertia - robot.wheels.inertia,
         )
         for i in range(robot.wheel_count)
     ]
+
+
+def _angle(log: Log, name: str) -> NDArray[np.float64] | None:
+    """Return a column of angles, None if there is none or some are missing."""
+    return log[name] if name in log and np.isfinite(log[name]).all() else None
 
 
 def fit_driveline(
@@ -263,13 +302,12 @@ def fit_driveline(
         If the sweep has no piece to compare, or determines none of the five.
     """
     pieces = sweep.pieces()
-    if not any(sweep.speed[first:end].any() for first, end in pieces):
+    track = sweep.track()
+    if not pieces or track.moving.sum() < _LEAST_MOVING:
         raise InputError(
             f"Wheel {sweep.wheel} is at rest or at its speed limit of "
             f"{sweep.limit:.3g} rad/s throughout, or the log is too short."
         )
-    block = np.concatenate([np.arange(a, b) for a, b in pieces]) * sweep.sample_time // _BLOCK
-    blocks = np.unique(block, return_inverse=True)[1].astype(np.int64)
 
     def errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
         predicted = _predict_pieces(sweep, pieces, values)
@@ -277,39 +315,26 @@ def fit_driveline(
             [p - sweep.speed[a:b] for p, (a, b) in zip(predicted, pieces, strict=True)], axis=1
         )
 
-    def slopes(z: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _jacobian(lambda many: errors(space.physical(many)), z)
-
     best = _evolve(lambda values: np.linalg.norm(errors(values), axis=1), space, generations, population, run)
-    z = minimize_squares(
-        lambda z: errors(space.physical(z[None]))[0],
-        np.clip(best, 1e-3, 1.0 - 1e-3),
-        jacobian_of=slopes,
-        bounds=(0.0, 1.0),
-        scale="jac",
-        stopping=Stopping(most_evaluations=40),
-    ).point
-    z = np.where(z <= _AT_BOUND, 0.0, np.where(z >= 1.0 - _AT_BOUND, 1.0, z))
-    residual = errors(space.physical(z[None]))[0]
-    covariance = _covariance(slopes(z), residual, blocks, z)
-    if np.isnan(covariance).all():
+    found = estimate_driveline(track, best, space=space, play=sweep.play)
+    if not np.any(np.sqrt(found.covariance.diagonal()) <= _UNKNOWN):
         raise InputError(
             f"The sweep of wheel {sweep.wheel} identifies none of {', '.join(NAMES)}: all end at a "
             "bound or have no effect. Sweep slowly and well beyond break-away, or widen the bounds."
         )
-    return _result(sweep, pieces, residual, z=z, covariance=covariance, space=space)
+    return _result(sweep, pieces, errors(space.physical(found.point[None]))[0], found, space=space)
 
 
 def _result(
     sweep: Sweep,
     pieces: Sequence[tuple[int, int]],
     residual: NDArray[np.float64],
+    found: DrivelineEstimate,
     *,
-    z: NDArray[np.float64],
-    covariance: NDArray[np.float64],
     space: ParameterSpace,
 ) -> DrivelineFit:
-    """Return the fit; z (5,) are the scaled parameters and `covariance` (5, 5) theirs."""
+    """Return the fit of an estimate whose simulation leaves the residual (m,) [rad/s]."""
+    z, covariance = found.point, found.covariance
     values = space.physical(z)
     scaled_errors = np.sqrt(covariance.diagonal())
     at_bound = (z <= _AT_BOUND) | (z >= 1.0 - _AT_BOUND)
@@ -326,6 +351,9 @@ def _result(
         standard_errors=scaled_errors * space.slopes(z),
         unknown=unknown,
         correlation=covariance / np.outer(scaled_errors, scaled_errors),
+        intervals={name: one for name, one in found.intervals.items() if not unknown[NAMES.index(name)]},
+        delay=found.delay,
+        innovation=found.rms,
         cost=float(np.linalg.norm(residual)),
         samples=len(residual),
         rmse=_rms(residual),
@@ -410,26 +438,6 @@ def _predict_clamped(sweep: Sweep, values: NDArray[np.float64]) -> NDArray[np.fl
     return np.concatenate([np.full((len(lines), 1), sweep.speed[0]), motion.speeds], axis=1)
 
 
-def _jacobian(
-    errors: Callable[[NDArray[np.float64]], NDArray[np.float64]], z: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the residuals' derivatives (m, 5) by central differences, all in one batch."""
-    ahead = np.minimum(z + _DIFFERENCE * np.eye(5), 1.0)
-    behind = np.maximum(z - _DIFFERENCE * np.eye(5), 0.0)
-    both = errors(np.concatenate([ahead, behind]))
-    return ((both[:5] - both[5:]) / (ahead - behind).diagonal()[:, None]).T
-
-
-def _covariance(
-    J: NDArray[np.float64], residual: NDArray[np.float64], block: NDArray[np.int64], z: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    kept = np.flatnonzero((z > _AT_BOUND) & (z < 1.0 - _AT_BOUND) & (np.linalg.norm(J, axis=0) > 0.0))
-    full = np.full((5, 5), np.nan)
-    # a start's error lasts for a mechanical time constant or two, hence a few neighbours
-    full[np.ix_(kept, kept)] = covariance_in_time(J[:, kept], residual, block, neighbours=4)
-    return full
-
-
 def _rms(errors: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
@@ -454,21 +462,3 @@ def fit_drivelines(
         fits.append(fit)
         printed.append(fit_as_printed(sweep, fit, space=space, run=replace(run, progress=of_printed)))
     return fits, printed
-
-
-def drivelines_friction(fits: Sequence[DrivelineFit], *, rolling: float) -> Friction:
-    """Return each wheel's b, c and s, the means of v_s and delta, and the given C_rr."""
-    return Friction(
-        viscous=tuple(float(fit.values[0]) for fit in fits),
-        coulomb=tuple(float(fit.values[1]) for fit in fits),
-        stribeck=tuple(float(fit.values[2]) for fit in fits),
-        stribeck_speed=_mean_of_known(fits, 3),
-        stribeck_exponent=_mean_of_known(fits, 4),
-        rolling=rolling,
-    )
-
-
-def _mean_of_known(fits: Sequence[DrivelineFit], place: int) -> float:
-    """Return the mean over the wheels whose sweep determines a parameter; over all, where it has no effect."""
-    known = [fit for fit in fits if not fit.unknown[place]] or fits
-    return sum(float(fit.values[place]) for fit in known) / len(known)

@@ -21,11 +21,12 @@ from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.search import SearchResult, at_bound
 from ballbot.fitting.uncertainty import Discrepancy, discrepancy
+from ballbot.identification.agreement import StageEstimate, agreement_findings, of_robot_file
 from ballbot.identification.excitation import chatter, chatter_finding, heading_findings, share_shown
 from ballbot.identification.laws import LAWS, LawName, bounds_of, law_named, select_law
 from ballbot.identification.parameters import Bounds, Coordinates, scale_between
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import FRICTION, names_in
+from ballbot.identification.quantities import FRICTION, Layout, names_in
 from ballbot.identification.result import (
     Identification,
     WindowErrors,
@@ -51,6 +52,7 @@ from ballbot.identification.stages import (
     search,
     stages_of,
 )
+from ballbot.identification.stated_uncertainty import deviations_of, parameter_covariance
 from ballbot.identification.sweep import Estimate, with_sweep
 from ballbot.identification.variation import (
     Variation,
@@ -244,6 +246,11 @@ def _result(
     layout = predictor.layout
     final, apart, varied = _with_uncertainty(prepared, estimate, options=options, run=run)
     values, uncertainty = final.values, final.uncertainty
+    covariance = parameter_covariance(
+        deviations_of(layout.labels, uncertainty, of_robot=varied.deviations),
+        uncertainty.standard_errors,
+        uncertainty.correlation,
+    )
     held_out = errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found_robot(
@@ -251,6 +258,7 @@ def _result(
             layout,
             values,
             uncertainty.standard_errors,
+            covariance=covariance,
             log_count=len(logs),
             asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
         ),
@@ -276,6 +284,7 @@ def _result(
             *final.remarks,
             *discrepancy_finding(apart),
             *variation_findings(varied),
+            *_agreement(predictor.robot, layout, values, covariance),
         ),
         log_findings=findings,
     )
@@ -319,6 +328,19 @@ def speed_groups(robot: Robot, windows: Windows) -> NDArray[np.int64]:
     states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
     speeds = np.abs(Model(robot).wheel_speed(states[..., :5], states[..., 5:])).mean(axis=(1, 2))
     return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
+
+
+def _agreement(
+    robot: Robot, layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> list[Finding]:
+    """Return a warning if the logs and the friction in the robot's file differ by more than their errors."""
+    stated = of_robot_file(robot)
+    if stated is None:
+        return []
+    found = StageEstimate(
+        source="the balancing logs", labels=layout.labels, values=values, covariance=covariance
+    )
+    return agreement_findings(stated, found)
 
 
 def _findings(

@@ -22,6 +22,7 @@ from ballbot.identification.quantities import (
     with_friction,
     with_rigid_body,
 )
+from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
@@ -203,11 +204,13 @@ def found_robot(
     values: NDArray[np.float64],
     standard_errors: NDArray[np.float64],
     *,
+    covariance: NDArray[np.float64],
     log_count: int,
     asymmetric: bool = False,
 ) -> Robot:
     """Return the robot with friction and rigid body out of parameters (p,); its sources state the standard errors (p,).
 
+    Its standard deviations and their correlations are those of the `covariance` (p, p).
     Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
     numbers; they are in the result alone, and so is T_p. With the laws "asymmetric" and "directed" the offsets
     are friction.
@@ -227,7 +230,13 @@ def found_robot(
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
             sources |= dict.fromkeys(places, f"identified: from {logs}, standard error{of} {errors}")
     moved = estimated_robot(robot, layout, values, asymmetric=asymmetric)
-    return moved.annotated(sources={**robot.sources, **sources})
+    return with_uncertainty(
+        moved.annotated(sources={**robot.sources, **sources}),
+        lambda parameters: estimated_robot(robot, layout, parameters, asymmetric=asymmetric),
+        values,
+        covariance,
+        names=sources,
+    )
 
 
 def estimated_robot(

@@ -13,7 +13,8 @@ and S their covariance by the sweep,
     K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
 
 Friction under the robot's weight is not always that of a free wheel. A measurement that contradicts the logs by more
-than `CONTRADICTS` of its errors is left out, and a finding reports it.
+than `CONTRADICTS` of its errors is left out, and a finding reports it. Another compares all of them at once
+(`ballbot.identification.agreement`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from ballbot.files import read_json
 from ballbot.findings import Finding, warning
 from ballbot.fitting.checkpoint import digest
 from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
+from ballbot.identification.agreement import StageEstimate, agreement_findings
 from ballbot.identification.parameters import Coordinates
 from ballbot.identification.quantities import Layout
 
@@ -153,7 +155,18 @@ def combine(
     asked = _measurements(layout, values, known, sweep)
     apart = np.abs(asked.r) / np.sqrt((asked.H @ C @ asked.H.T + asked.covariance).diagonal())
     agrees = apart <= CONTRADICTS
-    remarks = [
+    together = agreement_findings(
+        StageEstimate(
+            source="the sweep", labels=asked.labels, values=asked.theirs, covariance=asked.covariance
+        ),
+        StageEstimate(
+            source="the balancing logs",
+            labels=asked.labels,
+            values=asked.theirs + asked.r,
+            covariance=asked.H @ C @ asked.H.T,
+        ),
+    )
+    remarks = together + [
         warning(
             "sweep",
             f"{label} of the sweep, {theirs:.3g}, and of the balancing logs, "

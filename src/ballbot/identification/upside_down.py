@@ -40,6 +40,7 @@ from ballbot.identification.result import (
     found_robot,
     influence_findings,
 )
+from ballbot.identification.stated_uncertainty import parameter_covariance
 from ballbot.identification.windows import COMPARISONS, LARGEST_JITTER, Span, common_sample_time, split
 from ballbot.log import Log
 from ballbot.log.checks.values import spiked_rows
@@ -442,7 +443,14 @@ def _result(
     scaled = covariance(equations, free & ~stands & ~no_influence)
     errors, correlations = np.sqrt(scaled.diagonal()), correlation(scaled)
     physical_errors = errors * coordinates.slopes(point)
-    found = found_robot(robot, coordinates.layout, values, physical_errors, log_count=log_count)
+    found = found_robot(
+        robot,
+        coordinates.layout,
+        values,
+        physical_errors,
+        covariance=parameter_covariance(physical_errors, physical_errors, correlations),
+        log_count=log_count,
+    )
     rolling = robot.sources.get("friction.rolling", "assumed")
     windows = problem.windows
     return UpsideDown(

@@ -15,7 +15,7 @@ from ballbot.report.console import matrix_text, table
 from ballbot.report.style import BLUE, GREEN, ORANGE, SHADE, Line
 from ballbot.robot import Friction
 from ballbot.workflows.controller_design import ControllerDesign, frictionless_model
-from ballbot.workflows.perturbed_robots import TAIL
+from ballbot.workflows.perturbed_robots import TAIL, PerturbationRanges
 from ballbot.workflows.robot_check import state_order
 from ballbot.workflows.robust_design import RobustDesign
 
@@ -86,6 +86,16 @@ def robust_design_parts(found: RobustDesign, *, framed: bool) -> Iterator[Render
     title = f"On {found.fresh} perturbed robots that the search did not use"
     yield table(title, headings, rows, framed=framed)
     yield Text(_weights(found))
+    yield Text(_perturbed_by(found.spread))
+
+
+def _perturbed_by(spread: PerturbationRanges) -> str:
+    """Return what the perturbed robots' mass, height and friction were drawn from."""
+    ranges = {"mass": spread.mass, "height": spread.height, "friction": spread.friction}
+    known = [name for name, share in ranges.items() if share is None]
+    ranged = [f"{name} within {100.0 * share:g} %" for name, share in ranges.items() if share is not None]
+    drawn = [f"{' and '.join(known)} by the standard deviations in the robot's file"] if known else []
+    return f"Perturbed robots: {'; '.join([*drawn, *ranged])}; --perturb changes a range."
 
 
 def _weights(found: RobustDesign) -> str:

@@ -13,6 +13,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ballbot.findings import Finding, finding_results, note, texts
+from ballbot.fitting.intervals import Interval
 from ballbot.identification.driveline import NAMES, DrivelineFit, PrintedFit, Sweep
 from ballbot.mechanics.friction import stribeck_gradient
 from ballbot.report.axis import panels_over_time
@@ -152,7 +153,7 @@ def driveline_report(
 
 
 def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
-    """Return each parameter's symbol, unit and values by wheel, with standard errors."""
+    """Return each parameter's symbol, unit and values by wheel, with 95 % intervals."""
     return [
         (name, unit, *(_written(fit, i) for fit in fits))
         for i, (name, unit) in enumerate(zip(NAMES, UNITS, strict=True))
@@ -160,10 +161,20 @@ def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
 
 
 def _written(fit: DrivelineFit, place: int) -> str:
-    """Return a parameter with its standard error, or that it is unknown."""
+    """Return a parameter with its 95 % interval, or that it is unknown."""
     if fit.unknown[place]:
         return "unknown"
+    interval = fit.intervals.get(NAMES[place])
+    if interval is not None and math.isfinite(interval.lower) and math.isfinite(interval.upper):
+        return _between(float(fit.values[place]), interval)
     return with_error(float(fit.values[place]), float(fit.standard_errors[place]))
+
+
+def _between(value: float, interval: Interval) -> str:
+    """Return a value and its interval, to the second digit of the interval's width."""
+    width = interval.upper - interval.lower
+    places = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 5
+    return f"{value:.{places}f} ({interval.lower:.{places}f} to {interval.upper:.{places}f})"
 
 
 def error_rows(fits: Sequence[DrivelineFit], printed: Sequence[PrintedFit]) -> list[tuple[str, ...]]:
@@ -247,6 +258,11 @@ def driveline_results(
         "standard_errors": {
             name: [_known(fit, fit.standard_errors, i) for fit in fits] for i, name in enumerate(NAMES)
         },
+        "intervals": {
+            f"wheel {fit.wheel}": {name: one.to_dict() for name, one in fit.intervals.items()} for fit in fits
+        },
+        "torque_delay": [fit.delay for fit in fits],
+        "rmse_of_one_step": [fit.innovation for fit in fits],
         "unknown": {f"wheel {fit.wheel}": [NAMES[i] for i in np.flatnonzero(fit.unknown)] for fit in fits},
         "findings": finding_results(findings),
         "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},

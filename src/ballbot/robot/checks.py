@@ -17,7 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, nearest, suggest
-from ballbot.robot.components import BY_NAME, PARAMETERS, Ball, Body, Drive, Friction, RobotValues, Wheels
+from ballbot.robot.components import (
+    BY_NAME,
+    PARAMETERS,
+    Ball,
+    Body,
+    Drive,
+    Friction,
+    RobotValues,
+    Wheels,
+    deviation_labels,
+)
 from ballbot.robot.parameters import DIMENSIONLESS, SOURCES, UNITS, Parameter, Value, to_si, value_of
 
 #: fraction by which a ball's inertia may leave the range of solid to thin shell: published ones do by 1 %
@@ -57,6 +67,10 @@ def check_source(name: str, source: str) -> None:
         raise InputError(f"{name} has the unknown source {source!r}; {hint}")
 
 
+#: least eigenvalue of correlations rounded to five decimals, of a few dozen numbers
+_ROUNDED_CORRELATION = 1e-3
+
+
 def check_deviations(robot: RobotValues) -> None:
     """Raise InputError if a standard deviation is invalid.
 
@@ -78,6 +92,43 @@ def check_deviations(robot: RobotValues) -> None:
                 raise InputError(
                     f"{name} has the standard deviation {one!r}; it must be finite, zero or more."
                 )
+
+
+def check_correlation(robot: RobotValues) -> None:
+    """Raise InputError if the correlations are not those of numbers with standard deviations.
+
+    Raises
+    ------
+    InputError
+        If a number has no standard deviation or is listed twice, a row has not one number for each column up to its
+        own, the diagonal is not 1, or no errors can have such correlations.
+    """
+    correlation = robot.correlation
+    if not correlation.of and not correlation.lower:
+        return
+    known = {label for label, *_ in deviation_labels(robot.standard_deviations)}
+    for label in correlation.of:
+        if label not in known:
+            raise InputError(
+                f"correlation.of has {label!r}, which has no standard deviation above zero; "
+                f"{suggest(label, known, otherwise='there are') if known else 'no number of this robot has one.'}"
+            )
+    if len(set(correlation.of)) < len(correlation.of):
+        raise InputError("correlation.of has a number twice.")
+    sizes = [len(row) for row in correlation.lower]
+    if sizes != list(range(1, len(correlation.of) + 1)):
+        raise InputError(
+            f"correlation.lower has rows of {sizes} numbers; it needs rows of 1 to {len(correlation.of)}, one for "
+            "each number of correlation.of."
+        )
+    matrix = correlation.matrix()
+    if not np.isfinite(matrix).all() or np.any(np.abs(matrix) > 1.0) or np.any(matrix.diagonal() != 1.0):
+        raise InputError("correlation.lower must have numbers from -1 to 1, and 1 at the end of each row.")
+    if np.linalg.eigvalsh(matrix)[0] < -_ROUNDED_CORRELATION:
+        raise InputError(
+            "correlation.lower has correlations that no errors can have: the matrix has a negative "
+            "eigenvalue. Remove the table [correlation], or identify again."
+        )
 
 
 def _each(value: Value) -> tuple[float, ...]:

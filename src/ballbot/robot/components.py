@@ -9,7 +9,7 @@ nominal ones by factors.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -246,6 +246,38 @@ class Friction:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Correlation:
+    """Correlations of the errors of numbers that were identified together; all others count as independent."""
+
+    of: tuple[str, ...] = ()  #: the numbers: "friction.rolling", or "friction.viscous[0]" of a list
+    lower: tuple[tuple[float, ...], ...] = ()  #: rows of the lower triangle, each to the diagonal's 1
+
+    def matrix(self) -> NDArray[np.float64]:
+        """Return the correlation matrix (k, k)."""
+        full = np.zeros((len(self.of), len(self.of)))
+        for i, row in enumerate(self.lower):
+            full[i, : len(row)] = full[: len(row), i] = row
+        return full
+
+    def among(self, labels: Collection[str]) -> Correlation:
+        """Return the correlations of those numbers that are among `labels`."""
+        kept = [i for i, label in enumerate(self.of) if label in labels]
+        return Correlation(
+            of=tuple(self.of[i] for i in kept),
+            lower=tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept),
+        )
+
+    @staticmethod
+    def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:
+        """Return the correlations (k, k) of k numbers, rounded to five decimals."""
+        rows = np.round(matrix, 5).tolist()
+        return Correlation(
+            of=tuple(labels),
+            lower=tuple((*row[:i], 1.0) for i, row in enumerate(rows)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotValues:
     """Name, components, gravity and sources of a robot, unchecked."""
 
@@ -271,6 +303,8 @@ class RobotValues:
     #: how well values are known, by dotted name, in SI units and of the value's shape ("ball.radius": 0.001); a
     #: parameter that is not named counts as known; not part of equality
     standard_deviations: Mapping[str, Value] = field(default_factory=dict[str, Value], compare=False)
+    #: of the errors that these are the sizes of; not part of equality
+    correlation: Correlation = field(default=Correlation(), compare=False)
 
     @property
     def wheel_count(self) -> int:
@@ -291,6 +325,16 @@ class RobotValues:
 #: every parameter of a robot, in the order of robot files, and by its dotted name
 PARAMETERS = parameters_of(RobotValues)
 BY_NAME = {one.name: one for one in PARAMETERS}
+
+
+def deviation_labels(deviations: Mapping[str, Value]) -> Iterator[tuple[str, str, int, float]]:
+    """Yield label, name, place and size of each standard deviation above zero, in the order of robot files."""
+    for name in BY_NAME:
+        deviation = deviations.get(name, 0.0)
+        listed = isinstance(deviation, tuple)
+        for place, one in enumerate(deviation if listed else (deviation,)):
+            if one > 0.0:
+                yield f"{name}[{place}]" if listed else name, name, place, float(one)
 
 
 def scaled_body(body: Body, *, mass: float, height: float) -> Body:

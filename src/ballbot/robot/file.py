@@ -6,6 +6,15 @@
 A number without a unit and a source is refused. A standard deviation may stand beside the value, in the same unit:
 `standard_deviation = 0.001`, or a list with one for each wheel. Units other than SI are converted on reading
 (`ballbot.robot.parameters`). A file written by `write_robot` reads back as the same floats.
+
+Numbers identified together have correlated errors. The table `[correlation]` at a file's end lists them:
+
+    [correlation]
+    of = ["friction.viscous[0]", "friction.coulomb[0]"]
+    lower = [
+        [1.0],
+        [-0.93, 1.0],
+    ]
 """
 
 from __future__ import annotations
@@ -21,7 +30,7 @@ from ballbot.errors import InputError, nearest, suggest
 from ballbot.files import read_toml, write_text
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, InertiaPoint, RobotValues
+from ballbot.robot.components import BY_NAME, PARAMETERS, Correlation, InertiaPoint, RobotValues
 from ballbot.robot.parameters import (
     DIMENSIONLESS,
     Parameter,
@@ -45,6 +54,15 @@ class Entry(BaseModel):
     unit: str = DIMENSIONLESS
     source: str
     standard_deviation: int | float | list[float] | None = None
+
+
+class CorrelationTable(BaseModel):
+    """The table of correlations as a file states it."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    of: list[str] = []
+    lower: list[list[int | float]] = []
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,6 +155,7 @@ def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value
 
 
 #: the two texts of a file, each as it could be written; every other key is a parameter
+_CORRELATION = "correlation"
 _TEXTS = {"name": 'name = "myrobot"', "body.inertia.about": 'about = "ball_center"'}
 
 _HEADER = """\
@@ -157,9 +176,11 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
     InputError
         If the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
-    tree = read_toml(path)
+    tree = dict(read_toml(path))
     try:
-        return build(kind, _fields(dict(_leaves(tree))))
+        correlation = _correlation(tree.pop(_CORRELATION, {}))
+        of_correlation = {f"{_CORRELATION}.of": correlation.of, f"{_CORRELATION}.lower": correlation.lower}
+        return build(kind, _fields(dict(_leaves(tree))) | of_correlation)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -185,7 +206,34 @@ def robot_text(robot: RobotValues) -> str:
         if table == "body.inertia":
             blocks.append(f"about = {toml_string(robot.body.inertia_about)}")
         blocks += _lines(robot, table)
-    return "\n".join(blocks) + "\n"
+    return "\n".join([*blocks, *_correlation_lines(robot.correlation)]) + "\n"
+
+
+def _correlation_lines(correlation: Correlation) -> Iterator[str]:
+    if correlation.of:
+        yield from ("", "# Correlations of the errors of numbers identified together.", f"[{_CORRELATION}]")
+        yield from ("of = [", *(f"    {toml_string(label)}," for label in correlation.of), "]")
+        rows = (", ".join(repr(float(one)) for one in row) for row in correlation.lower)
+        yield from ("lower = [", *(f"    [{row}]," for row in rows), "]")
+
+
+def _correlation(table: object) -> Correlation:
+    """Return the correlations that the table of a file states.
+
+    Raises
+    ------
+    InputError
+        If it is not a table of a list of names and a list of rows of numbers.
+    """
+    try:
+        read = CorrelationTable.model_validate(table)
+    except ValidationError as error:
+        key = ".".join(str(part) for part in error.errors()[0]["loc"])
+        raise InputError(
+            f"{f'{_CORRELATION}.{key}' if key else _CORRELATION} is not as it must be: of is a list of names in "
+            "quotes, lower a list of rows of numbers."
+        ) from None
+    return Correlation(of=tuple(read.of), lower=tuple(tuple(map(float, row)) for row in read.lower))
 
 
 def _lines(robot: RobotValues, table: str) -> Iterator[str]:

@@ -8,17 +8,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.errors import InputError, nearest
-from ballbot.robot.checks import check_deviations, check_robot
+from ballbot.robot.checks import check_correlation, check_deviations, check_robot
 from ballbot.robot.components import (
     BY_NAME,
     PARAMETERS,
     Ball,
     Body,
+    Correlation,
     Drive,
     Friction,
     RobotValues,
     Sensors,
     Wheels,
+    deviation_labels,
 )
 from ballbot.robot.file import read_robot
 from ballbot.robot.parameters import Value, build, value_of
@@ -39,6 +41,7 @@ class Robot(RobotValues):
     def __post_init__(self) -> None:
         check_robot(self)
         check_deviations(self)
+        check_correlation(self)
 
     def replace(
         self,
@@ -78,6 +81,7 @@ class Robot(RobotValues):
             standard_deviations={
                 key: deviation for key, deviation in self.standard_deviations.items() if key in stays
             },
+            correlation=self.correlation,
         )
 
     def annotated(
@@ -85,20 +89,24 @@ class Robot(RobotValues):
         *,
         sources: Mapping[str, str] | None = None,
         standard_deviations: Mapping[str, Value] | None = None,
+        correlation: Correlation | None = None,
     ) -> Robot:
         """Return a copy with other sources or standard deviations, by dotted name and in SI units.
+
+        Correlations, the robot's own if none are given, stay among numbers with a standard deviation.
 
         Raises
         ------
         InputError
             If a name is not a parameter's, or a source or a standard deviation is invalid.
         """
+        deviations = self.standard_deviations if standard_deviations is None else standard_deviations
+        known = {label for label, *_ in deviation_labels(deviations)}
         return dataclasses.replace(
             self,
             sources=self.sources if sources is None else sources,
-            standard_deviations=(
-                self.standard_deviations if standard_deviations is None else standard_deviations
-            ),
+            standard_deviations=deviations,
+            correlation=(self.correlation if correlation is None else correlation).among(known),
         )
 
     @staticmethod

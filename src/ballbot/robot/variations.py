@@ -1,7 +1,8 @@
 """Robots near this one: as uncertain as its standard deviations say, or meant in other units.
 
-Errors of different parameters count as independent. Linear propagation is the delta method: with the central
-differences d_i of a result over a tenth of each standard deviation s_i, its variance is the sum of (d_i s_i)^2.
+Errors of different parameters count as independent, but for those whose correlations the robot states. Linear
+propagation is the delta method: with the central differences d_i of a result over a tenth of each standard deviation
+s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
 
 A slip of units is one parameter that, had it been meant in another unit, explains the findings on a robot.
 """
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
-from ballbot.robot.components import BY_NAME, PARAMETERS
+from ballbot.robot.components import BY_NAME, PARAMETERS, deviation_labels
 from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Parameter, Value, to_si, value_of
 from ballbot.robot.robot import Robot, with_values
 
@@ -25,6 +26,8 @@ from ballbot.robot.robot import Robot, with_values
 STEP = 0.1
 #: draws that describe no robot, for each that does, before a robot's standard deviations are refused
 _MOST_REFUSALS = 20
+#: of v_s and delta, which are above zero, at the least
+_LEAST_SHARE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +42,19 @@ class Uncertain:
 
 def uncertain(robot: Robot) -> list[Uncertain]:
     """Return the numbers that have a standard deviation, in the files' order."""
-    return list(_uncertain(robot))
+    return [
+        Uncertain(label=label, name=name, place=place, deviation=deviation)
+        for label, name, place, deviation in deviation_labels(robot.standard_deviations)
+    ]
+
+
+def correlations(robot: Robot) -> NDArray[np.float64]:
+    """Return the correlation matrix (k, k) of the errors of the numbers of `uncertain`."""
+    labels = [one.label for one in uncertain(robot)]
+    result = np.eye(len(labels))
+    places = [labels.index(label) for label in robot.correlation.of]
+    result[np.ix_(places, places)] = robot.correlation.matrix()
+    return result
 
 
 def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
@@ -62,7 +77,9 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
 def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
 
-    Draws that describe no robot (a negative mass, an inertia that no body has) are drawn again.
+    Friction is drawn at its least value if it would be below: estimates of a term that is hardly there lie near zero,
+    and several such terms would leave hardly any draw. Other draws that describe no robot (a negative mass, an inertia
+    that no body has) are drawn again.
 
     Raises
     ------
@@ -70,19 +87,21 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
         If nearly all draws are such.
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
+    mixing = _square_root(correlations(robot)) if robot.correlation.of else None
     robots: list[Robot] = []
     for _ in range(_MOST_REFUSALS * count + _MOST_REFUSALS):
         if len(robots) == count:
             break
-        # errors: N(0, deviation)
+        # errors: N(0, deviation), correlated as stated
         errors = random.standard_normal(len(numbers))
+        if mixing is not None:
+            errors = mixing @ errors
+        amounts = {
+            one: _within(robot, one, one.deviation * float(error))
+            for one, error in zip(numbers, errors, strict=True)
+        }
         try:
-            robots.append(
-                shifted(
-                    robot,
-                    {one: one.deviation * float(error) for one, error in zip(numbers, errors, strict=True)},
-                )
-            )
+            robots.append(shifted(robot, amounts))
         except InputError:
             continue
     if len(robots) < count:
@@ -91,6 +110,22 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
             "robot. Make them smaller, or use `ballbot check` to see which value is at a limit."
         )
     return robots
+
+
+def _within(robot: Robot, one: Uncertain, amount: float) -> float:
+    """Return an amount of friction that leaves zero or more, and of v_s and delta a tenth; others as they are."""
+    parameter = BY_NAME[one.name]
+    if parameter.table != "friction" or parameter.least < 0.0:
+        return amount
+    value = float(_numbers(value_of(robot, parameter))[one.place])
+    least = parameter.least if parameter.least_is_allowed else _LEAST_SHARE * value
+    return max(amount, least - value)
+
+
+def _square_root(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return R with R R^T = a correlation matrix, whose rounding may have left eigenvalues below zero."""
+    values, vectors = np.linalg.eigh(matrix)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,8 +139,12 @@ class Propagated:
     ]  #: of each uncertain number alone, by its label; signed, for one deviation
 
     def largest(self, count: int = 3) -> list[tuple[str, float]]:
-        """Return the numbers that matter most: label and fraction of the variance, summed over the result."""
-        whole = float((self.deviation**2).sum())
+        """Return the numbers that matter most: label and fraction of the variance, summed over the result.
+
+        The fractions are those of independent errors.
+        """
+        independent = np.sqrt(sum((part**2 for part in self.parts.values()), np.zeros_like(self.value)))
+        whole = float((independent**2).sum())
         if whole == 0.0:
             return []
         fractions = {label: float((part**2).sum()) / whole for label, part in self.parts.items()}
@@ -137,17 +176,17 @@ def propagate(robot: Robot, result_of: Callable[[Robot], NDArray[np.float64]]) -
                 f"{one.label} cannot vary by a tenth of its standard deviation: {error}"
             ) from None
         parts[one.label] = np.asarray((ends[0] - ends[1]) / (2.0 * STEP), dtype=np.float64)
-    variance = sum((part**2 for part in parts.values()), np.zeros_like(value))
-    return Propagated(value=value, deviation=np.sqrt(variance), parts=parts)
+    return Propagated(value=value, deviation=_deviation(value, parts, robot), parts=parts)
 
 
-def _uncertain(robot: Robot) -> Iterator[Uncertain]:
-    for name in BY_NAME:
-        deviation = robot.standard_deviations.get(name, 0.0)
-        for place, one in enumerate(_numbers(deviation)):
-            if one > 0.0:
-                label = f"{name}[{place}]" if isinstance(deviation, tuple) else name
-                yield Uncertain(label=label, name=name, place=place, deviation=float(one))
+def _deviation(
+    value: NDArray[np.float64], parts: dict[str, NDArray[np.float64]], robot: Robot
+) -> NDArray[np.float64]:
+    if not robot.correlation.of:
+        return np.sqrt(sum((part**2 for part in parts.values()), np.zeros_like(value)))
+    stacked = np.array(list(parts.values()))
+    variance = np.einsum("i...,ij,j...->...", stacked, correlations(robot), stacked)
+    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def _numbers(value: Value) -> tuple[float, ...]:

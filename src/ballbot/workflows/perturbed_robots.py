@@ -26,6 +26,8 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.robot.derived import encoder_step
+from ballbot.robot.parameters import Value
+from ballbot.robot.variations import draw_robots
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.conditions import MAX_SLOPE, Conditions
 
@@ -33,9 +35,24 @@ from ballbot.simulation.conditions import MAX_SLOPE, Conditions
 INITIAL_OFFSET = 0.3
 
 
+#: the parameters of a robot file whose standard deviations may take the place of a range, by how their names begin
+_STATED = {"mass": "body.mass", "height": "body.center_of_mass", "friction": "friction."}
+
+
+def known_deviations(robot: Robot, start: str) -> dict[str, Value]:
+    """Return the robot's standard deviations of the parameters whose names begin so, without those that are zero."""
+    return {
+        name: one
+        for name, one in robot.standard_deviations.items()
+        if name.startswith(start) and np.any(np.asarray(one) > 0.0)
+    }
+
+
 @dataclass(frozen=True, kw_only=True)
 class PerturbationRanges:
     """How far robots may be from the one described. Each is uniform, and independent of the others.
+
+    Mass, height or friction without a range follow the standard deviations in the robot's file, and their correlations.
 
     Raises
     ------
@@ -43,23 +60,23 @@ class PerturbationRanges:
         If a range is not possible.
     """
 
-    mass: float = (
-        0.2  #: of the body, either way, as a share; its inertia about its centre of mass goes with it
-    )
-    height: float = 0.2  #: of the centre of mass, either way, as a share
-    friction: float = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
+    #: of the body, either way, as a share; its inertia about its centre of mass goes with it
+    mass: float | None = 0.2
+    height: float | None = 0.2  #: of the centre of mass, either way, as a share
+    friction: float | None = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
     delay: int = 2  #: most samples by which torques come late
     tilt: float = 1.0  #: most of the floor, in any direction [degrees]
 
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            if not (math.isfinite(value) and value >= 0.0):
+            if value is None and one.name in _STATED:
+                continue
+            if value is None or not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"The perturbed {one.name} is {value!r}; it must be zero or more.")
-        for name in ("mass", "height", "friction"):
-            if getattr(self, name) >= 1.0:
+            if one.name in _STATED and value >= 1.0:
                 raise InputError(
-                    f"The perturbed {name} is {getattr(self, name):g}; it is a fraction and must be below 1."
+                    f"The perturbed {one.name} is {value:g}; it is a fraction and must be below 1."
                 )
         if not isinstance(self.delay, int):
             raise InputError(f"The delay is {self.delay!r} samples; it must be a whole number.")
@@ -69,9 +86,17 @@ class PerturbationRanges:
                 f"{math.degrees(math.atan(MAX_SLOPE)):.1f}."
             )
 
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Which of mass, height and friction follow the standard deviations in the robot's file."""
+        return tuple(name for name in _STATED if getattr(self, name) is None)
+
     @staticmethod
-    def parse(text: str) -> PerturbationRanges:
-        """Return the ranges that a text such as mass=0.2,tilt=1 states; the others keep their defaults.
+    def parse(text: str, robot: Robot) -> PerturbationRanges:
+        """Return the ranges that a text such as mass=0.2,tilt=1 states.
+
+        Of the others, mass, height and friction follow the robot's standard deviations if its file states any of them,
+        and else keep their defaults.
 
         Raises
         ------
@@ -91,7 +116,12 @@ class PerturbationRanges:
             except ValueError:
                 kind = "a whole number" if name == "delay" else "a number"
                 raise InputError(f"--perturb gives {name} as {number!r}; it must be {kind}.") from None
-        return replace(PerturbationRanges(), **given)
+        from_file = {
+            name: None
+            for name, known in _STATED.items()
+            if name not in given and known_deviations(robot, known)
+        }
+        return replace(PerturbationRanges(), **from_file, **given)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,20 +153,33 @@ def draw_perturbed(robot: Robot, count: int, *, spread: PerturbationRanges, seed
             "meaningful worst tenth."
         )
     random = np.random.default_rng([seed, 71])
+    bases = _by_deviations(robot, spread, count, seed)
+    shares = [share or 0.0 for share in (spread.mass, spread.height, spread.friction)]
     robots, conditions, starts = [], [], np.zeros((count, 10))
     for lane in range(count):
         # mass, height and each friction: U(1 - share, 1 + share)
-        mass, height = 1.0 + random.uniform(-1.0, 1.0, 2) * (spread.mass, spread.height)
-        factors = 1.0 + spread.friction * random.uniform(-1.0, 1.0, robot.wheel_count + 1)
+        mass, height = 1.0 + random.uniform(-1.0, 1.0, 2) * shares[:2]
+        factors = 1.0 + shares[2] * random.uniform(-1.0, 1.0, robot.wheel_count + 1)
         # delay: any whole number of samples; tilt and its direction, and the start's: uniform
         delay = int(random.integers(0, spread.delay + 1))
         slope = math.tan(math.radians(spread.tilt * float(random.uniform(0.0, 1.0))))
         uphill, away = random.uniform(0.0, 2.0 * np.pi, 2)
-        robots.append(_scaled(robot, float(mass), float(height), factors.tolist()))
+        robots.append(_scaled(bases[lane], float(mass), float(height), factors.tolist()))
         slopes = (slope * math.cos(uphill), slope * math.sin(uphill))
         conditions.append(Conditions(delay=delay, slope=slopes))
         starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
     return PerturbedRobots(robots=tuple(robots), conditions=tuple(conditions), starts=starts)
+
+
+def _by_deviations(robot: Robot, spread: PerturbationRanges, count: int, seed: int) -> Sequence[Robot]:
+    """Return the robots that the ranges scale: drawn from the standard deviations of what has no range."""
+    deviations: dict[str, Value] = {}
+    for name in spread.stated:
+        deviations |= known_deviations(robot, _STATED[name])
+    if not deviations:
+        return [robot] * count
+    drawn = draw_robots(robot.annotated(standard_deviations=deviations), count, seed=seed)
+    return [robot.replace(body=one.body, friction=one.friction) for one in drawn]
 
 
 def _scaled(robot: Robot, mass: float, height: float, friction: list[float]) -> Robot:

@@ -1,0 +1,182 @@
+"""Whether two methods or stages agree on the same quantities.
+
+With estimates x and y of k quantities and their covariances, which are independent of each other,
+
+    chi^2 = (x - y)^T (P_x + P_y)^-1 (x - y)
+
+is the square of their difference in its errors, with k degrees of freedom if nothing but chance makes them differ. A
+difference that chance explains in fewer than `LEAST_CHANCE` of cases is reported, with the effect that may be missing:
+
+- *One factor.* If y is x times one factor within the errors, the two logs' torques differ in scale.
+- *Losses of the rollers.* On the nominal twin, balancing finds 1.9 times the b and 0.8 times the c of a sweep of the
+  free wheels (docs/generated/evidence.md, "Friction by the three stages"): slip and losses between rollers, ball and
+  floor grow with speed, and a model that rolls without slip can express them by b only.
+
+Only b, c and C_rr are compared. s, v_s and delta trade against each other far beyond the range in which their errors
+are normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ballbot.control.overcompensation import stated_covariance
+from ballbot.findings import Finding, warning
+from ballbot.identification.quantities import Layout
+from ballbot.robot import Robot
+
+#: three standard deviations of one number. Standard errors are known to a fifth or so: at two, one comparison in
+#: twenty would report chance, and an error underestimated by a fifth makes that one in nine
+LEAST_CHANCE = 0.0027
+#: the symbols whose errors are near to normal
+_COMPARED = ("b", "c", "C_rr")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StageEstimate:
+    """Estimates of k quantities by one stage."""
+
+    source: str  #: what they come from, as in "the sweep"
+    labels: tuple[str, ...]  #: (k,) "b1", "c1", ..., "C_rr"
+    values: NDArray[np.float64]  #: (k,), SI units
+    covariance: NDArray[np.float64]  #: (k, k); NaN or zero for a number without standard error
+
+    def among(self, labels: list[str]) -> StageEstimate:
+        """Return the estimates of these quantities, in their order."""
+        places = [self.labels.index(label) for label in labels]
+        return StageEstimate(
+            source=self.source,
+            labels=tuple(labels),
+            values=self.values[places],
+            covariance=self.covariance[np.ix_(places, places)],
+        )
+
+    @property
+    def known(self) -> list[str]:
+        """The quantities that are compared and have a standard error."""
+        return [
+            label
+            for label, variance in zip(self.labels, self.covariance.diagonal(), strict=True)
+            if variance > 0.0 and label.rstrip("0123456789") in _COMPARED
+        ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Agreement:
+    """The comparison of two estimates of k quantities."""
+
+    first: StageEstimate
+    second: StageEstimate
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Of the difference (k, k)."""
+        return self.first.covariance + self.second.covariance
+
+    @property
+    def difference(self) -> NDArray[np.float64]:
+        """The second less the first (k,)."""
+        return self.second.values - self.first.values
+
+    @property
+    def chi_squared(self) -> float:
+        """The squared difference in its errors."""
+        return _squared(self.difference, self.covariance)
+
+    @property
+    def chance(self) -> float:
+        """Probability of so large a difference by chance."""
+        return float(chi2.sf(self.chi_squared, len(self.difference)))
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Each difference in its own errors (k,)."""
+        return self.difference / np.sqrt(self.covariance.diagonal())
+
+    @property
+    def factor(self) -> float | None:
+        """The one factor on the first that explains the second within the errors, None if none does."""
+        count = len(self.difference)
+        if count < 2:
+            return None
+        x, y = self.first.values, self.second.values
+        k = 1.0
+        for _ in range(20):  # the covariance depends on k: a few repetitions settle it
+            weight = np.linalg.pinv(k**2 * self.first.covariance + self.second.covariance, hermitian=True)
+            k = float(x @ weight @ y) / float(x @ weight @ x)
+        left = _squared(y - k * x, k**2 * self.first.covariance + self.second.covariance)
+        return k if k > 0.0 and chi2.sf(left, count - 1) > LEAST_CHANCE else None
+
+
+def _squared(difference: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    sizes = np.sqrt(covariance.diagonal())
+    scaled = difference / sizes
+    inverse = np.linalg.pinv(covariance / np.outer(sizes, sizes), hermitian=True)
+    return float(scaled @ inverse @ scaled)
+
+
+def compare(first: StageEstimate, second: StageEstimate) -> Agreement | None:
+    """Return the comparison of what both estimate, None if there is nothing."""
+    both = [label for label in first.known if label in second.known]
+    return Agreement(first=first.among(both), second=second.among(both)) if both else None
+
+
+def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Finding]:
+    """Return a warning if two stages differ by more than their errors, with the effect that may be missing."""
+    found = compare(first, second)
+    if found is None or found.chance > LEAST_CHANCE:
+        return []
+    order = np.argsort(-np.abs(found.deviations))[:3]
+    named = ", ".join(
+        f"{found.first.labels[i]} {found.first.values[i]:.3g} and {found.second.values[i]:.3g} "
+        f"({abs(found.deviations[i]):.1f} standard errors)"
+        for i in order
+    )
+    text = (
+        f"{first.source[0].upper()}{first.source[1:]} and {second.source} differ by more than their errors: {named}; "
+        f"chi-squared {found.chi_squared:.3g} of {len(found.difference)} numbers. {_effect(found)}"
+    )
+    return [warning("stages-differ", text)]
+
+
+def _effect(found: Agreement) -> str:
+    """Return the likely missing effect of stages that differ; see the module's text."""
+    if (factor := found.factor) is not None:
+        return (
+            f"One factor of {factor:.3g} on all of them explains it: the torques of the two logs differ in scale "
+            "(torque constant, supply, unit). Estimate torque_gain, or correct the scale."
+        )
+    symbols = [label.rstrip("0123456789") for label in found.first.labels]
+    total = {
+        symbol: float(sum(one for one, name in zip(found.difference, symbols, strict=True) if name == symbol))
+        for symbol in ("b", "c")
+    }
+    if total["b"] > 0.0 and total["c"] <= 0.0:
+        return (
+            f"More b and less c by {found.second.source} is what losses of rollers, ball and floor cause, which "
+            "grow with speed and which the model expresses by b. Use the numbers of the stage that is nearest to the "
+            "use: balancing for control, free wheels for motors and gears."
+        )
+    return (
+        "Losses of the rollers would make b larger and c smaller, so they do not explain it. Check that both logs are "
+        "of this robot as it is, at the same temperature and supply."
+    )
+
+
+def of_robot_file(robot: Robot) -> StageEstimate | None:
+    """Return the friction in a robot's file, None if it states no standard deviations of it."""
+    covariance = stated_covariance(robot)
+    if covariance is None:
+        return None
+    layout = Layout(wheel_count=robot.wheel_count)
+    count = len(layout.labels)
+    return StageEstimate(
+        source="the robot file",
+        labels=layout.labels,
+        values=layout.nominal(robot),
+        covariance=covariance[:count, :count],
+    )

@@ -1,0 +1,123 @@
+"""The robot that a sweep of its free wheels describes, and whether its file agrees.
+
+Each wheel has its own v_s and delta; a robot file has one of each, the mean over the wheels that determine it. Its
+standard deviation is that of one wheel's: from the errors of the mean, and from what the wheels differ by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.findings import Finding
+from ballbot.identification.agreement import StageEstimate, agreement_findings, of_robot_file
+from ballbot.identification.driveline import NAMES, DrivelineFit
+from ballbot.identification.stated_uncertainty import with_uncertainty
+from ballbot.robot import Friction, Robot
+
+_LINES = tuple(
+    f"friction.{name}" for name in ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent")
+)
+#: half the width of a 95 % interval of a normal variable, in its deviations
+_HALF = 1.96
+
+
+def _friction(values: NDArray[np.float64], known: NDArray[np.bool_], *, rolling: float) -> Friction:
+    """Return the friction of numbers (n, 5), of which those `known` (n, 5) count in a mean, all if none is."""
+
+    def mean(place: int) -> float:
+        some = known[:, place] if known[:, place].any() else np.ones(len(values), dtype=bool)
+        return sum(values[some, place].tolist()) / int(some.sum())
+
+    b, c, s = (tuple(values[:, place].tolist()) for place in range(3))
+    return Friction(
+        viscous=b,
+        coulomb=c,
+        stribeck=s,
+        stribeck_speed=mean(3),
+        stribeck_exponent=mean(4),
+        rolling=rolling,
+    )
+
+
+def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> Robot:
+    """Return the robot with the friction of its drivelines, its standard deviations and their correlations.
+
+    Parameters
+    ----------
+    robot : Robot
+    fits : sequence of DrivelineFit
+        Of all wheels.
+    log : str
+        Name of the sweep's log, for the sources.
+    """
+    known = np.array([~fit.unknown for fit in fits])
+    values = np.array([fit.values for fit in fits])
+    rolling = robot.friction.rolling
+    moved = robot.replace(friction=_friction(values, known, rolling=rolling))
+    sources = dict.fromkeys(_LINES, f"identified: sweep of the free wheels, {log}")
+
+    def robot_of(parameters: NDArray[np.float64]) -> Robot:
+        # what the wheels' v_s and delta differ by, beside their errors, moves the means alone
+        shifted = parameters[:-2].reshape(-1, len(NAMES)).copy()
+        shifted[:, 3:] += parameters[-2:]
+        return robot.replace(friction=_friction(shifted, known, rolling=rolling))
+
+    return with_uncertainty(
+        moved.annotated(sources={**moved.sources, **sources}),
+        robot_of,
+        np.concatenate([values.ravel(), np.zeros(2)]),
+        _covariance(fits, values, known),
+        names=_LINES,
+    )
+
+
+def _covariance(
+    fits: Sequence[DrivelineFit], values: NDArray[np.float64], known: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the covariance (5 n + 2, 5 n + 2) of all wheels' numbers, and of the two shifts."""
+    size = len(NAMES)
+    full = np.zeros((size * len(fits) + 2, size * len(fits) + 2))
+    for wheel, fit in enumerate(fits):
+        errors = np.array([_deviation(fit, place) for place in range(size)])
+        R = np.where(np.isfinite(fit.correlation), fit.correlation, np.eye(size))
+        part = slice(size * wheel, size * (wheel + 1))
+        full[part, part] = R * np.outer(errors, errors)
+    for shift, place in ((-2, 3), (-1, 4)):
+        several = values[known[:, place], place]
+        if len(several) > 1:
+            full[shift, shift] = float(np.var(several, ddof=1))
+    return full
+
+
+def _deviation(fit: DrivelineFit, place: int) -> float:
+    """Return a number's standard error, or at a bound that of its interval; zero if it has none."""
+    if fit.unknown[place]:
+        return 0.0
+    error = float(fit.standard_errors[place])
+    if np.isfinite(error):
+        return error
+    interval = fit.intervals.get(NAMES[place])
+    width = np.inf if interval is None else interval.upper - interval.lower
+    return width / (2.0 * _HALF) if np.isfinite(width) else 0.0
+
+
+def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
+    """Return b and c of all wheels with their covariance."""
+    count = len(fits)
+    labels = [f"{symbol}{fit.wheel}" for symbol in ("b", "c") for fit in fits]
+    values = np.array([fit.values[place] for place in range(2) for fit in fits])
+    covariance = np.full((2 * count, 2 * count), 0.0)
+    for wheel, fit in enumerate(fits):
+        places = [wheel, count + wheel]
+        errors = fit.standard_errors[:2]
+        covariance[np.ix_(places, places)] = np.nan_to_num(fit.correlation[:2, :2] * np.outer(errors, errors))
+    return StageEstimate(source="the sweep", labels=tuple(labels), values=values, covariance=covariance)
+
+
+def file_findings(robot: Robot, fits: Sequence[DrivelineFit]) -> list[Finding]:
+    """Return a warning if the sweep differs from the friction in the robot's file by more than their errors."""
+    stated = of_robot_file(robot)
+    return [] if stated is None else agreement_findings(sweep_estimate(fits), stated)
