@@ -53,6 +53,51 @@ def test_known_friction_comes_back(sweep):
     assert found.rmse_without > 100.0 * found.rmse
 
 
+def played_sweep(seed: int) -> Sweep:
+    """Return a sweep with noise of the torque, encoder counts, and a first break-away across 6 mrad of play."""
+    random = np.random.default_rng(seed)
+    t = np.arange(6000) * SAMPLE_TIME
+    torque = np.sin(2.0 * np.pi * t / 30.0)
+    acting = (torque + 0.01 * random.standard_normal(len(t)))[:-1]
+    whole, alone = (Driveline(inertia=one, friction=classical(TRUTH)) for one in (0.003, 0.002))
+    # the motor alone until it meets its wheel, both at one speed from there
+    free = simulate_drivelines(alone, acting, sample_time=SAMPLE_TIME)
+    meets = int(np.argmax(free.angles[0] > 0.006))
+    rest = simulate_drivelines(
+        whole,
+        acting[meets + 1 :],
+        sample_time=SAMPLE_TIME,
+        initial_speeds=float(free.speeds[0, meets]) * 2.0 / 3.0,
+    )
+    together = free.angles[0, meets] + rest.angles[0]
+    angle = np.concatenate([[0.0], free.angles[0, : meets + 1], together])
+    counted = np.floor(angle / 1e-4) * 1e-4
+    speed = np.concatenate([[0.0], np.diff(counted)]) / SAMPLE_TIME
+    return Sweep(
+        wheel=1,
+        t=t,
+        torque=torque,
+        speed=speed,
+        limit=27.7,
+        inertia=0.003,
+        angle=counted,
+        play=0.0175,
+        rotor_inertia=0.002,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_of_the_torque_and_play_do_not_bias_the_friction(seed):
+    found = fit_driveline(played_sweep(seed), generations=30)
+    # three seeds of five numbers: four standard errors are exceeded by chance once in a thousand times
+    assert np.all(np.abs(found.values - TRUTH) < 4.0 * found.standard_errors)
+    assert found.innovation < 0.5 * found.rmse
+    assert found.delay < 2.0 * SAMPLE_TIME
+    for name, value in zip(("s", "v_s", "delta"), found.values[2:], strict=True):
+        assert value in found.intervals[name]
+
+
 def test_the_same_seed_gives_the_same_bits(sweep):
     short = {"generations": 5, "population": 8, "run": Run(seed=3)}
     one, other = fit_driveline(sweep, **short), fit_driveline(sweep, **short)

@@ -16,7 +16,7 @@ from ballbot.control.presets import design_gain
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.engine.run import simulate_lanes
 from ballbot.mechanics.parameters import pack, selector
-from ballbot.robot.components import PARAMETERS, InertiaPoint
+from ballbot.robot.components import PARAMETERS, Correlation, InertiaPoint
 from ballbot.robot.file import robot_text, write_robot
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
@@ -56,6 +56,41 @@ class TestFile:
         assert read == ALTEN
         assert read.standard_deviations == deviations
         assert read.sources == ALTEN.sources
+
+    @settings(max_examples=40, deadline=None)
+    @given(seed=st.integers(0, 2**32 - 1), sizes=st.tuples(*[st.floats(1e-9, 10.0)] * 4))
+    def test_any_correlations_read_back_as_the_same_numbers(
+        self, seed, sizes, tmp_path_factory: pytest.TempPathFactory
+    ):
+        deviations = {"friction.coulomb": sizes[:3], "friction.rolling": sizes[3]}
+        labels = [*(f"friction.coulomb[{i}]" for i in range(3)), "friction.rolling"]
+        mixed = np.random.default_rng(seed).standard_normal((4, 4))
+        C = mixed @ mixed.T
+        R = C / np.sqrt(np.outer(C.diagonal(), C.diagonal()))
+        robot = known_to(deviations).annotated(correlation=Correlation.of_matrix(labels, R))
+        path = tmp_path_factory.mktemp("robots") / "robot.toml"
+        write_robot(robot, path)
+        read = Robot.load(path)
+        assert read.correlation == robot.correlation
+        assert read.standard_deviations == deviations
+        np.testing.assert_allclose(read.correlation.matrix(), R, atol=1e-5)  # five decimals
+
+    @pytest.mark.parametrize(
+        ("of", "lower", "says"),
+        [
+            ('["friction.coulom"]', "[[1.0]]", "has no standard deviation above zero"),
+            ('["friction.rolling", "friction.rolling"]', "[[1.0], [0.1, 1.0]]", "a number twice"),
+            ('["friction.rolling", "body.mass"]', "[[1.0], [0.1]]", "rows of 1 to 2"),
+            ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "numbers from -1 to 1"),
+            ('"friction.rolling"', "[[1.0]]", "of is a list of names"),
+        ],
+    )
+    def test_mistaken_correlations_end_in_one_sentence(self, of: str, lower: str, says: str, tmp_path: Path):
+        robot = known_to({"friction.rolling": 0.001, "body.mass": 0.1})
+        text = f"{robot_text(robot)}[correlation]\nof = {of}\nlower = {lower}\n"
+        (tmp_path / "bad.toml").write_text(text)
+        with pytest.raises(InputError, match=says):
+            Robot.load(tmp_path / "bad.toml")
 
     def test_units_and_one_number_for_every_wheel(self, tmp_path: Path):
         text = robot_text(ALTEN)
@@ -111,6 +146,31 @@ class TestFile:
         changed = robot.replace(body=replace(robot.body, center_of_mass=0.4))
         assert set(changed.standard_deviations) == set(SOME) - {"body.center_of_mass"}
         assert robot.replace(name="other").standard_deviations == SOME
+
+
+class TestCorrelation:
+    ROBOT = ALTEN.annotated(
+        standard_deviations={"body.mass": 0.1, "body.center_of_mass": 0.004},
+        correlation=Correlation.of_matrix(
+            ["body.mass", "body.center_of_mass"], np.array([[1.0, -0.8], [-0.8, 1.0]])
+        ),
+    )
+
+    def test_draws_are_correlated_as_stated(self):
+        drawn = draw_robots(self.ROBOT, 600, seed=2)
+        numbers = np.array([(one.body.mass, one.body.center_of_mass) for one in drawn])
+        # the error of a correlation of -0.8 from 600 draws is 0.015; four of them
+        assert np.corrcoef(numbers.T)[0, 1] == pytest.approx(-0.8, abs=0.06)
+
+    def test_the_delta_method_counts_them(self):
+        moment = propagate(self.ROBOT, lambda one: np.array([one.body.mass * one.body.center_of_mass]))
+        first, second = 0.1 * ALTEN.body.center_of_mass, 0.004 * ALTEN.body.mass
+        expected = math.sqrt(first**2 + second**2 - 1.6 * first * second)
+        assert moment.deviation[0] == pytest.approx(expected, rel=1e-6)
+
+    def test_a_value_that_changes_leaves_them(self):
+        changed = self.ROBOT.replace(body=replace(self.ROBOT.body, mass=17.0))
+        assert changed.correlation == Correlation(of=("body.center_of_mass",), lower=((1.0,),))
 
 
 class TestPropagation:

@@ -102,6 +102,27 @@ def test_the_controller_file_states_its_design_method(robot_file, written):
     assert (written / "robust.svg").read_text().lstrip().startswith("<svg")
 
 
+def test_perturbed_robots_follow_the_standard_deviations_of_the_file():
+    robot = alten(FRICTION).annotated(
+        standard_deviations={"body.mass": 0.2, "friction.coulomb": (0.002, 0.004, 0.003)}
+    )
+    spread = PerturbationRanges.parse("tilt=2", robot)
+    assert spread.stated == ("mass", "friction")
+    assert (spread.height, spread.tilt) == (0.2, 2.0)
+    assert PerturbationRanges.parse("mass=0.1,friction=0", robot).stated == ()
+    assert PerturbationRanges.parse("", alten(FRICTION)) == PerturbationRanges()
+    drawn = draw_perturbed(robot, 400, spread=spread, seed=4)
+    masses = np.array([one.body.mass for one in drawn.robots])
+    second = np.array([one.friction.coulomb[1] for one in drawn.robots])
+    # 400 draws show a deviation to 4 %
+    assert masses.std() == pytest.approx(0.2, rel=0.15)
+    assert second.std() == pytest.approx(0.004, rel=0.15)
+    heights = np.array([one.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
+    assert 0.15 < np.abs(heights - 1.0).max() <= 0.2
+    # what has no range and no deviation stays
+    assert {one.friction.viscous for one in drawn.robots} == {robot.friction.viscous}
+
+
 def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)

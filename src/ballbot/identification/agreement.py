@@ -140,7 +140,7 @@ def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Find
         f"{first.source[0].upper()}{first.source[1:]} and {second.source} differ by more than their errors: {named}; "
         f"chi-squared {found.chi_squared:.3g} of {len(found.difference)} numbers. {_effect(found)}"
     )
-    return [warning("stages-differ", text)]
+    return [warning("methods-differ", text)]
 
 
 def _effect(found: Agreement) -> str:

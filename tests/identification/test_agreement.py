@@ -1,0 +1,98 @@
+"""Stages compared: chance is reported as often as it should be, and real differences with the effect they show."""
+
+import numpy as np
+import pytest
+
+from ballbot import Robot
+from ballbot.identification.agreement import (
+    LEAST_CHANCE,
+    StageEstimate,
+    agreement_findings,
+    compare,
+    of_robot_file,
+)
+from ballbot.identification.stated_uncertainty import parameter_covariance, with_uncertainty
+from ballbot.robot.variations import correlations, uncertain
+
+LABELS = ("b1", "b2", "c1", "c2")
+SWEEP = np.array([0.014, 0.016, 0.11, 0.09])
+ERRORS = np.array([2e-4, 2e-4, 1e-3, 1e-3])
+
+
+def estimate(values: np.ndarray, *, source: str = "the balancing logs", factor: float = 1.0) -> StageEstimate:
+    R = np.eye(4)
+    R[0, 2] = R[2, 0] = R[1, 3] = R[3, 1] = -0.9
+    covariance = R * np.outer(factor * ERRORS, factor * ERRORS)
+    return StageEstimate(source=source, labels=LABELS, values=values, covariance=covariance)
+
+
+def test_chance_is_reported_as_rarely_as_it_should_be():
+    random = np.random.default_rng(0)
+    first, second = estimate(SWEEP), estimate(SWEEP, factor=2.0)
+    draws, reported = 4000, 0
+    for _ in range(draws):
+        one, other = (
+            estimate(random.multivariate_normal(SWEEP, stage.covariance), factor=factor)
+            for stage, factor in ((first, 1.0), (second, 2.0))
+        )
+        reported += bool(agreement_findings(one, other))
+    # binomial: 10.8 expected, three deviations either way
+    assert abs(reported - draws * LEAST_CHANCE) < 3.0 * np.sqrt(draws * LEAST_CHANCE)
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        (1.3 * SWEEP, "One factor of 1.3"),
+        (SWEEP * [1.9, 1.9, 0.8, 0.8], "losses of rollers"),
+        (SWEEP * [0.5, 0.5, 1.4, 1.4], "do not explain it"),
+    ],
+)
+def test_a_difference_names_the_effect_that_it_shows(values, says):
+    (found,) = agreement_findings(estimate(SWEEP, source="the sweep"), estimate(values))
+    assert (found.code, found.severity) == ("methods-differ", "warning")
+    assert found.text.startswith("The sweep and the balancing logs differ by more than their errors")
+    assert says in found.text
+
+
+def test_numbers_without_errors_are_not_compared():
+    unknown = StageEstimate(
+        source="the sweep", labels=LABELS, values=SWEEP, covariance=np.full((4, 4), np.nan)
+    )
+    assert compare(unknown, estimate(SWEEP)) is None
+    assert agreement_findings(unknown, estimate(2.0 * SWEEP)) == []
+
+
+def test_a_robot_file_without_deviations_is_not_compared():
+    robot = Robot.load("alten")
+    assert of_robot_file(robot) is None
+    stated = of_robot_file(robot.annotated(standard_deviations={"friction.coulomb": (0.01, 0.02, 0.03)}))
+    assert stated is not None
+    assert stated.known == ["c1", "c2", "c3"]
+
+
+def test_the_robot_states_the_covariance_of_its_parameters():
+    robot = Robot.load("alten")
+    errors = np.array([2e-4, 1e-3, 5e-4])
+    R = np.array([[1.0, -0.9, 0.2], [-0.9, 1.0, 0.0], [0.2, 0.0, 1.0]])
+
+    def robot_of(p: np.ndarray) -> Robot:
+        friction = robot.friction.none(3)
+        values = {"viscous": (float(p[0]),) * 3, "coulomb": (float(p[1]), 0.1, 0.1), "rolling": float(p[2])}
+        return robot.replace(friction=type(friction)(**{**vars(friction), **values}))
+
+    p = np.array([0.014, 0.11, 0.007])
+    covariance = parameter_covariance(2.0 * errors, errors, R)
+    # variation between logs has no correlation: twice the deviation leaves a quarter of the correlation
+    assert covariance[0, 1] == pytest.approx(-0.9 * errors[0] * errors[1])
+    names = ("friction.viscous", "friction.coulomb", "friction.rolling")
+    found = with_uncertainty(robot_of(p), robot_of, p, covariance, names=names)
+    # of the wheels' c only one follows from the parameters
+    assert set(found.standard_deviations) == {"friction.viscous", "friction.rolling"}
+    assert found.standard_deviations["friction.viscous"] == pytest.approx((4e-4,) * 3)
+    assert found.standard_deviations["friction.rolling"] == pytest.approx(1e-3)
+    labels = [one.label for one in uncertain(found)]
+    # one b of three wheels, and its correlation with C_rr, to the fifth decimal
+    np.testing.assert_allclose(
+        correlations(found)[labels.index("friction.rolling")], [0.05, 0.05, 0.05, 1.0], atol=1e-5
+    )
