@@ -87,15 +87,18 @@ def played_sweep(seed: int) -> Sweep:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise_of_the_torque_and_play_do_not_bias_the_friction(seed):
-    found = fit_driveline(played_sweep(seed), generations=30)
-    # three seeds of five numbers: four standard errors are exceeded by chance once in a thousand times
-    assert np.all(np.abs(found.values - TRUTH) < 4.0 * found.standard_errors)
-    assert found.innovation < 0.5 * found.rmse
-    assert found.delay < 2.0 * SAMPLE_TIME
-    for name, value in zip(("s", "v_s", "delta"), found.values[2:], strict=True):
-        assert value in found.intervals[name]
+def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
+    fits = [fit_driveline(played_sweep(seed), generations=30) for seed in (1, 2, 3)]
+    inside = [
+        value in fit.intervals[name]
+        for fit in fits
+        for name, value in zip(("b", "c", "s", "v_s", "delta"), TRUTH, strict=True)
+    ]
+    # of fifteen 95 % intervals fewer than twelve hold the truth once in two hundred times
+    assert sum(inside) >= 12
+    for fit in fits:
+        assert fit.innovation < 0.5 * fit.rmse
+        assert fit.delay < 2.0 * SAMPLE_TIME
 
 
 def test_the_same_seed_gives_the_same_bits(sweep):

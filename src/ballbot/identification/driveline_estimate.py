@@ -37,6 +37,10 @@ _AT_BOUND = 1e-4
 _BLOCK = 0.5  # [s]; residuals of one block may depend on each other
 #: gaps tried of each break-away, and rounds of trying
 _GAPS_TRIED, _ROUNDS = 13, 2
+#: errors of s, v_s and delta with play over those of white innovations. On ten sweeps of the twin with play, beyond the
+#: gap that is estimated, their standard deviation was 1.39, 1.26 and 1.23 standard errors (three wheels each); without
+#: play 0.96, 0.93 and 1.09. The noise lets motor and wheel part again after they met, which the model lacks
+_PLAY_WIDENS = 1.4
 #: a profile's refits in steps each of its own: with fewer they end above the valley, and the interval is too narrow
 _PROFILE_STEPS = 4
 #: b and c are linear in the torque and need no profile
@@ -260,6 +264,8 @@ def _covariance(fit: InnovationFit) -> NDArray[np.float64]:
         white *= fit.variance / np.outer(lengths, lengths)
         clustered = covariance_in_time(J, fit.residuals, fit.blocks, neighbours=1)
         widened = np.sqrt(np.maximum(clustered.diagonal() / white.diagonal(), 1.0))
+        if fit.track.events:
+            widened = np.where(np.isin(kept, _PROFILED), np.maximum(widened, _PLAY_WIDENS), widened)
         full[np.ix_(kept, kept)] = white * np.outer(widened, widened)
     return full
 

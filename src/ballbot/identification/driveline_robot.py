@@ -70,8 +70,14 @@ def robot_of_sweep(robot: Robot, fits: Sequence[DrivelineFit], *, log: str) -> R
         robot_of,
         np.concatenate([values.ravel(), np.zeros(2)]),
         _covariance(fits, values, known),
-        names=_LINES,
+        names=[line for place, line in enumerate(_LINES) if _stated(fits, known, place)],
     )
+
+
+def _stated(fits: Sequence[DrivelineFit], known: NDArray[np.bool_], place: int) -> bool:
+    """Return whether a number has a standard deviation of every wheel that it comes from."""
+    used = [fit for fit, one in zip(fits, known[:, place], strict=True) if one or place < 3]
+    return bool(used) and all(np.isfinite(_deviation(fit, place)) for fit in used)
 
 
 def _covariance(
@@ -84,7 +90,7 @@ def _covariance(
         errors = np.array([_deviation(fit, place) for place in range(size)])
         R = np.where(np.isfinite(fit.correlation), fit.correlation, np.eye(size))
         part = slice(size * wheel, size * (wheel + 1))
-        full[part, part] = R * np.outer(errors, errors)
+        full[part, part] = R * np.outer(np.nan_to_num(errors), np.nan_to_num(errors))
     for shift, place in ((-2, 3), (-1, 4)):
         several = values[known[:, place], place]
         if len(several) > 1:
@@ -93,15 +99,12 @@ def _covariance(
 
 
 def _deviation(fit: DrivelineFit, place: int) -> float:
-    """Return a number's standard error, or at a bound that of its interval; zero if it has none."""
-    if fit.unknown[place]:
-        return 0.0
-    error = float(fit.standard_errors[place])
-    if np.isfinite(error):
-        return error
+    """Return a number's standard error, or that of its interval if larger; NaN if it has neither or no finite one."""
     interval = fit.intervals.get(NAMES[place])
-    width = np.inf if interval is None else interval.upper - interval.lower
-    return width / (2.0 * _HALF) if np.isfinite(width) else 0.0
+    if fit.unknown[place] or interval is None:
+        return np.nan
+    width = interval.upper - interval.lower
+    return float(np.fmax(width / (2.0 * _HALF), fit.standard_errors[place])) if np.isfinite(width) else np.nan
 
 
 def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
