@@ -165,13 +165,14 @@ def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: flo
 
 
 def _command(random: np.random.Generator, *, duty: bool) -> tuple[Command, str, float]:
+    others: tuple[tuple[Command, str, float], ...] = (
+        ("torque", "N m", 1.0),
+        ("torque", "mN m", 1e3),
+        ("current", "A", 1.0),
+        ("current", "mA", 1e3),
+    )
     if not duty and random.random() < 0.45:
-        return (
-            ("torque", "N m", 1.0),
-            ("torque", "mN m", 1e3),
-            ("current", "A", 1.0),
-            ("current", "mA", 1e3),
-        )[random.choice(4, p=[0.5, 0.15, 0.25, 0.1])]
+        return others[random.choice(4, p=[0.5, 0.15, 0.25, 0.1])]
     if not duty and random.random() < 0.1:
         return ("voltage", "V", 1.0)
     full = float(random.choice([1.0, 100.0, 255.0, 1000.0], p=[0.5, 0.2, 0.2, 0.1]))

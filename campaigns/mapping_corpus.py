@@ -516,7 +516,7 @@ def section(found: Sequence[Outcome]) -> Section:
         " (`campaigns/foreign_logs.py`): renamed, permuted, scaled, turned, mirrored, late, noisy, in several formats."
         " The development halves are logs of the twin, and the inference was worked on with them. The test half has"
         " other robots, motions and seeds, on the equations of motion with the twin's sensors, play and friction, and"
-        " was run once. Right is the recorded log up to the transformations of"
+        " was not worked on. Right is the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`; the last column is with the firmware's dead band given if only that"
         " was asked. Intervals are of 95 % by Clopper and Pearson.",
         columns=[
