@@ -48,7 +48,7 @@ from ballbot.identification.axis.output_error import (
     windows_of,
 )
 from ballbot.identification.axis.record import AxisRecord, Span
-from ballbot.identification.axis.structure import TURN, AxisModel, harmonic
+from ballbot.identification.axis.structure import TURN, AxisModel, base_name, harmonic
 from ballbot.progress import Progress
 
 FOLDS = 3
@@ -431,12 +431,12 @@ def select_law(
         tables[name] = run.memoize(f"held out, {name}", fit.model.vector(fit.values), answer)[0]
     sliding = _select(_SLIDING, {name: table[:, 0] for name, table in tables.items()})
     candidates: tuple[Candidate[AxisLaw], ...] = sliding.candidates
-    best = _useful(sliding)
+    best = _useful(sliding, fits)
     slow = {name: table[:, 1] for name, table in tables.items()}
     if np.isfinite(slow["coulomb"]).sum() >= LEAST_BLOCKS:
         bristles = _select(_BRISTLES, slow)
         candidates += tuple(one for one in bristles.candidates if one.within)
-        softer = _useful(bristles)
+        softer = _useful(bristles, fits)
         groups = neighbours(range(len(blocks)), block=1)
         everywhere = gain_between(tables[softer.name][:, :1], tables[best.name][:, :1], groups)
         if best.name == "coulomb" and softer.within and everywhere.upper > 0.0:
@@ -465,9 +465,15 @@ def _select(
     return select_model(within, held_out, eligible=[name for name in within if AXIS_LAWS[name].symmetric])
 
 
-def _useful(selection: ModelSelection[AxisLaw]) -> Candidate[AxisLaw]:
-    """Return the best law, or the one within it while it gains too little to be of use."""
+def _useful(selection: ModelSelection[AxisLaw], fits: Mapping[str, OutputErrorFit]) -> Candidate[AxisLaw]:
+    """Return the best law, or one within it while it gains too little or its own parameters are not determined."""
     best = selection.best
-    while best.within and best.gain and best.gain.share < USEFUL_GAIN:
+    while best.within and best.gain:
+        fit, inner = fits[best.name], AXIS_LAWS[best.within].names
+        own = [label for label in fit.values if base_name(label) in best.model.names]
+        own = [label for label in own if base_name(label) not in inner]
+        determined = all(fit.standard_errors[label] < abs(fit.values[label]) for label in own)
+        if determined and best.gain.share >= USEFUL_GAIN:
+            break
         best = selection.find(best.within)
     return best
