@@ -94,6 +94,7 @@ NAMES = ("b", "c", "s", "v_s", "delta")
 _LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
 _AT_BOUND = 1e-4
+_NEAR_BOUND = 1e-3  # the refinement begins no nearer to a bound
 #: samples of a turning wheel, below which there is nothing to fit
 _LEAST_MOVING = 20
 #: a standard error of this share of the bounds' width leaves a parameter unknown
@@ -317,7 +318,8 @@ def fit_driveline(
 
     best = _evolve(lambda values: np.linalg.norm(errors(values), axis=1), space, generations, population, run)
     found = estimate_driveline(track, best, space=space, play=sweep.play)
-    if not np.any(np.sqrt(found.covariance.diagonal()) <= _UNKNOWN):
+    known = np.sqrt(found.covariance.diagonal()) <= _UNKNOWN  # false without a standard error
+    if not np.any(known & (np.minimum(found.point, 1.0 - found.point) > _NEAR_BOUND)):
         raise InputError(
             f"The sweep of wheel {sweep.wheel} identifies none of {', '.join(NAMES)}: all end at a "
             "bound or have no effect. Sweep slowly and well beyond break-away, or widen the bounds."

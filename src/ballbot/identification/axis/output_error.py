@@ -259,7 +259,7 @@ class OpenLoop:
         S /= self._noise[:, None]
         begins = np.flatnonzero(np.diff(self.window, prepend=-1))
         gram = np.add.reduceat(S[:, :, None] * S[:, None, :], begins, axis=0)
-        return S, begins, np.linalg.inv(gram + np.eye(2))
+        return S, begins.astype(np.int64), np.asarray(np.linalg.inv(gram + np.eye(2)), dtype=np.float64)
 
     def from_best_starts(self, values: Values) -> NDArray[np.float64]:
         """Return the position errors [m] (m,) from the start of each window that suits it best."""
