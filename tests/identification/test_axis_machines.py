@@ -25,7 +25,7 @@ ARM = Machine(kind="arm", inertia=0.8, viscous=1.0, coulomb=1.5, offset=0.2, gra
 LOGGED = Logging(duration=12.0, rate=200.0, force_noise=0.05, counts=50_000.0, fastest=1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.sample
 @pytest.mark.parametrize(
     ("kind", "fault"),
     [("pendulum", "lost rows"), ("arm", "jitter"), ("motor", "as it is"), ("cart", "drift")],

@@ -33,6 +33,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import real_array
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.friction_laws.interface import UNLIMITED, Inertia, move
@@ -69,6 +70,13 @@ class Track:
     brake: float  #: b_e of the motor's back-EMF beside b [N m s/rad]
     event: NDArray[np.int64]  #: (N,) which break-away a row follows, -1 before the first
     origin: NDArray[np.float64]  #: (N,) where the motor rested before that [rad]
+
+    def __post_init__(self) -> None:
+        torque = real_array(self.torque, ("rows",), "The array of torques")
+        object.__setattr__(self, "torque", torque)
+        for name in ("angle", "speed", "origin"):
+            rows = real_array(getattr(self, name), (len(torque),), f"The array of the {name}")
+            object.__setattr__(self, name, rows)
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -136,7 +144,7 @@ def _run(rows, numbers, steps, torque, angle, event, origin, out):
     for lane in range(len(rows)):
         row = rows[lane]
         law = ClassicalNumbers(row[0], row[1], row[2], 1.0 / row[3], row[4])
-        whole = int(row[DELAY])
+        whole = max(int(row[DELAY]), 0)
         late = row[DELAY] - whole
         theta, w, current, engaged = angle[0], numbers.start, -1, True
         for k in range(1, len(angle)):
@@ -227,9 +235,15 @@ def innovations(track: Track, rows: NDArray[np.float64], *, noise: float) -> NDA
         SI units; see `FRICTION_SIZE`.
     noise : float
         Standard deviation of what the torque's noise changes the speed by in a sample [rad/s].
+
+    Raises
+    ------
+    InputError
+        If the rows have another length, or hold a value that is not finite.
     """
     steps = max(1, math.ceil(track.sample_time / _STEP - 1e-9))
-    braked = np.array(rows, dtype=np.float64, order="C")
+    size = GAPS + int(track.event.max()) + 1
+    braked = real_array(rows, ("sets", size), "The array of the driveline's parameters").copy()
     braked[:, 0] += track.brake
     found = []
     for first, end in track.pieces:
