@@ -3,8 +3,8 @@
 The error expected is that of the position, root mean square over windows of one length from their best starts.
 Before another record is seen, the errors of held-out blocks give it an interval: log e is taken as normal with the
 variance of a bootstrap of the blocks, the record's own and the other's, and with a variance between records. Several
-records show that themselves; for a single one it is `BETWEEN`, from pairs of records of simulated machines that moved
-differently (campaigns/one_axis.py), and the interval holds for records under the same conditions.
+records show that themselves. For a single one it is `BETWEEN`, a chosen value; campaigns/axis_machines.py counts how
+often the interval then holds the error of a second record of a simulated machine.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class AxisErrors:
     closed_loop_position: float | None  #: alike for the position
 
 
-#: standard deviation of log e between records of one machine, beside what blocks show
+#: standard deviation of log e between records of one machine, beside what blocks show; chosen, not calibrated
 BETWEEN = 0.25
 _DRAWS, _SEED = 2000, 0
 
