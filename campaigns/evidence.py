@@ -65,6 +65,7 @@ CAMPAIGNS = {
     "mapping_corpus": "campaigns.mapping_corpus",
     "false_alarms": "campaigns.false_alarms",
     "exploration": "campaigns.exploration",
+    "firmware_math": "campaigns.firmware_math",
     "reproduce": "campaigns.reproduce",
 }
 

@@ -1,0 +1,148 @@
+"""Measure the firmware's sine, cosine, exponential, power, square root and arctangent against float64.
+
+.venv/bin/python -m campaigns.evidence firmware_math
+
+Functions of one argument are measured at every float that they accept; the sine is odd and the cosine even, which the
+tests check, so that half of all angles are enough. A C compiler is needed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ballbot
+from campaigns.section import Section
+
+Floats = NDArray[np.float32]
+
+SOURCES = Path(ballbot.__file__).parent / "firmware" / "c"
+#: what the header states, in ulp; of the power per 1 + |log2 result|
+STATED = {
+    "sine": 2.5,
+    "cosine": 2.5,
+    "exponential": 1.1,
+    "power": 1.2,
+    "square root": 1.0,
+    "arctangent": 2.5,
+}
+#: bits of infinity: all non-negative floats below it
+_INFINITY = 0x7F800000
+_CHUNK = 1 << 21
+_RANDOM = 50_000_000  # pairs of arguments of the power and the arctangent
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """Return the functions on arrays, compiled."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        raise FileNotFoundError("no C compiler (cc, gcc or clang) is installed")
+    sources = [SOURCES / "ballbot_math.c", Path(__file__).with_suffix(".c")]
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+    target = Path(tempfile.gettempdir()) / f"ballbot_math_{digest}.so"
+    if not target.exists():
+        made = target.with_name(f"{target.name}.{np.random.default_rng().integers(1 << 62)}")
+        options = ["-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{SOURCES}"]
+        subprocess.run([compiler, *options, *map(str, sources), "-o", str(made)], check=True)
+        made.rename(target)
+    return ctypes.CDLL(str(target))
+
+
+def called(name: str, *arguments: Floats, results: int = 1) -> tuple[Floats, ...]:
+    """Return the arrays (N,) that a function gives for arrays (N,) of arguments."""
+    given = [np.ascontiguousarray(one, dtype=np.float32) for one in arguments]
+    found = tuple(np.empty_like(given[0]) for _ in range(results))
+    pointers = [ctypes.c_void_p(one.ctypes.data) for one in (*given, *found)]
+    getattr(library(), name)(ctypes.c_size_t(len(given[0])), *pointers)
+    return found
+
+
+def ulp_errors(found: Floats, exact: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return errors (N,) in units in the last place of the exact values, as float32 has it."""
+    exponent = np.maximum(np.frexp(exact)[1] - 24, -149)
+    return np.abs(found.astype(np.float64) - exact) / np.ldexp(1.0, exponent)
+
+
+def floats(step: int, largest: float) -> Iterator[Floats]:
+    """Return, in chunks, every `step`-th float from zero to `largest`."""
+    end = min(int(np.float32(largest).view(np.uint32)) + 1, _INFINITY)
+    for start in range(0, end, _CHUNK * step):
+        bits = np.arange(start, min(start + _CHUNK * step, end), step, dtype=np.uint64)
+        yield bits.astype(np.uint32).view(np.float32)
+
+
+def largest_errors(step: int, pairs: int) -> dict[str, float]:
+    """Return each function's largest error in ulp, of the power per 1 + |log2 result|.
+
+    Parameters
+    ----------
+    step : int
+        Every how many floats a function of one argument is measured; 1 measures all.
+    pairs : int
+        Random pairs of arguments.
+    """
+    worst = dict.fromkeys(STATED, 0.0)
+
+    def see(name: str, errors: NDArray[np.float64]) -> None:
+        worst[name] = max(worst[name], float(errors.max()))  # a NaN stays
+
+    for x in floats(step, np.inf):
+        wide = x.astype(np.float64)
+        sine, cosine = called("sine_cosine", x, results=2)
+        see("sine", ulp_errors(sine, np.sin(wide)))
+        see("cosine", ulp_errors(cosine, np.cos(wide)))
+        see("square root", ulp_errors(called("square_root", x)[0], np.sqrt(wide)))
+        see("arctangent", ulp_errors(called("arctangent", x, np.ones_like(x))[0], np.arctan(wide)))
+    for x in floats(step, 87.0):
+        for signed in (x, -x):
+            exact = np.exp(signed.astype(np.float64))
+            see("exponential", ulp_errors(called("exponential", signed)[0], exact))
+    random = np.random.default_rng(1)
+    for _ in range(0, pairs, _CHUNK):
+        see("power", _power_errors(random))
+        see("arctangent", _arctangent_errors(random))
+    return worst
+
+
+def _power_errors(random: np.random.Generator) -> NDArray[np.float64]:
+    base = random.integers(0x00800000, _INFINITY, _CHUNK).astype(np.uint32).view(np.float32)
+    near_one = (2.0 ** random.uniform(-4.0, 4.0, _CHUNK)).astype(np.float32)
+    base = np.where(random.random(_CHUNK) < 0.5, base, near_one)
+    exponent = (random.choice([0.1, 1.0, 8.0], _CHUNK) * random.uniform(-1.0, 1.0, _CHUNK)).astype(np.float32)
+    size = exponent.astype(np.float64) * np.log2(base.astype(np.float64))
+    base, exponent, size = (one[np.abs(size) < 124.9] for one in (base, exponent, size))
+    exact = base.astype(np.float64) ** exponent.astype(np.float64)
+    relative = np.abs(called("power", base, exponent)[0] / exact - 1.0)
+    return relative * 2.0**23 / (1.0 + np.abs(size))
+
+
+def _arctangent_errors(random: np.random.Generator) -> NDArray[np.float64]:
+    y, x = (
+        (random.uniform(-1.0, 1.0, _CHUNK) * 10.0 ** random.uniform(-6.0, 6.0, _CHUNK)).astype(np.float32)
+        for _ in range(2)
+    )
+    return ulp_errors(called("arctangent", y, x)[0], np.arctan2(y.astype(np.float64), x.astype(np.float64)))
+
+
+def campaign(measured: Callable[[], dict[str, float]] = lambda: largest_errors(1, _RANDOM)) -> Section:
+    """Return the largest errors over all floats."""
+    found = measured()
+    return Section(
+        title="The firmware's functions",
+        before="Largest errors of the firmware's single-precision functions against float64, in units in the last "
+        "place of the exact result: the sine, cosine and square root at every float, the exponential from -87 to 87, "
+        f"the arctangent at every slope and at {_RANDOM:,} random points, the power at as many random pairs, in "
+        "2^-23 of the result times 1 + |log2 result|. `ballbot_math.h` states a bound for each.",
+        columns=["function", "largest error", "stated"],
+        rows=[[name, f"{error:.3f}", f"{STATED[name]:g}"] for name, error in found.items()],
+    )

@@ -1,0 +1,119 @@
+"""The firmware's functions against float64; `make evidence` measures every float."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from campaigns import firmware_math
+from campaigns.firmware_math import STATED, called, largest_errors
+
+#: a prime, so that every last bit of the mantissa takes part
+STEP = 20011
+
+single = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
+
+def of(name: str, *arguments: float, results: int = 1):
+    """Call a function on single numbers."""
+    found = called(name, *(np.array([one], np.float32) for one in arguments), results=results)
+    return [float(one[0]) for one in found]
+
+
+def test_errors_stay_within_what_the_header_states():
+    found = largest_errors(STEP, 1)
+    assert {name: error for name, error in found.items() if not error <= STATED[name]} == {}
+
+
+def test_the_header_states_these_errors():
+    header = " ".join((firmware_math.SOURCES / "ballbot_math.h").read_text().split())
+    for text in (
+        f"The error is at most {STATED['sine']:g} ulp. * Both",
+        f"The error is at most {STATED['exponential']:g} ulp. NaN",
+        f"at most {STATED['power']:g} * 2^-23 (1 + |log2 result|)",
+        "below 1 ulp",
+        f"The error is at most {STATED['arctangent']:g} ulp for",
+    ):
+        assert text in header, text
+
+
+@given(single)
+def test_sine_is_odd_and_cosine_even_to_the_bit(angle):
+    sine, cosine = of("sine_cosine", angle, results=2)
+    assert of("sine_cosine", -angle, results=2) == [-sine, cosine]
+
+
+@given(st.floats(0.0, 2.0**100, width=32), st.floats(0.0, 2.0**100, width=32))
+def test_arctangent_is_symmetric_to_the_bit(y, x):
+    (angle,) = of("arctangent", y, x)
+    assert of("arctangent", -y, x) == [-angle]
+    assert 0.0 <= angle <= float(np.float32(math.pi / 2))
+
+
+@given(single)
+def test_functions_of_any_number_are_numbers(x):
+    sine, cosine = of("sine_cosine", x, results=2)
+    assert abs(sine) <= 1.0
+    assert abs(cosine) <= 1.0
+    assert 1.6e-38 < of("exponential", x)[0] < 6.1e37
+    assert of("square_root", x)[0] >= 0.0
+
+
+@given(single, single)
+def test_power_of_any_numbers_is_a_number(base, exponent):
+    assert 0.0 <= of("power", base, exponent)[0] < 5e37
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "wanted"),
+    [
+        ("exponential", (0.0,), 1.0),
+        ("power", (0.0, 0.0), 1.0),
+        ("power", (0.0, 0.5), 0.0),
+        ("power", (-1.0, 2.0), 0.0),
+        ("power", (1.0, 8.0), 1.0),
+        ("power", (1e-45, 1.0), 0.0),
+        ("power", (math.inf, 1.0), 2.0**125),
+        ("power", (math.inf, -1.0), 2.0**-125),
+        ("square_root", (0.0,), 0.0),
+        ("square_root", (-1.0,), 0.0),
+        ("square_root", (4.0,), 2.0),
+        ("square_root", (math.inf,), math.inf),
+        ("arctangent", (0.0, 0.0), 0.0),
+        ("arctangent", (0.0, -1.0), float(np.float32(math.pi))),
+        ("arctangent", (math.inf, 1.0), float(np.float32(math.pi / 2))),
+        ("arctangent", (1.0, math.inf), 0.0),
+    ],
+)
+def test_values_at_special_points(name, arguments, wanted):
+    assert of(name, *arguments) == [wanted]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "results"),
+    [
+        ("sine_cosine", (math.nan,), 2),
+        ("sine_cosine", (math.inf,), 2),
+        ("exponential", (math.nan,), 1),
+        ("power", (math.nan, 1.0), 1),
+        ("power", (1.0, math.nan), 1),
+        ("square_root", (math.nan,), 1),
+        ("arctangent", (math.nan, 0.0), 1),
+        ("arctangent", (0.0, math.nan), 1),
+        ("arctangent", (math.nan, math.nan), 1),
+    ],
+)
+def test_nan_stays_nan(name, arguments, results):
+    assert all(math.isnan(one) for one in of(name, *arguments, results=results))
+
+
+def test_polynomials_are_those_of_the_command():
+    pytest.importorskip("mpmath", reason="mpmath, which SymPy brings, is not installed")
+    from campaigns.polynomials import single_fits
+
+    source = (firmware_math.SOURCES / "ballbot_math.c").read_text()
+    for name, (coefficients, _) in single_fits().items():
+        text = source.partition(f"static const float {name}[")[2].partition("{")[2].partition("}")[0]
+        assert [np.float32(one.strip(" f")) for one in text.split(",")] == coefficients, name
