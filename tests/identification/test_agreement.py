@@ -44,7 +44,9 @@ def test_chance_is_reported_as_rarely_as_it_should_be():
     ("values", "says"),
     [
         (1.3 * SWEEP, "One factor of 1.3"),
-        (SWEEP * [1.9, 1.9, 0.8, 0.8], "losses of rollers"),
+        (SWEEP * [1.9, 1.9, 0.8, 0.8], "More b and less c by the balancing logs is what losses of rollers"),
+        (SWEEP * [1.9, 1.9, 0.8, 0.8], "b also represents losses of the rollers and their slip"),
+        (SWEEP * [1.9, 1.9, 0.8, 0.8], "c also represents dry friction less what slip"),
         (SWEEP * [0.5, 0.5, 1.4, 1.4], "do not explain it"),
     ],
 )
@@ -53,6 +55,27 @@ def test_a_difference_names_the_effect_that_it_shows(values, says):
     assert (found.code, found.severity) == ("methods-differ", "warning")
     assert found.text.startswith("The sweep and the balancing logs differ by more than their errors")
     assert says in found.text
+
+
+def test_more_rolling_friction_alone_names_what_it_represents():
+    robot, found = (
+        StageEstimate(
+            source=source,
+            labels=("b1", "C_rr"),
+            values=np.array([0.014, rolling]),
+            covariance=np.diag([1e-3, 5e-4]) ** 2,
+        )
+        for source, rolling in (("the robot file", 0.007), ("the balancing logs", 0.014))
+    )
+    (one,) = agreement_findings(robot, found)
+    assert "More C_rr by the balancing logs" in one.text
+    assert "C_rr also represents losses of the rollers on the ball, and play of the gears" in one.text
+    assert "b also" not in one.text
+
+
+def test_wheels_that_differ_in_opposite_directions_are_not_explained_by_rollers():
+    (one,) = agreement_findings(estimate(SWEEP), estimate(SWEEP * [1.5, 0.5, 1.0, 1.0]))
+    assert "do not explain it" in one.text
 
 
 def test_numbers_without_errors_are_not_compared():

@@ -8,9 +8,10 @@ is the square of their difference in its errors, with k degrees of freedom if no
 difference that chance explains in fewer than `LEAST_CHANCE` of cases is reported, with the effect that may be missing:
 
 - *One factor.* If y is x times one factor within the errors, the two logs' torques differ in scale.
-- *Losses of the rollers.* On the nominal twin, balancing finds 1.9 times the b and 0.8 times the c of a sweep of the
-  free wheels (docs/generated/evidence.md, "Friction by the three stages"): slip and losses between rollers, ball and
-  floor grow with speed, and a model that rolls without slip can express them by b only.
+- *Losses of rollers, ball and floor.* On the nominal twin, balancing finds 1.9 times the b and 0.8 times the c of a
+  sweep of the free wheels (docs/generated/evidence.md, "Friction by the three stages"), and twice the floor's C_rr
+  ("What the identified parameters represent"). If the parameters that differ do so in these directions, the finding
+  names what each of them represents in balancing besides its own friction (`Quantity.stands_for`).
 
 Only b, c and C_rr are compared. s, v_s and delta trade against each other far beyond the range in which their errors
 are normal.
@@ -26,14 +27,17 @@ from scipy.stats import chi2
 
 from ballbot.control.overcompensation import stated_covariance
 from ballbot.findings import Finding, warning
-from ballbot.identification.quantities import Layout
+from ballbot.identification.quantities import BY_NAME, Layout
 from ballbot.robot import Robot
 
 #: three standard deviations of one number. Standard errors are known to a fifth or so: at two, one comparison in
 #: twenty would report chance, and an error underestimated by a fifth makes that one in nine
 LEAST_CHANCE = 0.0027
-#: the symbols whose errors are near to normal
-_COMPARED = ("b", "c", "C_rr")
+#: the symbols whose errors are near to normal, and the sign of what losses of rollers, ball and floor add to them
+_ROLLERS = {"b": 1, "c": -1, "C_rr": 1}
+_WORDS = {"more": 1, "less": -1}
+#: a parameter differs in one direction if the sum over the wheels does by so many of its errors
+_DIRECTION = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +65,7 @@ class StageEstimate:
         return [
             label
             for label, variance in zip(self.labels, self.covariance.diagonal(), strict=True)
-            if variance > 0.0 and label.rstrip("0123456789") in _COMPARED
+            if variance > 0.0 and label.rstrip("0123456789") in _ROLLERS
         ]
 
 
@@ -96,6 +100,18 @@ class Agreement:
     def deviations(self) -> NDArray[np.float64]:
         """Each difference in its own errors (k,)."""
         return self.difference / np.sqrt(self.covariance.diagonal())
+
+    @property
+    def signs(self) -> dict[str, int]:
+        """Of each symbol, 1 if the second is larger over all wheels, -1 if smaller, 0 if within the errors."""
+        symbols = [label.rstrip("0123456789") for label in self.first.labels]
+        found: dict[str, int] = {}
+        for symbol in dict.fromkeys(symbols):
+            mine = np.array([name == symbol for name in symbols], dtype=float)
+            total = float(mine @ self.difference)
+            known = abs(total) > _DIRECTION * float(np.sqrt(mine @ self.covariance @ mine))
+            found[symbol] = int(np.sign(total)) if known else 0
+        return found
 
     @property
     def factor(self) -> float | None:
@@ -150,21 +166,25 @@ def _effect(found: Agreement) -> str:
             f"One factor of {factor:.3g} on all of them explains it: the torques of the two logs differ in scale "
             "(torque constant, supply, unit). Estimate torque_gain, or correct the scale."
         )
-    symbols = [label.rstrip("0123456789") for label in found.first.labels]
-    total = {
-        symbol: float(sum(one for one, name in zip(found.difference, symbols, strict=True) if name == symbol))
-        for symbol in ("b", "c")
-    }
-    if total["b"] > 0.0 and total["c"] <= 0.0:
+    signs = found.signs
+    differing = [symbol for symbol, sign in signs.items() if sign]
+    if differing and all(signs[symbol] == _ROLLERS[symbol] for symbol in differing):
+        groups = {word: [one for one in differing if signs[one] == sign] for word, sign in _WORDS.items()}
+        shown = " and ".join(f"{word} {' and '.join(group)}" for word, group in groups.items() if group)
+        also = "; ".join(f"{symbol} also represents {_stands_for(symbol)}" for symbol in differing)
         return (
-            f"More b and less c by {found.second.source} is what losses of rollers, ball and floor cause, which "
-            "grow with speed and which the model expresses by b. Use the numbers of the stage that is nearest to the "
-            "use: balancing for control, free wheels for motors and gears."
+            f"{shown[0].upper()}{shown[1:]} by {found.second.source} is what losses of rollers, ball and floor cause, "
+            f"which the model lacks: {also}. Use the numbers of the stage that is nearest to the use: balancing for "
+            "control, free wheels for motors and gears."
         )
     return (
-        "Losses of the rollers would make b larger and c smaller, so they do not explain it. Check that both logs are "
-        "of this robot as it is, at the same temperature and supply."
+        "Losses of the rollers would make b and C_rr larger and c smaller, so they do not explain it. Check that both "
+        "logs are of this robot as it is, at the same temperature and supply."
     )
+
+
+def _stands_for(symbol: str) -> str:
+    return next(one.stands_for for one in BY_NAME.values() if one.symbol == symbol) or "nothing else"
 
 
 def of_robot_file(robot: Robot) -> StageEstimate | None:
